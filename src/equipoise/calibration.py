@@ -1,0 +1,266 @@
+"""The routine: experiments on a robot, estimates from their recordings, and the two joined."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise._version import __version__
+from equipoise.errors import MotionError, RecordingError, SettingsError
+from equipoise.estimation.paper import AXES, AxisFit, between, commanded_plane, find_intersection, fit_axis
+from equipoise.estimation.tilt import SupportPlane, support_plane_of, tilt_of
+from equipoise.experiments.com_search import ComSearchSettings, SearchProgress, TrialRunner, find_com, shifted_feet
+from equipoise.experiments.lift import TRIAL
+from equipoise.experiments.stand import move_to, stand_up
+from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted, why_unreachable
+from equipoise.platforms.platform import MotionInterrupted, Platform
+from equipoise.recordings.recording import Recording
+from equipoise.result import BodyEstimate, Calibration, Evidence, SupportLine, SwayEstimate, Trial
+from equipoise.robot.inertial import nominal_inertia
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.stance import Stance, nominal_stance
+
+FloatArray = NDArray[np.float64]
+Feet = Literal["measured", "commanded"]
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """What a calibration does and how.
+
+    Attributes:
+        method: "paper": Algorithms 1 and 2, then equations 2 to 5.
+        feet: where support lines are taken to be: "measured" by the encoders and the accelerometer at rest, or
+            "commanded", as printed in the paper.
+        com_search: step 1.
+        sway: step 2.
+    """
+
+    method: Literal["paper"] = "paper"
+    feet: Feet = "measured"
+    com_search: ComSearchSettings = field(default_factory=ComSearchSettings)
+    sway: SwaySettings = field(default_factory=SwaySettings)
+
+    def __post_init__(self) -> None:
+        if self.method != "paper":
+            raise SettingsError(f"method {self.method!r} is not known; it is 'paper'")
+        if self.feet not in ("measured", "commanded"):
+            raise SettingsError(f"feet are 'measured' or 'commanded', not {self.feet!r}")
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a calibration is doing: in words, and how many trials are done of how many expected."""
+
+    doing: str
+    done: int
+    expected: int
+
+
+def calibrate(
+    platform: Platform,
+    robot: RobotModel,
+    settings: CalibrationSettings | None = None,
+    keep: Callable[[Recording], None] | None = None,
+    report: Callable[[Progress], None] | None = None,
+) -> Calibration:
+    """Run the two-step routine on a robot and estimate from what it felt.
+
+    The robot may stand or lie when it begins; it ends where it began.
+
+    Args:
+        platform: the robot, real or simulated.
+        robot: what is known about it.
+        settings: what to do; default: the paper's method with measured feet.
+        keep: called with every recording as soon as it is complete, also with the last, broken one on Ctrl-C.
+        report: called before every trial.
+
+    Raises:
+        MotionError: the robot could not do, or did not do, what was asked.
+    """
+    settings = settings or CalibrationSettings()
+    stance = nominal_stance(robot)
+    recordings: list[Recording] = []
+
+    def store(recording: Recording) -> None:
+        recordings.append(recording)
+        if keep is not None:
+            keep(recording)
+
+    planted, feet_at_end = stand_up(platform, robot, stance)
+    try:
+        searching = None if report is None else _SearchReport(report, settings.com_search, stance)
+        find_com(TrialRunner(planted, stance, settings.com_search, store, searching))  # step 1
+        for index, axis in enumerate(AXES):  # step 2
+            if report is not None:
+                report(Progress(f"sway about {axis}", len(recordings), len(recordings) + len(AXES) - index))
+            sway = sway_axis(planted, stance, axis, settings.sway)
+            if sway.recording is not None:
+                store(sway.recording)
+        move_to(planted, feet_at_end)
+    except (MotionInterrupted, MotionError):
+        unfinished = planted.take()
+        if unfinished is not None and keep is not None:
+            keep(unfinished)
+        raise
+    return _estimate(robot, recordings, settings, stance)
+
+
+def estimate(
+    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings | None = None
+) -> Calibration:
+    """What the recordings of a calibration say. Moves nothing and needs no platform.
+
+    Args:
+        robot: what is known about the robot that was recorded.
+        recordings: those of one run, in order; broken ones (of an interrupted trial) are passed over.
+        settings: those of the run.
+
+    Raises:
+        RecordingError: they do not hold a complete search on both diagonals.
+    """
+    return _estimate(robot, recordings, settings or CalibrationSettings(), nominal_stance(robot))
+
+
+def _estimate(
+    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings, stance: Stance
+) -> Calibration:
+    lifts = [lift for recording in recordings if (lift := _read_lift(robot, recording, stance)) is not None]
+    lines: dict[str, SupportLine] = {}
+    planes: list[SupportPlane] = []
+    for diagonal in DIAGONALS:
+        line, plane = _support_line([lift for lift in lifts if lift.trial.about == diagonal], diagonal, stance, settings)
+        lines[diagonal] = line
+        planes.append(plane)
+    nominal = nominal_inertia(robot, stance.joint_position)
+    x_c, y_c = find_intersection(planes, float(nominal.composite.com[2]))  # Algorithm 2, line 5
+    com = np.array([x_c, y_c, nominal.composite.com[2]])
+    sways, fits, trials = _estimate_sways(robot, recordings, com, stance, settings)
+    return Calibration(
+        robot=robot.name,
+        method=settings.method,
+        feet=settings.feet,
+        joint_position={name: float(q) for name, q in zip(robot.joint_names, stance.joint_position, strict=True)},
+        model={"format": robot.source.format, "sha256": robot.source.sha256, "base_link": robot.base_link},
+        composite=BodyEstimate(com_in_base=(float(x_c), float(y_c), None)),
+        base=BodyEstimate(),
+        sways=sways,
+        support_lines=lines,
+        trials=(*(lift.trial for lift in lifts), *trials),
+        settings=dataclasses.asdict(settings),
+        nominal=nominal,
+        provenance={"equipoise": __version__, "pinocchio": pin.__version__},
+        warnings=tuple(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
+        evidence=Evidence(tuple(lift.plane for lift in lifts), fits, stance.feet_in_base),
+        robot_model=robot,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Lift:
+    """A lift trial as its recording tells it."""
+
+    trial: Trial
+    plane: SupportPlane
+
+
+def _read_lift(robot: RobotModel, recording: Recording, stance: Stance) -> _Lift | None:
+    """The lift trial in a recording, or None if it holds none or was interrupted."""
+    about = _trial_event(recording, "lift")
+    if about is None or not recording.has_phase("lower"):
+        return None
+    diagonal = str(about["diagonal"])
+    tilt = tilt_of(robot, recording, diagonal, float(about["tilt_threshold"]))
+    trial = Trial(
+        "lift", diagonal, float(about["offset"]), float(about["lift_height"]), tilt.about_line, tilt.verdict,
+        recording.duration,
+    )  # fmt: skip
+    return _Lift(trial, support_plane_of(robot, recording, diagonal, stance.joint_position))
+
+
+def _trial_event(recording: Recording, kind: str) -> Mapping[str, Any] | None:
+    events = [event.data for event in recording.events if event.name == TRIAL]
+    return events[0] if events and events[0].get("kind") == kind else None
+
+
+def _support_line(
+    lifts: list[_Lift], diagonal: str, stance: Stance, settings: CalibrationSettings
+) -> tuple[SupportLine, SupportPlane]:
+    """Where a diagonal's search ended: between the last trial to tip forward and the last to tip backward."""
+    ends = {verdict: [lift for lift in lifts if lift.trial.verdict == verdict] for verdict in ("forward", "backward")}
+    if lifts and lifts[-1].trial.verdict == "balanced":
+        last = [lifts[-1], lifts[-1]]
+    elif ends["forward"] and ends["backward"]:
+        last = [ends["forward"][-1], ends["backward"][-1]]
+    else:
+        raise RecordingError(
+            f"the recordings hold no complete search on {diagonal}: {len(ends['forward'])} trials tip forward and "
+            f"{len(ends['backward'])} backward, and it takes one of each; was the run interrupted?"
+        )
+    lower, upper = (lift.trial.offset or 0.0 for lift in last)
+    offset = (lower + upper) / 2
+    if settings.feet == "measured":
+        plane = between([lift.plane for lift in last])
+    else:
+        plane = commanded_plane(shifted_feet(stance, offset), diagonal)
+    point, normal = (tuple(float(value) for value in vector) for vector in (plane.point, plane.normal))
+    return SupportLine(offset, lower, upper, point, normal), plane  # pyright: ignore[reportArgumentType]
+
+
+def _estimate_sways(
+    robot: RobotModel,
+    recordings: Sequence[Recording],
+    com_at_stance: FloatArray,
+    stance: Stance,
+    settings: CalibrationSettings,
+) -> tuple[dict[str, SwayEstimate], dict[str, AxisFit], list[Trial]]:
+    """I and C by axis; of an axis that swayed twice, the second, gentler one."""
+    estimates: dict[str, SwayEstimate] = {}
+    fits: dict[str, AxisFit] = {}
+    trials: list[Trial] = []
+    by_axis = {
+        str(about["axis"]): recording
+        for recording in recordings
+        if (about := _trial_event(recording, "sway")) is not None and recording.has_phase("end")
+    }
+    for axis in AXES:
+        recording = by_axis.get(axis)
+        if recording is None:
+            reason = why_unreachable(robot, stance, axis, settings.sway)
+            note = f"skipped, planted feet do not allow it: {reason}" if reason else "there is no recording of it"
+            estimates[axis] = SwayEstimate(None, None, note=note)
+            continue
+        trials.append(Trial("sway", axis, None, None, None, None, recording.duration))
+        if recording.joints.torque is None:
+            estimates[axis] = SwayEstimate(None, None, note="the robot reports no joint torques")
+            continue
+        fit = fits[axis] = fit_axis(robot, recording, axis, com_at_stance, stance.joint_position)
+        rotation = fit.sinusoid.amplitude / (2 * np.pi * fit.sinusoid.frequency)
+        note = why_not_planted(robot, recording)
+        estimates[axis] = SwayEstimate(fit.inertia, fit.damping, fit.sinusoid.frequency, rotation, note)
+    return estimates, fits, trials
+
+
+class _SearchReport:
+    """Turns a search's progress into the routine's."""
+
+    def __init__(self, report: Callable[[Progress], None], settings: ComSearchSettings, stance: Stance) -> None:
+        lower, upper = settings.bounds(stance)
+        self._report = report
+        self._per_diagonal = int(np.ceil(np.log2(max(1.0, (upper - lower) / settings.tolerance))))
+
+    def __call__(self, progress: SearchProgress) -> None:
+        first = progress.diagonal == next(iter(DIAGONALS))
+        done = progress.trials_done + (0 if first else self._per_diagonal)
+        expected = progress.trials_expected + self._per_diagonal + len(AXES)
+        doing = (
+            f"lift on {progress.diagonal}: offset {progress.offset * 1000:+.1f} mm, "
+            f"bracket {progress.lower * 1000:+.1f} to {progress.upper * 1000:+.1f} mm"
+        )
+        self._report(Progress(doing, done, expected))

@@ -1,0 +1,92 @@
+"""Everything that can go wrong, as types a caller can catch and a script can tell apart.
+
+Every message says what is wrong, with what value, and what to do about it. The exit code is what the command line
+returns for the error; the codes are stable and are listed in the README.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from equipoise.recordings.recording import Recording
+
+
+class EquipoiseError(Exception):
+    """Base of all errors that equipoise raises on purpose."""
+
+    exit_code = 1
+
+
+class SettingsError(EquipoiseError, ValueError):
+    """A value that the user chose (a flag, a setting, a payload, a description) cannot be used."""
+
+    exit_code = 2
+
+
+class ModelError(EquipoiseError, ValueError):
+    """A robot model cannot be read, or is not a quadruped with inertia."""
+
+    exit_code = 3
+
+
+class MotionError(EquipoiseError, RuntimeError):
+    """The robot cannot do, or did not do, what was asked.
+
+    Attributes:
+        recordings: what was measured before and while it went wrong, oldest first.
+    """
+
+    exit_code = 4
+
+    def __init__(self, message: str, recordings: tuple[Recording, ...] = ()) -> None:
+        super().__init__(message)
+        self.recordings = recordings
+
+
+class ReachError(MotionError):
+    """A posture is out of the legs' reach, joint limits or speed limits."""
+
+
+class FallError(MotionError):
+    """The robot fell when it should have stood."""
+
+
+class TrackingError(MotionError, TimeoutError):
+    """The joints did not come to rest near where they were sent."""
+
+
+class BracketError(MotionError):
+    """No support line between the search bounds balances the robot."""
+
+
+class ImuMountingError(MotionError):
+    """The tilts contradict the motions as they do when the IMU is mounted turned."""
+
+
+class RecordingError(EquipoiseError, ValueError):
+    """A recording or run folder is damaged, or lacks what an estimate needs."""
+
+    exit_code = 5
+
+
+class OutputError(EquipoiseError, OSError):
+    """A result cannot be written where it should go."""
+
+    exit_code = 6
+
+
+class MissingDependencyError(EquipoiseError, ImportError):
+    """An optional package is needed and not installed."""
+
+    exit_code = 7
+
+
+class NotEstimatedError(EquipoiseError, ValueError):
+    """A quantity was asked for that the method used does not estimate."""
+
+    exit_code = 8
+
+
+class ModelWarning(UserWarning):
+    """Something in a robot model was repaired or ignored; the text says what."""

@@ -1,0 +1,175 @@
+"""What a lift trial says: which way the robot tipped, and where the support plane was in the base frame.
+
+Conventions: a support line runs through the contact points of the two stance feet; its direction l points to the robot's
+left, and its normal n = l x up points forward. A positive turn about l is tipping forward: the CoM is ahead of the line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.errors import RecordingError
+from equipoise.recordings.recording import Recording
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+
+FloatArray = NDArray[np.float64]
+Verdict = Literal["forward", "backward", "balanced"]
+
+# An accelerometer at rest reads g within this factor; 1 or 1000 instead of 9.81 is a unit, not an error.
+_GRAVITY_RANGE = (7.0, 13.0)
+_LIFTED = ("unload", "lift", "watch")
+_LAST = 0.02  # [s] at the end of a trial, over which the encoders are averaged
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """How the robot turned while two feet were up.
+
+    Attributes:
+        about_line: rotation of the CoM about l [rad]; positive: the robot tipped forward.
+        across_line: size of the base's rotation about the normal [rad]; a robot on a line hardly turns that way.
+        verdict: "forward" or "backward", or "balanced" if it turned by less than the threshold.
+    """
+
+    about_line: float
+    across_line: float
+    verdict: Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class SupportPlane:
+    """The plane that holds a support line and gravity, in the base frame. A balanced robot's CoM lies in it.
+
+    Attributes:
+        point: (3,) on the line, midway between the contact points [m].
+        normal: (3,) unit, pointing forward.
+    """
+
+    point: FloatArray
+    normal: FloatArray
+
+    def distance_to(self, com_in_base: FloatArray) -> float:
+        """Signed distance of a CoM from the plane [m]; positive: ahead of it, the robot tips forward."""
+        return float(self.normal @ (com_in_base - self.point))
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """What the sensors say of a robot at rest.
+
+    Attributes:
+        joint_position: (nj,) mean [rad].
+        up_in_base: (3,) unit vector against gravity, by the accelerometer.
+        gyro_bias: (3,) mean angular velocity in the IMU frame [rad/s].
+    """
+
+    joint_position: FloatArray
+    up_in_base: FloatArray
+    gyro_bias: FloatArray
+
+
+def rest_of(robot: RobotModel, recording: Recording, phase: str = "rest") -> Rest:
+    """Means over a phase in which nothing moves.
+
+    Raises:
+        RecordingError: the accelerometer does not read about 9.81 m/s2.
+    """
+    still = recording.phase(phase)
+    acceleration = still.imu.acceleration.mean(axis=0)
+    size = float(np.linalg.norm(acceleration))
+    if not _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]:
+        raise RecordingError(
+            f"the accelerometer reads {size:.3g} at rest; it must read about 9.81, in m/s2 (is it in units of g?)"
+        )
+    rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
+    return Rest(
+        still.joints.position.mean(axis=0),
+        rotation_imu_to_base @ acceleration / size,
+        still.imu.angular_velocity.mean(axis=0),
+    )
+
+
+def tilt_of(robot: RobotModel, recording: Recording, diagonal: str, threshold: float) -> Tilt:
+    """Which way the robot tipped in a lift trial.
+
+    On soft legs the base turns by two degrees when two feet lift, whichever way the robot then tips. So what counts is how
+    the CoM of the leg model turned about the line, from rest until the feet came down: encoders give the posture, the
+    gyroscope (less its mean at rest) the attitude.
+
+    Args:
+        recording: with phases "rest", "unload", "lift" and "watch".
+        diagonal: that the robot stood on.
+        threshold: smallest rotation that counts as a tilt [rad].
+    """
+    rest = rest_of(robot, recording)
+    lifted = Recording.concatenate([recording.phase(name) for name in _LIFTED])
+    turned = _turned(robot, lifted, rest)
+    up = rest.up_in_base - np.cross(turned, rest.up_in_base)
+    end = lifted.between(lifted.joints.time[-1] - _LAST, np.inf).joints.position.mean(axis=0)
+    before, height = _lean(robot, rest.joint_position, rest.up_in_base, diagonal)
+    after, _ = _lean(robot, end, up / np.linalg.norm(up), diagonal)
+    about_line = (after - before) / height
+    _, normal, _ = line_axes(robot, rest.joint_position, rest.up_in_base, diagonal)
+    verdict: Verdict = "balanced"
+    if abs(about_line) >= threshold:
+        verdict = "forward" if about_line > 0 else "backward"
+    return Tilt(about_line, abs(float(turned @ normal)), verdict)
+
+
+def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, stance: FloatArray) -> SupportPlane:
+    """The support plane of a lift trial, carried to the nominal stance, as the robot's own sensors place it.
+
+    Feet come from the encoders at rest, just before the lift, through forward kinematics; gravity from the accelerometer
+    at rest. That posture counts, not the lifted one: the legs move within a fifth of a second, and in so short a time
+    hardly any force moves the CoM over the floor, whatever the joints do. The trial's posture is not the nominal stance,
+    so that its CoM is elsewhere in the base frame: the plane is moved by how far the leg model says.
+
+    Args:
+        diagonal: that the robot stood on.
+        stance: (nj,) joint positions of the nominal stance [rad].
+    """
+    rest = rest_of(robot, recording)
+    _, normal, point = line_axes(robot, rest.joint_position, rest.up_in_base, diagonal)
+    moved = composite_parameters(robot, stance).com - composite_parameters(robot, rest.joint_position).com
+    return SupportPlane(point + moved, normal)
+
+
+def _lean(robot: RobotModel, joint_position: FloatArray, up_in_base: FloatArray, diagonal: str) -> tuple[float, float]:
+    """How far the model's CoM is ahead of the line, and how high above it [m]."""
+    _, normal, point = line_axes(robot, joint_position, up_in_base, diagonal)
+    arm = composite_parameters(robot, joint_position).com - point
+    return float(arm @ normal), float(arm @ up_in_base)
+
+
+def _turned(robot: RobotModel, recording: Recording, rest: Rest) -> FloatArray:
+    """(3,) integrated angular velocity in the base frame [rad]; small rotations."""
+    imu = recording.imu
+    turning = (imu.angular_velocity - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
+    return np.sum((turning[1:] + turning[:-1]) / 2 * np.diff(imu.time)[:, None], axis=0)
+
+
+def line_axes(
+    robot: RobotModel, joint_position: FloatArray, up_in_base: FloatArray, diagonal: str
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Left direction l, forward normal n and midpoint of a support line, in the base frame.
+
+    Args:
+        joint_position: (nj,) [rad].
+        up_in_base: (3,) unit vector against gravity.
+        diagonal: "FL_RR" or "FR_RL".
+    """
+    feet = foot_positions(robot, joint_position)
+    stance_legs = DIAGONALS[diagonal]
+    radii = np.array([robot.legs[leg].foot_radius for leg in stance_legs])
+    contacts = feet[[LEG_NAMES.index(leg) for leg in stance_legs]] - radii[:, None] * up_in_base
+    line = contacts[0] - contacts[1]
+    left = line if line[1] > 0 else -line
+    left = left / np.linalg.norm(left)
+    normal = np.cross(left, up_in_base)
+    return left, normal / np.linalg.norm(normal), contacts.mean(axis=0)

@@ -1,0 +1,212 @@
+"""One lift trial: stand on a diagonal, lift the other two feet, watch, put them back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.errors import FallError, TrackingError
+from equipoise.estimation.tilt import Tilt, line_axes, rest_of, tilt_of
+from equipoise.experiments.motion import Motion, Target
+from equipoise.platforms.platform import MotionInterrupted, Platform, TiltLimit
+from equipoise.recordings.recording import Recording
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+
+FloatArray = NDArray[np.float64]
+
+_STEP_RATIO = 0.6  # height of a replanting step over that of a lift
+_STILL_PARTS = 5
+_UPRIGHT = float(np.cos(np.radians(25)))  # a planted robot leans less, also on a slope
+
+TRIAL = "trial"
+"""Name of the event that says what a recording is; data: kind, and what belongs to the kind."""
+
+
+@dataclass(frozen=True)
+class LiftSettings:
+    """How a lift trial is done; lengths and times for a robot of a certain size.
+
+    Attributes:
+        height: of the first lift [m].
+        growth: factor by which a lift grows when no tilt was seen.
+        max_lifts: lifts of one trial; none of them tilting, the robot is balanced.
+        move_time, settle_time, rest_time, unload_time, lift_time, watch_time, lower_time: of the phases [s]; watch is the paper's
+            t_thres.
+        step_time: a foot's way up, and its way down, when feet are replanted [s].
+        tilt_threshold: smallest rotation that counts as a tilt [rad].
+        tilt_limit: rotation at which the tilt is plain and the feet come down [rad].
+        reached_tolerance: how far joints may stay from their targets (soft position control sags) [rad].
+        still_speed: change of the base's angular velocity below which the robot is at rest [rad/s].
+        max_settling: how often settling is repeated, at most, until the robot is at rest.
+    """
+
+    height: float
+    growth: float = 1.6
+    max_lifts: int = 3
+    move_time: float = 0.6
+    settle_time: float = 0.3
+    rest_time: float = 0.3
+    unload_time: float = 0.2
+    lift_time: float = 0.15
+    watch_time: float = 0.8
+    lower_time: float = 0.4
+    step_time: float = 0.08
+    tilt_threshold: float = 0.01
+    tilt_limit: float = 0.05
+    reached_tolerance: float = 0.25
+    still_speed: float = 0.006
+    max_settling: int = 10
+
+
+@dataclass(frozen=True, eq=False)
+class LiftTrial:
+    """One lift trial and what it showed.
+
+    Attributes:
+        diagonal: that the robot stood on, "FL_RR" or "FR_RL".
+        offset: of the support line from where it is at the nominal stance, along the base's x axis [m].
+        lift_height: commanded [m].
+        recording: all of it, with phases move, replant, settle, rest, unload, lift, watch, lower.
+        tilt: which way the robot tipped.
+    """
+
+    diagonal: str
+    offset: float
+    lift_height: float
+    recording: Recording
+    tilt: Tilt
+
+
+class PlantedRobot:
+    """A robot on four feet under command: the platform, and where it was last sent.
+
+    What was recorded since the last `take` is kept, so that an interruption loses none of it.
+    """
+
+    def __init__(self, platform: Platform, robot: RobotModel, target: Target) -> None:
+        self.platform, self.robot, self.target = platform, robot, target
+        self._recorded: list[Recording] = []
+
+    def motion(self) -> Motion:
+        """A new motion from where the robot was last sent."""
+        return Motion(self.robot, self.platform.control_period, self.target)
+
+    def play(self, motion: Motion, stop: TiltLimit | None = None) -> Recording:
+        """Play a motion; the next one starts where this one was told to end, or where it was stopped."""
+        trajectory = motion.build()
+        try:
+            recording = self.platform.play(trajectory, stop)
+        except MotionInterrupted as interruption:
+            if interruption.recording is not None:
+                self._recorded.append(interruption.recording)
+            raise
+        self._recorded.append(recording)
+        self.target = motion.target
+        return recording
+
+    def take(self) -> Recording | None:
+        """What was recorded since the last call, as one recording."""
+        parts, self._recorded = self._recorded, []
+        return Recording.concatenate(parts) if parts else None
+
+
+def lift_trial(
+    planted: PlantedRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
+) -> LiftTrial:
+    """Move over the support line, lift the other diagonal's feet, watch, and return to four feet.
+
+    Args:
+        feet_in_base: (4, 3) where all four feet are to be in the base frame, still planted [m].
+
+    Raises:
+        TrackingError: the joints did not come to rest near their targets.
+    """
+    before = _move_over(planted, diagonal, offset, feet_in_base, settings)
+    stance_legs = DIAGONALS[diagonal]
+    lifted = np.array(feet_in_base)
+    lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
+    rest = rest_of(planted.robot, before)
+    if rest.up_in_base[2] < _UPRIGHT:
+        raise FallError(
+            f"the robot leans by {np.degrees(np.arccos(rest.up_in_base[2])):.0f} deg when it should stand on four feet: it "
+            "has fallen, or the IMU is mounted turned (give its pose under imu_rpy in a robot description)",
+            (before,),
+        )
+    left, _, _ = line_axes(planted.robot, rest.joint_position, rest.up_in_base, diagonal)
+    left_x, left_y, left_z = left @ np.array(planted.robot.imu_in_base.rotation)
+    limit = TiltLimit(settings.tilt_limit, (float(left_x), float(left_y), float(left_z)))
+    up = planted.motion().phase("unload").shift_load(stance_legs, settings.unload_time)
+    up.phase("lift").move_feet(lifted, settings.lift_time).phase("watch").hold(settings.watch_time)
+    planted.play(up, limit)
+    down = planted.motion().phase("lower").move_feet(feet_in_base, settings.lower_time)
+    planted.play(down.shift_load(LEG_NAMES, settings.unload_time))
+    recording = planted.take()
+    assert recording is not None
+    tilt = tilt_of(planted.robot, recording, diagonal, settings.tilt_threshold)
+    return LiftTrial(diagonal, offset, settings.height, recording, tilt)
+
+
+def grown(settings: LiftSettings) -> LiftSettings:
+    """The settings for a higher lift."""
+    return replace(settings, height=settings.height * settings.growth)
+
+
+def _move_over(
+    planted: PlantedRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
+) -> Recording:
+    """Move, settle until the joints are near their targets and still, and rest."""
+    motion = planted.motion().event(
+        TRIAL, kind="lift", diagonal=diagonal, offset=offset, lift_height=settings.height,
+        tilt_threshold=settings.tilt_threshold,
+    )  # fmt: skip
+    motion.phase("move").move_feet(feet_in_base, settings.move_time)
+    _replant(motion, diagonal, settings)
+    motion.phase("settle").hold(settings.settle_time)
+    parts = [planted.play(motion)]
+    for _ in range(settings.max_settling):
+        problem = _not_at_rest(planted, Recording.concatenate(parts), settings)
+        if problem is None:
+            parts.append(planted.play(planted.motion().phase("rest").hold(settings.rest_time)))
+            return Recording.concatenate(parts)
+        parts.append(planted.play(planted.motion().hold(settings.settle_time)))
+    raise TrackingError(
+        f"the robot did not come to rest before a lift on {diagonal}: {problem}; is something in its way, are the "
+        "gains too low?",
+        (Recording.concatenate(parts),),
+    )
+
+
+def _replant(motion: Motion, diagonal: str, settings: LiftSettings) -> None:
+    """Step with each pair of feet once, so that feet stand where they are sent.
+
+    A robot that has tipped onto its lifted feet drags them; friction then holds the legs away from their targets, by
+    several millimetres on an A1, and the next trial would not stand where the search means it to.
+    """
+    planted = motion.target.feet_in_base
+    motion.phase("replant")
+    stance = [leg in DIAGONALS[diagonal] for leg in LEG_NAMES]
+    for stepping in (~np.array(stance), np.array(stance)):
+        raised = planted.copy()
+        raised[stepping, 2] += _STEP_RATIO * settings.height
+        standing = tuple(leg for leg, steps in zip(LEG_NAMES, stepping, strict=True) if not steps)
+        motion.shift_load(standing, settings.unload_time).move_feet(raised, settings.step_time)
+        motion.move_feet(planted, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
+
+
+def _not_at_rest(planted: PlantedRobot, recording: Recording, settings: LiftSettings) -> str | None:
+    """Why the robot is not at rest at its targets at the end of a recording, or None."""
+    end = recording.joints.time[-1]
+    tail = recording.between(end - settings.rest_time, np.inf)
+    miss = np.abs(tail.joints.position.mean(axis=0) - planted.target.joint_position)
+    worst = int(np.argmax(miss))
+    if miss[worst] > settings.reached_tolerance:
+        return f"joint {recording.joint_names[worst]!r} is {miss[worst]:.2f} rad from its target"
+    # Means over a fraction of the tail: noise of single samples does not show in them, nor does a gyroscope's bias in how
+    # they differ. A base that sways also spoils the accelerometer's idea of where up is.
+    parts = np.array_split(tail.imu.angular_velocity, _STILL_PARTS)
+    sway = float(np.ptp([part.mean(axis=0) for part in parts], axis=0).max())
+    if sway > settings.still_speed:
+        return f"its base still sways by {sway:.3f} rad/s"
+    return None

@@ -1,0 +1,175 @@
+"""Step 2 of the paper: the sinusoidal excitation. Feet planted, the base oscillates about one axis at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.errors import ReachError, SettingsError
+from equipoise.estimation.paper import AXES, Axis
+from equipoise.experiments.lift import TRIAL, PlantedRobot
+from equipoise.recordings.recording import Recording
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import feet_under_base, foot_forces_from_torques, foot_positions, inverse_kinematics
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+FloatArray = NDArray[np.float64]
+
+_REFERENCE_HEIGHT = 0.312  # [m]; frequencies scale with the square root of its ratio to the hip height
+_KNOTS = 9
+_RAMP_PERIODS = 1.5
+_PERIODS = 6
+_SETTLE_TIME = 0.3  # [s]
+_PLANTED_STRIDE = 20  # samples between two looks at whether feet are planted
+_LOAD_MARGIN = 0.2  # of a foot's static load must remain at the peak of a planned sway
+_SLIP_RATIO = 0.02  # of the stance's length: feet whose distance changes by more have slipped or lifted
+
+
+@dataclass(frozen=True)
+class SwaySettings:
+    """How the base sways.
+
+    Attributes:
+        amplitude: of the commanded rotation [rad].
+        frequency: [Hz]; default 2 Hz on an A1, slower on larger robots.
+        duration: of the steady part [s]; default six periods.
+    """
+
+    amplitude: float = 0.05
+    frequency: float | None = None
+    duration: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "frequency", "duration"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise SettingsError(f"sway {name} is {value}; it must be positive")
+
+    def frequency_for(self, stance: Stance) -> float:
+        """[Hz]."""
+        return self.frequency or 2.0 * float(np.sqrt(_REFERENCE_HEIGHT / stance.hip_height))
+
+
+@dataclass(frozen=True, eq=False)
+class Sway:
+    """One axis's sway, or why there is none.
+
+    Attributes:
+        axis: "roll", "pitch" or "yaw".
+        recording: with phases "settle", "ramp", "sway", "end"; None if the axis was skipped.
+        amplitude: commanded [rad].
+        skipped: why the axis was skipped, or None.
+    """
+
+    axis: Axis
+    recording: Recording | None
+    amplitude: float
+    skipped: str | None = None
+
+
+def sway_axis(planted: PlantedRobot, stance: Stance, axis: Axis, settings: SwaySettings) -> Sway:
+    """Oscillate the base about one axis through the model's CoM, feet planted.
+
+    If the feet move it is done again with half the amplitude. An axis that planted feet do not allow is skipped, with the
+    reason.
+    """
+    robot = planted.robot
+    frequency = settings.frequency_for(stance)
+    amplitude = min(settings.amplitude, _largest_amplitude(robot, stance, axis, frequency))
+    if (reason := why_unreachable(robot, stance, axis, settings)) is not None:
+        return Sway(axis, None, amplitude, skipped=reason)
+    recording = _play_sway(planted, stance, axis, amplitude, frequency, settings)
+    if why_not_planted(robot, recording) is not None:
+        amplitude /= 2
+        recording = _play_sway(planted, stance, axis, amplitude, frequency, settings)
+    return Sway(axis, recording, amplitude)
+
+
+def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: SwaySettings) -> str | None:
+    """Why planted feet do not allow a sway about an axis, or None if they do."""
+    amplitude = min(settings.amplitude, _largest_amplitude(robot, stance, axis, settings.frequency_for(stance)))
+    feet_at = _feet_during_sway(robot, stance, axis)
+    for angle in (amplitude, -amplitude):
+        try:
+            inverse_kinematics(robot, feet_at(angle), stance.joint_position)
+        except ReachError as error:
+            return str(error)
+    return None
+
+
+def _feet_during_sway(robot: RobotModel, stance: Stance, axis: Axis) -> Callable[[float], FloatArray]:
+    """(4, 3) planted feet in the base frame, with the base turned by an angle about the model's CoM."""
+    pivot = composite_parameters(robot, stance.joint_position).com
+
+    def feet_at(angle: float) -> FloatArray:
+        rotation = axis_rotation(axis, angle)
+        return feet_under_base(stance.feet_in_base, pivot - rotation @ pivot, rotation)
+
+    return feet_at
+
+
+def _play_sway(
+    planted: PlantedRobot, stance: Stance, axis: Axis, amplitude: float, frequency: float, settings: SwaySettings
+) -> Recording:
+    duration = settings.duration or _PERIODS / frequency
+    ramp = _RAMP_PERIODS / frequency
+    total = duration + 2 * ramp
+    time = np.arange(round(total / planted.platform.control_period)) * planted.platform.control_period
+    envelope = np.clip(np.minimum(time, total - time) / ramp, 0, 1)
+    angle = amplitude * envelope * np.sin(2 * np.pi * frequency * time)
+    motion = planted.motion()
+    motion.event(TRIAL, kind="sway", axis=axis, amplitude=amplitude, frequency=frequency)
+    motion.phase("settle").move_feet(stance.feet_in_base, _SETTLE_TIME).hold(_SETTLE_TIME)
+    begin = motion.time
+    motion.phase("ramp").follow(_feet_during_sway(planted.robot, stance, axis), _KNOTS, angle)
+    motion.phase_at("sway", begin + ramp).phase_at("end", begin + ramp + duration)
+    planted.play(motion.move_feet(stance.feet_in_base, _SETTLE_TIME))
+    recording = planted.take()
+    assert recording is not None
+    return recording
+
+
+def axis_rotation(axis: Axis, angle: float) -> FloatArray:
+    """(3, 3) rotation about a base axis."""
+    vector = np.zeros(3)
+    vector[AXES.index(axis)] = angle
+    return np.array(pin.exp3(vector))
+
+
+def _largest_amplitude(robot: RobotModel, stance: Stance, axis: Axis, frequency: float) -> float:
+    """The amplitude at which the lightest foot keeps a margin of its static load, by the model."""
+    composite = composite_parameters(robot, stance.joint_position)
+    feet = stance.feet_in_base[:, :2] - composite.com[:2]
+    index = AXES.index(axis)
+    if axis == "yaw":  # friction carries it: half the load's friction at the feet's distance from the CoM
+        torque = 0.5 * 0.5 * composite.mass * 9.81 * float(np.linalg.norm(feet, axis=1).mean())
+    else:  # a torque T about an axis takes T / (4 arm) from each foot on one side
+        arm = float(np.abs(feet[:, 1 - index]).mean())
+        torque = (1 - _LOAD_MARGIN) * composite.mass * 9.81 * arm
+    return torque / (composite.inertia[index, index] * (2 * np.pi * frequency) ** 2)
+
+
+def why_not_planted(robot: RobotModel, recording: Recording) -> str | None:
+    """What the sensors say against the feet having stayed where they were, or None.
+
+    Feet that stay planted keep their distances from each other, and their loads, from the joint torques, stay positive.
+    """
+    steady = recording.phase("sway").joints
+    sample = slice(None, None, _PLANTED_STRIDE)
+    feet = np.array([foot_positions(robot, position) for position in steady.position[sample]])
+    pairs = feet[:, :, None] - feet[:, None]
+    spread = np.linalg.norm(pairs, axis=-1).std(axis=0).max()
+    length = float(np.ptp(feet[0, :, 0]))
+    if spread > _SLIP_RATIO * length:
+        return f"the distances between the feet change by {spread * 1000:.1f} mm"
+    if steady.torque is not None:
+        samples = zip(steady.position[sample], steady.torque[sample], strict=True)
+        loads = np.array([foot_forces_from_torques(robot, q, tau)[:, 2] for q, tau in samples])
+        if loads.min() < 0.05 * loads.mean():
+            return f"a foot carries only {loads.min():.1f} N of {loads.mean():.1f} N at the lightest"
+    return None

@@ -1,0 +1,307 @@
+"""The simulated robot as a platform: joint PD inside the engine, motions rolled out at the engine's own speed."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from numpy.typing import NDArray
+
+from equipoise.errors import FallError, ReachError
+from equipoise.platforms.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
+from equipoise.platforms.platform import (
+    JointCommand,
+    MotionInterrupted,
+    RobotState,
+    TiltLimit,
+    Trajectory,
+    started_events,
+)
+from equipoise.recordings.recording import CommandStream, ImuStream, JointStream, Recording
+from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+FloatArray = NDArray[np.float64]
+
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+_SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
+# Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
+_CHUNK_WITH_STOP, _CHUNK = 20, 500
+# Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
+_LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
+
+
+class MujocoPlatform:
+    """A quadruped in MuJoCo. It shows what hardware shows: encoders, reported torques, gyroscope and accelerometer.
+
+    Args:
+        robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
+        simulated: the engine's model.
+        stance: the nominal stance, in which (or lying under which) the robot starts.
+        start: "standing" or "lying".
+        control_period: [s]; a multiple of the engine's time step.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        simulated: SimulatedRobot,
+        stance: Stance,
+        start: Literal["standing", "lying"] = "standing",
+        control_period: float = 2e-3,
+    ) -> None:
+        self._robot = robot
+        self._simulated = simulated
+        self._model = simulated.model
+        self._data = mujoco.MjData(self._model)
+        self._rollout = rollout.Rollout(nthread=0)
+        self._substeps = max(1, round(control_period / self._model.opt.timestep))
+        self._imu_rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(self._imu_rotation, self._model.site(IMU_SITE).quat)
+        self._imu_rotation = self._imu_rotation.reshape(3, 3)
+        address = self._model.sensor(ACCELEROMETER).adr[0]
+        self._accelerometer = slice(address, address + 3)
+        self._raw_past = np.zeros((0, self._raw_width))
+        self._late_control = np.zeros((0, self._model.nu))
+        self._periods = 0
+        self._settle(stance, start)
+
+    @property
+    def control_period(self) -> float:
+        return self._substeps * self._model.opt.timestep
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._robot.joint_names
+
+    def read(self) -> RobotState:
+        raw = np.concatenate([self._raw_past, self._raw_now()[None]])
+        sample = self._sensed(raw, first=len(raw) - 1, count=1)
+        joints = len(self.joint_names)
+        position, velocity, torque, gyro, acceleration = np.split(sample[0], [joints, 2 * joints, 3 * joints, -3])
+        return RobotState(self._time(self._periods), position, velocity, torque, gyro, acceleration)
+
+    def step(self, command: JointCommand) -> RobotState:
+        with _Gains(self._simulated, command):
+            velocity, torque = command.velocity, command.torque
+            self.play(
+                Trajectory(
+                    command.position[None],
+                    None if velocity is None else velocity[None],
+                    None if torque is None else torque[None],
+                )
+            )
+        return self.read()
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        control = self._control(trajectory)
+        samples: list[FloatArray] = []
+        first = self._periods
+        turned = np.zeros(3)
+        try:
+            chunk = _CHUNK if stop is None else _CHUNK_WITH_STOP
+            for begin in range(0, len(trajectory.position), chunk):
+                end = min(begin + chunk, len(trajectory.position))
+                samples.append(self._roll(control[begin * self._substeps : end * self._substeps]))
+                if stop is not None:
+                    path = turned + np.cumsum(samples[-1][:, -6:-3], axis=0) * self.control_period
+                    turned = path[-1]
+                    if stop.reached(path):
+                        break
+        except KeyboardInterrupt:
+            raise MotionInterrupted(self._recording(trajectory, samples, first) if samples else None) from None
+        return self._recording(trajectory, samples, first)
+
+    def close(self) -> None:
+        self._rollout.close()
+
+    def __enter__(self) -> MujocoPlatform:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    @property
+    def _raw_width(self) -> int:
+        return 3 * len(self.joint_names) + 6
+
+    def _time(self, periods: int | NDArray[np.intp]) -> float:
+        return periods * self.control_period  # pyright: ignore[reportReturnType]
+
+    def _settle(self, stance: Stance, start: Literal["standing", "lying"]) -> None:
+        """Put the robot on the floor and let it come to rest under its own joint control."""
+        data, model = self._data, self._model
+        position, height = stance.joint_position, stance.base_height
+        if start == "lying":
+            position, height = lying_posture(self._robot, stance)
+        data.qpos[:] = model.qpos0
+        data.qpos[:7] = [0, 0, height, 1, 0, 0, 0]
+        data.qpos[self._simulated.qpos] = position
+        mujoco.mj_forward(model, data)
+        hold = self._with_zeros(np.array(position)[None])
+        self._late_control = np.repeat(hold, self._late_steps, axis=0)
+        self._roll(np.repeat(hold, round(_SETTLING_TIME / model.opt.timestep), axis=0))
+        self._raw_past = self._raw_past[-self._past_steps :]
+        self._periods = 0
+        data.time = 0.0
+        up = np.zeros(3)
+        mujoco.mju_rotVecQuat(up, np.array([0.0, 0, 1]), data.qpos[3:7])
+        if not up[2] > 0.9:
+            raise FallError(f"{self._robot.name!r} fell over before it was asked to move; is its stance stable?")
+
+    @property
+    def _late_steps(self) -> int:
+        return round(self._simulated.errors.sizes.command_delay / self._model.opt.timestep)
+
+    @property
+    def _past_steps(self) -> int:
+        sizes = self._simulated.errors.sizes
+        return int(np.ceil((sizes.sensor_delay + abs(sizes.imu_clock_offset)) / self._model.opt.timestep)) + 2
+
+    def _with_zeros(self, position: FloatArray) -> FloatArray:
+        """The loop closes on the encoders: what they misread, the joint is off by."""
+        return position - self._simulated.errors.joint_zero
+
+    def _control(self, trajectory: Trajectory) -> FloatArray:
+        """(n substeps, nu) position targets; feed-forward folds into the target of a PD loop."""
+        target = self._with_zeros(trajectory.position)
+        if trajectory.velocity is not None:
+            target = target + trajectory.velocity * self._simulated.kd / self._simulated.kp
+        if trajectory.torque is not None:
+            target = target + trajectory.torque / self._simulated.kp
+        return np.repeat(target, self._substeps, axis=0)
+
+    def _roll(self, control: FloatArray) -> FloatArray:
+        """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start."""
+        late = self._late_steps
+        delayed = np.concatenate([self._late_control, control])
+        self._late_control = delayed[len(delayed) - late :]
+        control = delayed[: len(control)]
+        data, model, simulated = self._data, self._model, self._simulated
+        size = mujoco.mj_stateSize(model, _STATE)
+        initial = np.zeros(size)
+        mujoco.mj_getState(model, data, initial, _STATE)
+        states, sensors = self._rollout.rollout(
+            model, data, initial[None], control[None], initial_warmstart=np.array(data.qacc_warmstart)[None]
+        )
+        states, sensors = states[0], sensors[0]
+        if not states[-1, 0] > initial[0] + 0.5 * len(control) * model.opt.timestep:
+            raise FallError(
+                f"the simulation of {self._robot.name!r} became unstable at t = {initial[0]:.2f} s; "
+                "are its inertias and gains plausible?"
+            )
+        mujoco.mj_setState(model, data, states[-1], _STATE)
+        # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
+        velocities = np.concatenate([initial[None], states])[:, 1 + model.nq : 1 + model.nq + model.nv]
+        velocities = (velocities[:-1] + velocities[1:]) / 2
+        positions = np.concatenate([initial[None], states[:-1]])[:, 1 + simulated.qpos]
+        torques = sensors[:, : model.nu] / simulated.errors.torque_gain
+        raw = np.concatenate(
+            [
+                positions,
+                velocities[:, simulated.dof],
+                torques,
+                velocities[:, 3:6] @ self._imu_rotation,
+                sensors[:, self._accelerometer],
+            ],
+            axis=1,
+        )
+        past = len(self._raw_past)
+        history = np.concatenate([self._raw_past, raw])
+        samples = self._sensed(history, past, len(control) // self._substeps)
+        self._raw_past = history[len(history) - min(len(history), self._past_steps) :]
+        self._periods += len(control) // self._substeps
+        return samples
+
+    def _raw_now(self) -> FloatArray:
+        """The raw sensor values of the present state, as `_roll` will find them when the robot moves on."""
+        data, model, simulated = self._data, self._model, self._simulated
+        mujoco.mj_forward(model, data)
+        velocity = data.qvel + data.qacc * model.opt.timestep / 2
+        return np.concatenate(
+            [
+                data.qpos[simulated.qpos],
+                velocity[simulated.dof],
+                data.sensordata[: model.nu] / simulated.errors.torque_gain,
+                velocity[3:6] @ self._imu_rotation,
+                data.sensordata[self._accelerometer],
+            ]
+        )
+
+    def _sensed(self, raw: FloatArray, first: int, count: int) -> FloatArray:
+        """Delay, clock offset, bias and noise: raw values at every engine step to samples at every control period."""
+        errors = self._simulated.errors
+        step = self._model.opt.timestep
+        joints = 3 * len(self.joint_names)
+        joint_steps = -errors.sizes.sensor_delay / step
+        imu_steps = joint_steps + errors.sizes.imu_clock_offset / step
+        samples = np.empty((count, raw.shape[1]))
+        ticks = first + self._substeps * np.arange(count)
+        samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
+        samples[:, joints:] = _at(raw[:, joints:], ticks, imu_steps)
+        samples[:, : len(self.joint_names)] += errors.joint_zero
+        samples[:, -6:-3] += errors.gyro_bias
+        samples[:, -3:] += errors.accelerometer_bias
+        return samples + errors.noise(self._periods, count)
+
+    def _recording(self, trajectory: Trajectory, samples: list[FloatArray], first: int) -> Recording:
+        stacked = np.concatenate(samples)
+        joints = len(self.joint_names)
+        time = np.asarray(self._time(first + np.arange(len(stacked))))
+        position, velocity, torque, gyro, acceleration = np.split(stacked, [joints, 2 * joints, 3 * joints, -3], axis=1)
+        return Recording(
+            self.joint_names,
+            JointStream(time, position, velocity, torque),
+            ImuStream(time, gyro, acceleration),
+            CommandStream(time, trajectory.position[: len(stacked)]),
+            started_events(trajectory.events, float(time[0]), float(time[-1])),
+        )
+
+
+class _Gains:
+    """Gains that one command asks for, in force while it is played."""
+
+    def __init__(self, simulated: SimulatedRobot, command: JointCommand) -> None:
+        self._simulated, self._command = simulated, command
+
+    def __enter__(self) -> None:
+        self._set(self._command.kp, self._command.kd)
+
+    def __exit__(self, *exception: object) -> None:
+        self._set(self._simulated.kp, self._simulated.kd)
+
+    def _set(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
+        model, scale = self._simulated.model, self._simulated.errors.torque_gain
+        if kp is not None:
+            model.actuator_gainprm[:, 0] = kp * scale
+            model.actuator_biasprm[:, 1] = -kp * scale
+        if kd is not None:
+            model.actuator_biasprm[:, 2] = -kd * scale
+
+
+def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
+    """Joint positions of the robot lying over its stance's footholds, and the height of its base frame [m]."""
+    for ratio in _LYING_RATIOS:
+        drop = stance.hip_height - ratio * robot.leg_length
+        if drop <= 0:
+            break
+        try:
+            position = inverse_kinematics(robot, stance.feet_in_base + np.array([0, 0, drop]), stance.joint_position)
+        except ReachError:
+            continue
+        return position, stance.base_height - drop
+    return stance.joint_position, stance.base_height
+
+
+def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
+    """Rows at ticks + offset engine steps, linear in between, the ends held."""
+    whole = int(np.floor(offset))
+    fraction = offset - whole
+    last = len(raw) - 1
+    before = raw[np.clip(ticks + whole, 0, last)]
+    if fraction == 0:
+        return before
+    return (1 - fraction) * before + fraction * raw[np.clip(ticks + whole + 1, 0, last)]

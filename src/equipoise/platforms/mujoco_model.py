@@ -1,0 +1,270 @@
+"""The simulated robot: a MuJoCo model made from the robot's own file, and the truth that it holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.errors import ModelError
+from equipoise.platforms.payload import Payload
+from equipoise.platforms.sensors import DrawnErrors
+from equipoise.robot.model import RobotModel
+from equipoise.robot.source import ModelSource
+from equipoise.robot.stance import Stance
+
+FloatArray = NDArray[np.float64]
+
+FLOOR = "equipoise_floor"
+IMU_SITE = "equipoise_imu"
+ACCELEROMETER = "equipoise_accelerometer"
+PAYLOAD = "equipoise_payload"
+
+_GRAVITY = 9.81
+_BELLY_RATIO = 0.15  # the trunk's underside hangs this fraction of the leg length below the hips
+# Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by
+# a millimetre over a trial is a support line off by a millimetre.
+_IMPRATIO = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRobot:
+    """A compiled MuJoCo model and where the robot's joints are in it.
+
+    Attributes:
+        model: compiled; the engine's joint PD, torque limits, feet, floor, payload and actuator errors are in it.
+        errors: the drawn sensor and actuator errors that it was made with.
+        qpos: (nj,) indices of the leg joints in qpos, in the robot's joint order; `dof` likewise in qvel.
+        dof: (nj,) indices in qvel.
+        kp, kd: (nj,) gains that the joint PD is commanded with.
+        base_body: id of the base body.
+    """
+
+    model: mujoco.MjModel
+    errors: DrawnErrors
+    qpos: NDArray[np.intp]
+    dof: NDArray[np.intp]
+    kp: FloatArray
+    kd: FloatArray
+    base_body: int
+
+
+def build_simulated_robot(
+    robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None = None, timestep: float = 1e-3
+) -> SimulatedRobot:
+    """Build the MuJoCo model of a robot, from the file that the robot model came from.
+
+    Actuators, sensors, keyframes, friction losses and damping of the file are replaced. Only the feet (spheres) and
+    the belly (a box, for lying) touch the floor.
+
+    Args:
+        stance: gains scale with its hip height.
+        errors: actuator errors, floor and leg masses are built in; sensor errors are the platform's.
+        timestep: of the engine [s].
+
+    Raises:
+        ModelError: MuJoCo cannot make a model of the file.
+    """
+    try:
+        spec = _read(robot.source)
+        base = _floating_base(spec, robot)
+        _strip(spec)
+        _weld_held_joints(spec, robot)
+        _add_contacts(spec, robot, stance, base, errors)
+        if payload is not None:
+            _add_payload(base, payload)
+        kp, kd = _add_actuators_and_sensors(spec, robot, stance, base, errors)
+        spec.option.timestep = timestep
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = _IMPRATIO
+        spec.option.gravity = _GRAVITY * errors.gravity_direction
+        model = spec.compile()
+    except ValueError as error:
+        raise ModelError(f"MuJoCo cannot make a model of {str(robot.source.path)!r}: {error}") from error
+    joints = np.array([model.joint(name).id for name in robot.joint_names])
+    qpos, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    _set_joint_losses(model, dof, errors)
+    _scale_leg_masses(model, joints, errors)
+    return SimulatedRobot(model, errors, qpos, dof, kp, kd, int(model.jnt_bodyid[0]))
+
+
+def _read(source: ModelSource) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_string(source.xml)
+    spec.compiler.fusestatic = True
+    # A link without an inertial is massless, whatever shapes it has (URDF); in MJCF its shapes give it mass.
+    if source.format == "urdf":
+        for geom in list(spec.geoms):
+            _delete(spec, geom)
+    return spec
+
+
+def _delete(spec: mujoco.MjSpec, element: mujoco.MjsElement) -> None:
+    """Delete an element of a spec: a method of the spec since MuJoCo 3.3.1, of the element before."""
+    if hasattr(spec, "delete"):
+        spec.delete(element)
+    else:
+        element.delete()
+
+
+def _floating_base(spec: mujoco.MjSpec, robot: RobotModel) -> mujoco.MjsBody:
+    base = spec.worldbody.first_body()
+    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    if not free:
+        base.add_freejoint()
+    # The floor is at z = 0 and the platform places the base: the file's pose of it says nothing.
+    return base
+
+
+def _strip(spec: mujoco.MjSpec) -> None:
+    """Take out what the file says of losses and contacts."""
+    for joint in spec.joints:
+        for name in ("damping", "stiffness"):  # scalars up to MuJoCo 3, polynomials' coefficients from 4 on
+            setattr(joint, name, np.zeros_like(getattr(joint, name)) if np.ndim(getattr(joint, name)) else 0.0)
+        joint.frictionloss = 0.0
+        joint.armature = 0.0
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    spec.option.disableflags = 0
+    spec.option.enableflags = 0
+
+
+def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """Remove joints that are no leg's, with their links turned to where they are held."""
+    if not robot.held:
+        return
+    compiled = spec.compile()
+    for name, position in robot.held.items():
+        joint = compiled.joint(name)
+        body = spec.body(compiled.body(int(compiled.jnt_bodyid[joint.id])).name)
+        body_id = int(compiled.jnt_bodyid[joint.id])
+        pos, quat = np.array(compiled.body_pos[body_id]), np.array(compiled.body_quat[body_id])
+        if position != 0:
+            pos, quat = _moved_by_joint(pos, quat, joint, position)
+        body.pos, body.quat = pos, quat
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        for spec_joint in list(body.joints):
+            if spec_joint.name == name:
+                _delete(spec, spec_joint)
+
+
+def _moved_by_joint(
+    pos: FloatArray, quat_wxyz: FloatArray, joint: mujoco.MjModel, position: float
+) -> tuple[FloatArray, FloatArray]:
+    """Pose of a body in its parent, with one joint moved."""
+    axis, anchor = np.array(joint.axis), np.array(joint.pos)
+    turned, rotated, shifted = np.zeros(4), np.zeros(4), np.zeros(3)
+    if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE:
+        mujoco.mju_rotVecQuat(shifted, position * axis, quat_wxyz)
+        return pos + shifted, quat_wxyz
+    mujoco.mju_axisAngle2Quat(turned, axis, position)
+    mujoco.mju_mulQuat(rotated, quat_wxyz, turned)
+    about_anchor = np.zeros(3)
+    mujoco.mju_rotVecQuat(about_anchor, anchor, turned)
+    mujoco.mju_rotVecQuat(shifted, anchor - about_anchor, quat_wxyz)
+    return pos + shifted, rotated
+
+
+def _add_contacts(
+    spec: mujoco.MjSpec, robot: RobotModel, stance: Stance, base: mujoco.MjsBody, errors: DrawnErrors
+) -> None:
+    friction = [errors.sizes.floor_friction, 0.005, 0.0001]
+    spec.worldbody.add_geom(
+        name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, friction=friction
+    )
+    touching = {"contype": 2, "conaffinity": 1, "condim": 3, "friction": friction, "mass": 0.0}
+    for leg, foot in robot.feet.items():
+        spec.body(foot.body).add_geom(
+            name=f"equipoise_{leg}_foot",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[foot.radius, 0, 0],
+            pos=foot.position_in_body,
+            **touching,
+        )
+    hips_above_base = stance.hip_height - stance.base_height
+    reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
+    thickness = 0.02 * robot.leg_length
+    base.add_geom(
+        name="equipoise_belly",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.6 * reach[0], 0.4 * reach[1], thickness],
+        pos=[0, 0, hips_above_base - _BELLY_RATIO * robot.leg_length + thickness],
+        **touching,
+    )
+
+
+def _add_payload(base: mujoco.MjsBody, payload: Payload) -> None:
+    """The payload as a body at the base frame's origin whose inertial is offset.
+
+    MuJoCo 4 counts an offset of the body twice when its inertial has none of its own.
+    """
+    parameters = payload.parameters
+    tensor = parameters.inertia
+    # A body that cannot move by itself may have no inertia; MuJoCo only wants the number to be positive.
+    floor = 1e-9 * np.eye(3) if not tensor.any() else np.zeros((3, 3))
+    xx, yy, zz, xy, xz, yz = (tensor + floor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    body = base.add_body(name=PAYLOAD, pos=[0, 0, 0])
+    body.explicitinertial = True
+    body.mass = parameters.mass
+    body.ipos = parameters.com
+    body.fullinertia = [xx, yy, zz, xy, xz, yz]
+
+
+def _add_actuators_and_sensors(
+    spec: mujoco.MjSpec, robot: RobotModel, stance: Stance, base: mujoco.MjsBody, errors: DrawnErrors
+) -> tuple[FloatArray, FloatArray]:
+    """Joint PD inside the engine, reported torque, and the IMU. Returns the gains (nj,) that were asked for."""
+    kp, kd = robot.gains(stance.hip_height)
+    for index, joint in enumerate(robot.joint_names):
+        # A motor whose torque constant is off is wrong in its own loop by the same factor.
+        gain = errors.torque_gain[index]
+        actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm[0] = kp * gain
+        actuator.biasprm[1], actuator.biasprm[2] = -kp * gain, -kd * gain
+        limit = robot.effort_limit[index]
+        if np.isfinite(limit):
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.forcerange = [-limit * gain, limit * gain]
+    pose = robot.imu_in_base
+    turned, mounted = np.zeros(4), np.zeros(4)
+    mujoco.mju_mat2Quat(mounted, np.array(pose.rotation).reshape(9))
+    tilt = np.zeros(4)
+    angle = float(np.linalg.norm(errors.imu_tilt))
+    mujoco.mju_axisAngle2Quat(tilt, errors.imu_tilt / angle if angle else np.array([1.0, 0, 0]), angle)
+    mujoco.mju_mulQuat(turned, mounted, tilt)
+    base.add_site(name=IMU_SITE, pos=np.array(pose.translation), quat=turned)
+    for joint in robot.joint_names:
+        spec.add_sensor(
+            name=f"{joint}_torque",
+            type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
+            objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
+            objname=joint,
+        )
+    spec.add_sensor(
+        name=ACCELEROMETER,
+        type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=IMU_SITE,
+    )
+    count = len(robot.joint_names)
+    return np.full(count, kp), np.full(count, kd)
+
+
+def _set_joint_losses(model: mujoco.MjModel, dof: NDArray[np.intp], errors: DrawnErrors) -> None:
+    model.dof_frictionloss[dof] = errors.sizes.coulomb_friction
+    model.dof_damping[dof] = errors.sizes.viscous_friction
+    model.dof_armature[dof] = errors.sizes.armature
+
+
+def _scale_leg_masses(model: mujoco.MjModel, joints: NDArray[np.intp], errors: DrawnErrors) -> None:
+    """Scale each moving leg link with all that is fixed to it; the geometry of mass stays."""
+    for joint, scale in zip(joints, errors.leg_mass_scale, strict=True):
+        on_link = model.body_weldid == model.body_weldid[model.jnt_bodyid[joint]]
+        model.body_mass[on_link] *= scale
+        model.body_inertia[on_link] *= scale
+    mujoco.mj_setConst(model, mujoco.MjData(model))

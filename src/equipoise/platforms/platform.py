@@ -1,0 +1,194 @@
+"""The seam between experiments and robots: four methods, and what never changes about the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.errors import SettingsError
+from equipoise.recordings.recording import CommandStream, Event, ImuStream, JointStream, Recording
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointCommand:
+    """What the joints should do during the next control period. None leaves a value to the platform.
+
+    Attributes:
+        position: (nj,) targets in the model's joint order [rad].
+        velocity: (nj,) feed-forward [rad/s].
+        torque: (nj,) feed-forward [Nm].
+        kp: (nj,) position gains [Nm/rad].
+        kd: (nj,) velocity gains [Nm s/rad].
+    """
+
+    position: FloatArray
+    velocity: FloatArray | None = None
+    torque: FloatArray | None = None
+    kp: FloatArray | None = None
+    kd: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """What the robot's sensors say at one moment. What is missing on a robot is None.
+
+    Attributes:
+        time: [s].
+        joint_position: (nj,) encoders, in the model's joint order [rad].
+        joint_velocity: (nj,) [rad/s].
+        joint_torque: (nj,) as the motors report it [Nm].
+        angular_velocity: (3,) gyroscope, in the IMU frame [rad/s].
+        acceleration: (3,) accelerometer, in the IMU frame; +g upward at rest [m/s2].
+    """
+
+    time: float
+    joint_position: FloatArray
+    joint_velocity: FloatArray | None
+    joint_torque: FloatArray | None
+    angular_velocity: FloatArray
+    acceleration: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """An open-loop motion: one command per control period.
+
+    Attributes:
+        position: (n, nj) joint position targets [rad].
+        velocity: (n, nj) feed-forward [rad/s], or None.
+        torque: (n, nj) feed-forward [Nm], or None.
+        events: what to note in the recording; times count from the start of the motion [s].
+    """
+
+    position: FloatArray
+    velocity: FloatArray | None = None
+    torque: FloatArray | None = None
+    events: tuple[Event, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.position.ndim != 2 or len(self.position) == 0 or not np.isfinite(self.position).all():
+            raise SettingsError(f"a trajectory needs (n, nj) finite positions, got shape {self.position.shape}")
+        for name in ("velocity", "torque"):
+            array = getattr(self, name)
+            if array is not None and (array.shape != self.position.shape or not np.isfinite(array).all()):
+                raise SettingsError(f"trajectory {name} must be finite and of shape {self.position.shape}")
+
+    def command(self, index: int) -> JointCommand:
+        """The command of one control period."""
+        velocity = None if self.velocity is None else self.velocity[index]
+        torque = None if self.torque is None else self.torque[index]
+        return JointCommand(self.position[index], velocity, torque)
+
+
+@dataclass(frozen=True)
+class TiltLimit:
+    """Stop a motion once the base has turned far enough about an axis since it began, by the integrated gyroscope.
+
+    Attributes:
+        angle: either way [rad].
+        axis_in_imu: unit vector in the IMU frame. On two feet a robot also yaws on its soft legs; that is no tilt.
+    """
+
+    angle: float
+    axis_in_imu: tuple[float, float, float]
+
+    def reached(self, turned: FloatArray) -> bool:
+        """Whether the limit is reached, given (..., 3) integrated angular velocity [rad]."""
+        return bool((np.abs(turned @ np.array(self.axis_in_imu)) >= self.angle).any())
+
+
+class Platform(Protocol):
+    """A robot, real or simulated. Use it as a context manager: leaving it ends safely.
+
+    Attributes:
+        control_period: time between commands [s].
+        joint_names: the joints, in the order of every joint vector.
+    """
+
+    @property
+    def control_period(self) -> float: ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+
+    def read(self) -> RobotState:
+        """Sense without commanding."""
+        ...
+
+    def step(self, command: JointCommand) -> RobotState:
+        """Send a command, let one control period pass, and sense."""
+        ...
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        """Play an open-loop motion. Sample k of the recording is sensed as command k is sent.
+
+        `stop` is tested at every sample on hardware, and every few samples in simulation; the motion ends where it is met.
+
+        Raises:
+            MotionInterrupted: Ctrl-C; carries the recording so far.
+        """
+        ...
+
+    def close(self) -> None:
+        """End safely: the robot is left with its motors in a safe state. May be called twice."""
+        ...
+
+
+class MotionInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a motion. The recording up to then is kept in `recording` (None if it held no sample)."""
+
+    def __init__(self, recording: Recording | None) -> None:
+        super().__init__("interrupted")
+        self.recording = recording
+
+
+def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+    """`play` for platforms that have only `step`."""
+    start = platform.read()
+    states = [start]
+    turned = np.zeros(3)
+    played = 0
+    try:
+        for index in range(len(trajectory.position)):
+            states.append(platform.step(trajectory.command(index)))
+            played = index + 1
+            turned = turned + states[-1].angular_velocity * platform.control_period
+            if stop is not None and stop.reached(turned):
+                break
+    except KeyboardInterrupt:
+        recording = _recording(platform.joint_names, states[:played], trajectory) if played else None
+        raise MotionInterrupted(recording) from None
+    return _recording(platform.joint_names, states[:played], trajectory)
+
+
+def _recording(joint_names: tuple[str, ...], states: list[RobotState], trajectory: Trajectory) -> Recording:
+    time = np.array([state.time for state in states])
+    velocities = [state.joint_velocity for state in states if state.joint_velocity is not None]
+    torques = [state.joint_torque for state in states if state.joint_torque is not None]
+    return Recording(
+        joint_names,
+        JointStream(
+            time,
+            np.array([state.joint_position for state in states]),
+            np.array(velocities) if len(velocities) == len(states) else None,
+            np.array(torques) if len(torques) == len(states) else None,
+        ),
+        ImuStream(
+            time,
+            np.array([state.angular_velocity for state in states]),
+            np.array([state.acceleration for state in states]),
+        ),
+        CommandStream(time, trajectory.position[: len(states)]),
+        started_events(trajectory.events, float(time[0]), float(time[-1])),
+    )
+
+
+def started_events(events: tuple[Event, ...], start: float, last: float) -> tuple[Event, ...]:
+    """A trajectory's events with absolute times, those after the last sample dropped."""
+    moved = (Event(start + event.time, event.name, event.data) for event in events)
+    return tuple(event for event in moved if event.time <= last + 1e-9)

@@ -1,0 +1,67 @@
+"""A simulated robot in one call: the model, the platform on it, and the truth about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from equipoise.errors import MissingDependencyError
+from equipoise.platforms.payload import Payload
+from equipoise.platforms.sensors import PRESETS, DrawnErrors, Noise, SensorErrors
+from equipoise.robot.inertial import RobotInertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
+
+try:
+    from equipoise.platforms.mujoco import MujocoPlatform
+    from equipoise.platforms.mujoco_model import build_simulated_robot
+    from equipoise.platforms.truth import simulated_truth
+except ModuleNotFoundError as error:
+    raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
+
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated robot. Use it as a context manager, or close the platform.
+
+    Attributes:
+        platform: what experiments may use.
+        truth: what they may not: join it to a result afterwards.
+    """
+
+    platform: MujocoPlatform
+    truth: RobotInertia
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.platform.close()
+
+
+def simulate(
+    robot: RobotModel,
+    noise: Noise | SensorErrors = "ideal",
+    payload: Payload | None = None,
+    seed: int = 0,
+    start: Literal["standing", "lying"] = "standing",
+    timestep: float = 1e-3,
+) -> Simulation:
+    """A robot in MuJoCo, with sensor and actuator errors, perhaps a payload.
+
+    Args:
+        noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are.
+        payload: on the base.
+        seed: of everything drawn.
+        start: how the robot begins.
+        timestep: of the engine [s].
+    """
+    stance = nominal_stance(robot)
+    sizes = PRESETS[noise].scaled_to(robot.mass * _GRAVITY * stance.hip_height) if isinstance(noise, str) else noise
+    errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed)
+    simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
+    return Simulation(
+        MujocoPlatform(robot, simulated, stance, start), simulated_truth(robot, simulated, stance.joint_position)
+    )

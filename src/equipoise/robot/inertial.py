@@ -1,0 +1,128 @@
+"""Mass, centre of mass and inertia of the base, of the whole robot at a stance, and of the paper's centroidal body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.errors import SettingsError
+from equipoise.robot.model import RobotModel
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class InertialParameters:
+    """Inertial parameters of a rigid body.
+
+    Attributes:
+        mass: [kg].
+        com: (3,) centre of mass in the base frame [m].
+        inertia: (3, 3) about the centre of mass, in base axes [kg m2].
+    """
+
+    mass: float
+    com: FloatArray
+    inertia: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, shape in (("com", (3,)), ("inertia", (3, 3))):
+            array = np.array(getattr(self, name), dtype=float)
+            if array.shape != shape or not np.isfinite(array).all():
+                raise SettingsError(f"{name} must be {shape} finite numbers, got {array.tolist()}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if not np.isfinite(self.mass):
+            raise SettingsError(f"mass must be finite, got {self.mass}")
+
+    @classmethod
+    def from_pinocchio(cls, inertia: pin.Inertia) -> InertialParameters:
+        """From a pinocchio.Inertia expressed in the base frame."""
+        return cls(float(inertia.mass), np.array(inertia.lever), np.array(inertia.inertia))
+
+    def to_pinocchio(self) -> pin.Inertia:
+        """As a pinocchio.Inertia, which also keeps the inertia about the centre of mass."""
+        return pin.Inertia(self.mass, self.com, self.inertia)
+
+    def __add__(self, other: InertialParameters) -> InertialParameters:
+        """Both bodies rigidly joined (parallel axis theorem)."""
+        return InertialParameters.from_pinocchio(self.to_pinocchio() + other.to_pinocchio())
+
+    @property
+    def principal_moments(self) -> FloatArray:
+        """(3,) ascending [kg m2]."""
+        return np.linalg.eigvalsh(self.inertia)
+
+    def physical_defect(self) -> str | None:
+        """Why no rigid body can have these parameters, or None if one can.
+
+        A body has a positive mass, positive principal moments, and none of them exceeds the sum of the others.
+        """
+        if self.mass <= 0:
+            return f"its mass is {self.mass:g} kg"
+        smallest, middle, largest = self.principal_moments
+        if smallest <= 0:
+            return f"a principal moment of inertia is {smallest:.3g} kg m2"
+        if largest > (smallest + middle) * (1 + 1e-3):
+            return f"a principal moment, {largest:.3g} kg m2, exceeds the sum of the others, {smallest + middle:.3g}"
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class RobotInertia:
+    """The three bodies that results speak of, at one stance, in the base frame.
+
+    Attributes:
+        composite: the whole robot frozen at the stance; what a single-rigid-body controller needs.
+        base: the base link with everything rigidly fixed to it.
+        stance_effective: the paper's body, base, hips and thighs, about its own CoM.
+    """
+
+    composite: InertialParameters
+    base: InertialParameters
+    stance_effective: InertialParameters
+
+
+def nominal_inertia(robot: RobotModel, joint_position: FloatArray) -> RobotInertia:
+    """What the model file says at a posture.
+
+    Args:
+        joint_position: (nj,) in the model's joint order [rad].
+    """
+    return RobotInertia(
+        composite_parameters(robot, joint_position),
+        base_parameters(robot),
+        stance_effective_parameters(robot, joint_position),
+    )
+
+
+def composite_parameters(robot: RobotModel, joint_position: FloatArray) -> InertialParameters:
+    """The whole robot frozen at a posture, in the base frame.
+
+    Args:
+        joint_position: (nj,) in the model's joint order [rad].
+    """
+    data = robot.pinocchio_data
+    pin.ccrba(robot.pinocchio, data, robot.configuration(joint_position), np.zeros(robot.pinocchio.nv))
+    com = np.array(pin.centerOfMass(robot.pinocchio, data, robot.configuration(joint_position)))
+    return InertialParameters(float(robot.mass), com, np.array(data.Ig.inertia))
+
+
+def stance_effective_parameters(robot: RobotModel, joint_position: FloatArray) -> InertialParameters:
+    """The paper's centroidal body: base, hips and thighs, without the links below the knees, about its own CoM."""
+    below_knees = {leg.joint_ids[-1] for leg in robot.legs.values()}
+    data = robot.pinocchio_data
+    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
+    total = pin.Inertia.Zero()
+    for joint in range(1, robot.pinocchio.njoints):
+        if joint not in below_knees:
+            total = total + data.oMi[joint].act(robot.pinocchio.inertias[joint])
+    return InertialParameters.from_pinocchio(total)
+
+
+def base_parameters(robot: RobotModel) -> InertialParameters:
+    """The base link with everything rigidly fixed to it."""
+    return InertialParameters.from_pinocchio(robot.pinocchio.inertias[1])

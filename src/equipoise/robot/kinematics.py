@@ -1,0 +1,137 @@
+"""Foot positions, Jacobians and inverse kinematics, all in the base frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.errors import ReachError
+from equipoise.robot.model import RobotModel
+
+FloatArray = NDArray[np.float64]
+
+# Feet may miss their target by this fraction of the leg length before a posture counts as out of reach: 0.4 mm on an A1.
+REACH_TOLERANCE_RATIO = 1e-3
+_MAX_ITERATIONS = 50
+_CONVERGED = 1e-7  # [rad]; Newton steps square the error, so the next one would be far below it
+_MAX_JOINT_STEP = 0.3  # [rad], keeps Newton steps where the linearisation holds
+
+
+def foot_positions(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    """(4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
+    data = robot.pinocchio_data
+    pin.framesForwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
+    return np.array([data.oMf[leg.foot_frame_id].translation for leg in robot.legs.values()])
+
+
+def foot_jacobians(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    """(4, 3, n) derivative of each foot's position by its own leg's n joints, hip first, in base axes [m/rad]."""
+    data = robot.pinocchio_data
+    pin.computeJointJacobians(robot.pinocchio, data, robot.configuration(joint_position))
+    pin.updateFramePlacements(robot.pinocchio, data)
+    return np.array(
+        [
+            pin.getFrameJacobian(robot.pinocchio, data, leg.foot_frame_id, pin.LOCAL_WORLD_ALIGNED)[
+                :3, [6 + joint for joint in leg.joints]
+            ]
+            for leg in robot.legs.values()
+        ]
+    )
+
+
+def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> FloatArray:
+    """(4, 3) forces of the ground on the feet FL FR RL RR, if legs had no mass [N], in base axes.
+
+    Such a leg carries tau = -J^T f, so f = -J^-T tau. On a leg of two joints the force has no part along their axes.
+
+    Args:
+        joint_position: (nj,) [rad].
+        joint_torque: (nj,) [Nm].
+    """
+    joints = np.array([leg.joints for leg in robot.legs.values()])
+    transposed = foot_jacobians(robot, joint_position).transpose(0, 2, 1)
+    torques = joint_torque[joints][:, :, None]
+    if joints.shape[1] == 3:
+        return -np.linalg.solve(transposed, torques)[:, :, 0]
+    return -(np.linalg.pinv(transposed) @ torques)[:, :, 0]
+
+
+def inverse_kinematics(
+    robot: RobotModel, feet_in_base: FloatArray, start: FloatArray, tolerance: float | None = None
+) -> FloatArray:
+    """Joint positions that bring the feet to where they should be, within the joint limits.
+
+    Damped Newton steps on each leg's Jacobian (differential inverse kinematics), clipped to the joint limits. A leg of
+    two joints cannot reach every point; it comes as close as it can.
+
+    Args:
+        feet_in_base: (4, 3) wanted centres of the feet FL FR RL RR in the base frame [m].
+        start: (nj,) where to start from; it decides to which side knees bend.
+        tolerance: how far a foot may miss its target [m]; default 0.1 % of the leg length.
+
+    Returns:
+        (nj,) joint positions.
+
+    Raises:
+        ReachError: a foot misses its target by more than the tolerance; names the leg and by how much.
+    """
+    tolerance = REACH_TOLERANCE_RATIO * robot.leg_length if tolerance is None else tolerance
+    position = inverse_kinematics_best_effort(robot, feet_in_base, start)
+    misses = np.linalg.norm(foot_positions(robot, position) - feet_in_base, axis=1)
+    worst = int(np.argmax(misses))
+    if not misses[worst] <= tolerance:
+        leg = list(robot.legs.values())[worst]
+        at_limit = [
+            robot.joint_names[j]
+            for j in leg.joints
+            if position[j] <= robot.lower_limit[j] + 1e-6 or position[j] >= robot.upper_limit[j] - 1e-6
+        ]
+        reason = f"joint {', '.join(at_limit)} is at its limit" if at_limit else "the leg is too short or lacks a joint"
+        raise ReachError(
+            f"the {leg.name} foot misses its place by {misses[worst] * 1000:.1f} mm "
+            f"(allowed {tolerance * 1000:.1f} mm): {reason}"
+        )
+    return position
+
+
+def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, start: FloatArray) -> FloatArray:
+    """As `inverse_kinematics`, but returns the nearest posture it finds, however far that is."""
+    position = np.clip(start, robot.lower_limit, robot.upper_limit)
+    joints = np.array([leg.joints for leg in robot.legs.values()])
+    damping = (1e-4 * robot.leg_length) ** 2
+    identity = np.eye(joints.shape[1])
+    for _ in range(_MAX_ITERATIONS):
+        jacobians = foot_jacobians(robot, position)
+        errors = feet_in_base - _feet_of_last_call(robot)
+        transposed = jacobians.transpose(0, 2, 1)
+        normal = transposed @ jacobians + damping * identity
+        steps = np.linalg.solve(normal, transposed @ errors[:, :, None])[:, :, 0]
+        stepped = position.copy()
+        stepped[joints] += np.clip(steps, -_MAX_JOINT_STEP, _MAX_JOINT_STEP)
+        stepped = np.clip(stepped, robot.lower_limit, robot.upper_limit)
+        moved = float(np.abs(stepped - position).max())
+        position = stepped
+        if moved < _CONVERGED:
+            break
+    return position
+
+
+def _feet_of_last_call(robot: RobotModel) -> FloatArray:
+    """Foot positions at the configuration that Pinocchio's data holds already."""
+    data = robot.pinocchio_data
+    return np.array([data.oMf[leg.foot_frame_id].translation for leg in robot.legs.values()])
+
+
+def feet_under_base(feet_in_base: FloatArray, translation: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Where planted feet are in the base frame once the base has moved.
+
+    Args:
+        feet_in_base: (4, 3) before the move [m].
+        translation: (3,) of the base, in its axes before the move [m].
+        rotation: (3, 3) of the base: new axes in old ones, about the old origin moved by the translation.
+
+    Returns:
+        (4, 3) after the move [m].
+    """
+    return (feet_in_base - translation) @ rotation

@@ -1,0 +1,181 @@
+"""The nominal stance: four planted feet under the hips, by one recipe for every quadruped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.errors import ReachError, SettingsError
+from equipoise.robot.kinematics import foot_positions, inverse_kinematics
+from equipoise.robot.model import Leg, RobotModel, joint_axis
+
+FloatArray = NDArray[np.float64]
+
+# Hip heights tried, as fractions of the leg length, the usual one first.
+_HEIGHT_RATIOS = (0.75, 0.72, 0.78, 0.70, 0.80, 0.65, 0.85)
+_GRID = 13  # seeds per joint of the search for a first posture
+_LIMIT_MARGIN = 0.05  # [rad]; a stance is no place to touch a joint limit
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """Four planted feet under a level base.
+
+    Attributes:
+        joint_position: (nj,) in the model's joint order [rad].
+        feet_in_base: (4, 3) centres of the feet FL FR RL RR in the base frame [m].
+        hip_height: mean height of the hip pitch axes above the floor [m].
+        base_height: height of the base frame's origin above the floor [m].
+    """
+
+    joint_position: FloatArray
+    feet_in_base: FloatArray
+    hip_height: float
+    base_height: float
+
+    def __post_init__(self) -> None:
+        self.joint_position.setflags(write=False)
+        self.feet_in_base.setflags(write=False)
+
+
+def nominal_stance(robot: RobotModel) -> Stance:
+    """The stance that results refer to: the described one, or feet under the hip pitch joints.
+
+    Feet stand under the hip pitch joints, all at one height, at about three quarters of the leg length below them.
+    Knees bend to the side that the joint limits allow; where both are allowed, front knees point backward and hind knees
+    forward.
+
+    Raises:
+        ReachError: no such stance lies within the joint limits.
+        SettingsError: the described stance names unknown joints, lacks some or breaks a limit.
+    """
+    if robot.description.stance:
+        return stance_at(robot, _described_joint_position(robot))
+    ratios = (robot.description.stance_height,) if robot.description.stance_height else _HEIGHT_RATIOS
+    failure: ReachError | None = None
+    for ratio in ratios:
+        try:
+            return _stance_at_ratio(robot, ratio)
+        except ReachError as error:
+            failure = failure or error
+    raise ReachError(
+        f"no stance of {robot.name!r} with the feet under the hips at {ratios[0]:.0%} of the leg length lies within "
+        f"its joint limits ({failure}); give one under [stance] in a robot description"
+    ) from failure
+
+
+def stance_at(robot: RobotModel, joint_position: FloatArray) -> Stance:
+    """The stance with given joint positions; the base is level."""
+    feet = foot_positions(robot, joint_position)
+    radii = np.array([leg.foot_radius for leg in robot.legs.values()])
+    floor = float(np.mean(feet[:, 2] - radii))
+    hips = _hip_pitch_origins(robot, joint_position)
+    return Stance(np.array(joint_position), feet, float(hips[:, 2].mean()) - floor, -floor)
+
+
+def _described_joint_position(robot: RobotModel) -> FloatArray:
+    position = robot.joint_vector(robot.description.stance, "stance")
+    for index, name in enumerate(robot.joint_names):
+        lower, upper = robot.lower_limit[index], robot.upper_limit[index]
+        if not lower <= position[index] <= upper:
+            raise SettingsError(
+                f"stance puts joint {name!r} at {position[index]:.3f} rad, outside its limits {lower:.3f} to {upper:.3f}"
+            )
+    return position
+
+
+def _stance_at_ratio(robot: RobotModel, ratio: float) -> Stance:
+    start = np.clip(np.zeros(len(robot.joint_names)), robot.lower_limit, robot.upper_limit)
+    for leg in robot.legs.values():
+        if len(leg.joints) == 3:
+            start[leg.joints[0]] = _upright_abduction(robot, leg, start)
+    hips = _hip_pitch_origins(robot, start)
+    lateral = foot_positions(robot, start)[:, 1]  # the leg's plane is upright: hip pitch and knee do not change it
+    floor = float(hips[:, 2].mean()) - ratio * robot.leg_length
+    targets = np.column_stack([hips[:, 0], lateral, np.full(4, floor)])
+    seeds = _seeds(robot, start, targets)
+    failure: ReachError | None = None
+    for seed in seeds:
+        try:
+            position = inverse_kinematics(robot, targets, seed)
+        except ReachError as error:
+            failure = failure or error
+            continue
+        margin = np.minimum(position - robot.lower_limit, robot.upper_limit - position).min()
+        if margin >= _LIMIT_MARGIN:
+            return stance_at(robot, position)
+        failure = failure or ReachError(f"a joint is {margin:.3f} rad from its limit")
+    raise failure or ReachError("no seed posture")
+
+
+def _upright_abduction(robot: RobotModel, leg: Leg, start: FloatArray) -> float:
+    """The abduction angle nearest to zero at which the hip pitch axis is level, so that the leg's plane is upright."""
+    abduction = leg.joints[0]
+    candidates = np.linspace(robot.lower_limit[abduction], robot.upper_limit[abduction], 721)
+    candidates = np.concatenate([[start[abduction]], candidates[np.argsort(np.abs(candidates), kind="stable")]])
+    tilts: list[float] = []
+    for angle in candidates:
+        position = start.copy()
+        position[abduction] = angle
+        tilt = abs(float(_hip_pitch_axis(robot, leg, position)[2]))
+        if tilt < 1e-6:
+            return float(angle)
+        tilts.append(tilt)
+    return float(candidates[int(np.argmin(tilts))])
+
+
+def _seeds(robot: RobotModel, start: FloatArray, targets: FloatArray) -> list[FloatArray]:
+    """Start postures for the inverse kinematics, the preferred bend of the knees first.
+
+    Each leg's hip pitch and knee are taken from a grid over their limits: of the points that bring the foot near its
+    target, the nearest with the knee behind the hip and the nearest with it in front.
+    """
+    span = [
+        np.linspace(max(low, -np.pi), min(high, np.pi), _GRID)
+        for low, high in zip(robot.lower_limit, robot.upper_limit, strict=True)
+    ]
+    legs = list(robot.legs.values())
+    best: dict[tuple[int, bool], tuple[float, float, float]] = {}
+    for pitch_step in range(_GRID):
+        for knee_step in range(_GRID):
+            position = start.copy()
+            for leg in legs:
+                position[leg.joints[-2]] = span[leg.joints[-2]][pitch_step]
+                position[leg.joints[-1]] = span[leg.joints[-1]][knee_step]
+            misses = np.linalg.norm(foot_positions(robot, position) - targets, axis=1)
+            data = robot.pinocchio_data
+            for index, leg in enumerate(legs):
+                hip, knee = (data.oMi[joint].translation for joint in leg.joint_ids[-2:])
+                key = (index, bool(knee[0] > hip[0]))
+                if misses[index] < best.get(key, (np.inf, 0.0, 0.0))[0]:
+                    best[key] = (float(misses[index]), position[leg.joints[-2]], position[leg.joints[-1]])
+    near = 0.3 * robot.leg_length
+
+    def seed(knee_in_front: dict[str, bool]) -> FloatArray:
+        position = start.copy()
+        for index, leg in enumerate(legs):
+            wanted = best.get((index, knee_in_front[leg.name]), (np.inf, 0.0, 0.0))
+            other = best.get((index, not knee_in_front[leg.name]), (np.inf, 0.0, 0.0))
+            _, pitch, knee = wanted if wanted[0] < near or wanted[0] <= other[0] else other
+            position[leg.joints[-2]], position[leg.joints[-1]] = pitch, knee
+        return position
+
+    front, rear = ("FL", "FR"), ("RL", "RR")
+    bends = [{**dict.fromkeys(front, a), **dict.fromkeys(rear, b)} for a, b in ((0, 1), (0, 0), (1, 1), (1, 0))]
+    return [seed({name: bool(in_front) for name, in_front in bend.items()}) for bend in bends]
+
+
+def _hip_pitch_origins(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    data = robot.pinocchio_data
+    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
+    return np.array([data.oMi[leg.joint_ids[-2]].translation for leg in robot.legs.values()])
+
+
+def _hip_pitch_axis(robot: RobotModel, leg: Leg, joint_position: FloatArray) -> FloatArray:
+    data = robot.pinocchio_data
+    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
+    joint = leg.joint_ids[-2]
+    return np.array(data.oMi[joint].rotation) @ joint_axis(robot.pinocchio, joint)

@@ -1,0 +1,48 @@
+"""Joint torques that hold a posture against gravity."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.robot.kinematics import foot_jacobians, foot_positions
+from equipoise.robot.model import RobotModel
+
+FloatArray = NDArray[np.float64]
+
+
+def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
+    """(4, 3) forces of the ground on the feet of a level robot at rest, in base axes [N].
+
+    The smallest forces on the standing feet that carry the weight and its moment. Two feet cannot carry a moment about
+    the line between them: what is left of it is what tips the robot.
+
+    Args:
+        joint_position: (nj,) [rad].
+        legs: that stand, of FL FR RL RR.
+    """
+    feet = foot_positions(robot, joint_position)
+    com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joint_position)))
+    standing = [index for index, leg in enumerate(robot.legs) if leg in legs]
+    balance = np.zeros((6, 3 * len(standing)))
+    for column, index in enumerate(standing):
+        balance[:3, 3 * column : 3 * column + 3] = np.eye(3)
+        balance[3:, 3 * column : 3 * column + 3] = pin.skew(feet[index] - com)
+    weight = -robot.mass * np.array(robot.pinocchio.gravity.linear)
+    solution, *_ = np.linalg.lstsq(balance, np.concatenate([weight, np.zeros(3)]), rcond=1e-6)
+    forces = np.zeros((4, 3))
+    forces[standing] = solution.reshape(-1, 3)
+    return forces
+
+
+def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
+    """(nj,) joint torques that hold a level robot at rest on some of its legs [Nm]."""
+    forces = foot_forces(robot, joint_position, legs)
+    configuration = robot.configuration(joint_position)
+    torques = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration)[6:])
+    joints = np.array([leg.joints for leg in robot.legs.values()])
+    torques[joints] -= np.einsum("lcj,lc->lj", foot_jacobians(robot, joint_position), forces)
+    return torques
