@@ -258,8 +258,8 @@ class Calibration:
             "settings": dict(self.settings),
             "provenance": dict(self.provenance),
             "warnings": list(self.warnings),
-            "nominal": _inertia_to_dict(self.nominal),
-            "truth": None if self.truth is None else _inertia_to_dict(self.truth),
+            "nominal": inertia_to_dict(self.nominal),
+            "truth": None if self.truth is None else inertia_to_dict(self.truth),
             "errors": self.errors(),
         }
 
@@ -292,7 +292,7 @@ class Calibration:
             raise RecordingError(f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}")
         try:
             return cls._from_dict(table)
-        except (KeyError, TypeError, ValueError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"the result {str(path)!r} is damaged: {error!r}") from error
 
     @classmethod
@@ -310,10 +310,10 @@ class Calibration:
             support_lines={name: _support_line(line) for name, line in table["support_lines"].items()},
             trials=tuple(Trial(**trial) for trial in table["trials"]),
             settings=table["settings"],
-            nominal=_inertia_from_dict(table["nominal"]),
+            nominal=inertia_from_dict(table["nominal"]),
             provenance=table["provenance"],
             warnings=tuple(table["warnings"]),
-            truth=None if truth is None else _inertia_from_dict(truth),
+            truth=None if truth is None else inertia_from_dict(truth),
         )
 
 
@@ -321,13 +321,15 @@ def _support_line(table: Mapping[str, Any]) -> SupportLine:
     return SupportLine(**{**table, "point": tuple(table["point"]), "normal": tuple(table["normal"])})
 
 
-def _inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:
+def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:
+    """JSON form of the three bodies."""
     return {
         field.name: BodyEstimate.known(getattr(inertia, field.name)).to_dict() for field in dataclasses.fields(inertia)
     }
 
 
-def _inertia_from_dict(table: Mapping[str, Any]) -> RobotInertia:
+def inertia_from_dict(table: Mapping[str, Any]) -> RobotInertia:
+    """From the JSON form."""
     bodies = {field.name: BodyEstimate.from_dict(table[field.name]) for field in dataclasses.fields(RobotInertia)}
     return RobotInertia(**{name: body.parameters() for name, body in bodies.items()})
 

@@ -23,7 +23,6 @@ Verdict = Literal["forward", "backward", "balanced"]
 
 # An accelerometer at rest reads g within this factor; 1 or 1000 instead of 9.81 is a unit, not an error.
 _GRAVITY_RANGE = (7.0, 13.0)
-_LIFTED = ("unload", "lift", "watch")
 _LAST = 0.02  # [s] at the end of a trial, over which the encoders are averaged
 
 
@@ -103,12 +102,12 @@ def tilt_of(robot: RobotModel, recording: Recording, diagonal: str, threshold: f
     gyroscope (less its mean at rest) the attitude.
 
     Args:
-        recording: with phases "rest", "unload", "lift" and "watch".
+        recording: with phases "rest", "unload" and "lower"; the robot tips in between.
         diagonal: that the robot stood on.
         threshold: smallest rotation that counts as a tilt [rad].
     """
     rest = rest_of(robot, recording)
-    lifted = Recording.concatenate([recording.phase(name) for name in _LIFTED])
+    lifted = recording.phase("unload", until="lower")
     turned = _turned(robot, lifted, rest)
     up = rest.up_in_base - np.cross(turned, rest.up_in_base)
     end = lifted.between(lifted.joints.time[-1] - _LAST, np.inf).joints.position.mean(axis=0)

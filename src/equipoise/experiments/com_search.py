@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import BracketError, ImuMountingError, ReachError, SettingsError
+from equipoise.estimation.paper import commanded_plane
 from equipoise.estimation.tilt import Verdict
 from equipoise.experiments.lift import LiftSettings, LiftTrial, PlantedRobot, grown, lift_trial
 from equipoise.recordings.recording import Recording
+from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
@@ -26,7 +28,9 @@ FloatArray = NDArray[np.float64]
 # Sizes that were tried on an A1 and scale with the hip height (lengths) or its square root (times).
 _REFERENCE_HEIGHT = 0.312
 _BOUND = 0.06
-_WIDENING = 2.0
+# A robot that tips onto its lifted feet must come to rest on them: its CoM must be this much farther inside its feet than
+# the speed that it has by then would carry it.
+_TIP_OVER_FACTOR = 1.5
 _LIFT_RATIO = 0.05
 
 
@@ -147,20 +151,40 @@ class TrialRunner:
             self.lift = grown(self.lift)
         return trials[-1].tilt.verdict
 
-    def reachable(self, x_m: float) -> bool:
-        """Whether the legs reach an offset."""
-        try:
-            inverse_kinematics(self.planted.robot, shifted_feet(self.stance, x_m), self.stance.joint_position)
-        except ReachError:
-            return False
-        return True
+    def check_reach(self, x_m: float) -> None:
+        """Raise ReachError if the legs do not reach an offset, or the robot could tip over its own four feet there.
+
+        By the model: a CoM at a distance d from the line falls through an angle a (the lift over the lifted foot's
+        distance) and gains the speed sqrt(2 g d a), with which an inverted pendulum of height h travels up to
+        sqrt(2 h d a) against gravity. There must be room for that between the CoM and the feet's front or rear edge.
+        """
+        robot, stance = self.planted.robot, self.stance
+        feet = shifted_feet(stance, x_m)
+        inverse_kinematics(robot, feet, stance.joint_position)
+        com = composite_parameters(robot, stance.joint_position).com
+        room = min(float(feet[:, 0].max() - com[0]), float(com[0] - feet[:, 0].min()))
+        height = float(com[2] - feet[:, 2].mean())
+        for diagonal in DIAGONALS:
+            plane = commanded_plane(feet, diagonal)
+            arm = max(abs(plane.distance_to(foot)) for foot in feet)
+            travel = float(np.sqrt(2 * height * abs(plane.distance_to(com)) * self.lift.height / arm))
+            if room < _TIP_OVER_FACTOR * travel:
+                raise ReachError(
+                    f"with the support lines at {x_m * 1000:.0f} mm the robot could tip over its own feet: by the model its "
+                    f"centre of mass is {room * 1000:.0f} mm inside them, and {_TIP_OVER_FACTOR * travel * 1000:.0f} mm are "
+                    "safe; ask for narrower bounds"
+                )
 
 
 def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
     """Algorithm 2, FindCOM: one support line per diagonal. Their intersection is `estimation.paper.planar_com`."""
     x_l, x_u = runner.settings.bounds(runner.stance)  # Algorithm 2, line 1
+    if not runner.settings.tolerance < (x_u - x_l) / 2:
+        raise SettingsError(
+            f"the tolerance of {runner.settings.tolerance} m leaves nothing to search between {x_l:.4f} and {x_u:.4f} m"
+        )
     for x in (x_l, x_u):
-        inverse_kinematics(runner.planted.robot, shifted_feet(runner.stance, x), runner.stance.joint_position)
+        runner.check_reach(x)
     first = find_support_vector(runner, "FL_RR", x_u, x_l)  # line 3
     second = find_support_vector(runner, "FR_RL", x_u, x_l)  # line 4
     return first, second
@@ -218,7 +242,7 @@ def _check_end(
         return end, end
     if tilt == expected:
         return x_l, x_u
-    width = _WIDENING * (first_u - first_l) / 2
+    width = (first_u - first_l) / 2
     wider = _reachable_end(runner, end, end + width if at_upper else end - width)
     if abs(wider - end) > runner.settings.tolerance:
         tilt = runner.tilt_at(diagonal, wider, min(end, wider), max(end, wider), trials)
@@ -251,11 +275,14 @@ def _refuse_bracket(
 
 
 def _reachable_end(runner: TrialRunner, near: float, far: float) -> float:
-    """The farthest offset towards `far` that the legs reach."""
+    """The farthest offset towards `far` that is safe to try."""
     for fraction in (1.0, 0.75, 0.5, 0.25):
         candidate = near + fraction * (far - near)
-        if runner.reachable(candidate):
-            return candidate
+        try:
+            runner.check_reach(candidate)
+        except ReachError:
+            continue
+        return candidate
     return near
 
 

@@ -16,6 +16,8 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 FloatArray = NDArray[np.float64]
 
+_PLANTED_ACCELERATION = 0.6  # [m/s2]; shifts an A1's load by 2 cm of the 18 between its CoM and its front feet
+_PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit length and duration
 _STEP_RATIO = 0.6  # height of a replanting step over that of a lift
 _STILL_PARTS = 5
 _UPRIGHT = float(np.cos(np.radians(25)))  # a planted robot leans less, also on a slope
@@ -32,8 +34,8 @@ class LiftSettings:
         height: of the first lift [m].
         growth: factor by which a lift grows when no tilt was seen.
         max_lifts: lifts of one trial; none of them tilting, the robot is balanced.
-        move_time, settle_time, rest_time, unload_time, lift_time, watch_time, lower_time: of the phases [s]; watch is the paper's
-            t_thres.
+        move_time, settle_time, rest_time, unload_time, lift_time, watch_time, lower_time: of the phases [s]; a longer move
+            takes longer; watch is the paper's t_thres.
         step_time: a foot's way up, and its way down, when feet are replanted [s].
         tilt_threshold: smallest rotation that counts as a tilt [rad].
         tilt_limit: rotation at which the tilt is plain and the feet come down [rad].
@@ -45,7 +47,7 @@ class LiftSettings:
     height: float
     growth: float = 1.6
     max_lifts: int = 3
-    move_time: float = 0.6
+    move_time: float = 0.4
     settle_time: float = 0.3
     rest_time: float = 0.3
     unload_time: float = 0.2
@@ -68,7 +70,7 @@ class LiftTrial:
         diagonal: that the robot stood on, "FL_RR" or "FR_RL".
         offset: of the support line from where it is at the nominal stance, along the base's x axis [m].
         lift_height: commanded [m].
-        recording: all of it, with phases move, replant, settle, rest, unload, lift, watch, lower.
+        recording: all of it, with phases replant, move, settle, rest, unload, lift, watch, lower.
         tilt: which way the robot tipped.
     """
 
@@ -80,18 +82,23 @@ class LiftTrial:
 
 
 class PlantedRobot:
-    """A robot on four feet under command: the platform, and where it was last sent.
+    """A robot on four feet under command: the platform, where it was last sent, and its feet in the nominal stance.
 
     What was recorded since the last `take` is kept, so that an interruption loses none of it.
     """
 
-    def __init__(self, platform: Platform, robot: RobotModel, target: Target) -> None:
-        self.platform, self.robot, self.target = platform, robot, target
+    def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
+        self.platform, self.robot, self.target, self.home = platform, robot, target, home
         self._recorded: list[Recording] = []
 
     def motion(self) -> Motion:
         """A new motion from where the robot was last sent."""
         return Motion(self.robot, self.platform.control_period, self.target)
+
+    def move_time(self, feet_in_base: FloatArray, start: FloatArray, least: float) -> float:
+        """How long to take for a move over planted feet, so that it does not tip the robot over [s]."""
+        distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())
+        return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / _PLANTED_ACCELERATION)))
 
     def play(self, motion: Motion, stop: TiltLimit | None = None) -> Recording:
         """Play a motion; the next one starts where this one was told to end, or where it was stopped."""
@@ -156,13 +163,17 @@ def grown(settings: LiftSettings) -> LiftSettings:
 def _move_over(
     planted: PlantedRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
 ) -> Recording:
-    """Move, settle until the joints are near their targets and still, and rest."""
+    """Replant the feet, move, settle until the joints are near their targets and still, and rest."""
     motion = planted.motion().event(
         TRIAL, kind="lift", diagonal=diagonal, offset=offset, lift_height=settings.height,
         tilt_threshold=settings.tilt_threshold,
     )  # fmt: skip
-    motion.phase("move").move_feet(feet_in_base, settings.move_time)
-    _replant(motion, diagonal, settings)
+    home = planted.home
+    motion.phase("replant").move_feet(
+        home, planted.move_time(home, motion.target.feet_in_base, settings.move_time)
+    )
+    _replant(motion, home, diagonal, settings)
+    motion.phase("move").move_feet(feet_in_base, planted.move_time(feet_in_base, home, settings.move_time))
     motion.phase("settle").hold(settings.settle_time)
     parts = [planted.play(motion)]
     for _ in range(settings.max_settling):
@@ -178,21 +189,18 @@ def _move_over(
     )
 
 
-def _replant(motion: Motion, diagonal: str, settings: LiftSettings) -> None:
-    """Step with each pair of feet once, so that feet stand where they are sent.
+def _replant(motion: Motion, home: FloatArray, diagonal: str, settings: LiftSettings) -> None:
+    """Step with each pair of feet once, in the nominal stance, so that feet stand where they are sent.
 
     A robot that has tipped onto its lifted feet drags them; friction then holds the legs away from their targets, by
-    several millimetres on an A1, and the next trial would not stand where the search means it to.
+    several millimetres on an A1, and the next trial would not stand where the search means it to. Stepping where the
+    trial is to be would tip the robot as the trial does, and with higher feet.
     """
-    planted = motion.target.feet_in_base
-    motion.phase("replant")
-    stance = [leg in DIAGONALS[diagonal] for leg in LEG_NAMES]
-    for stepping in (~np.array(stance), np.array(stance)):
-        raised = planted.copy()
-        raised[stepping, 2] += _STEP_RATIO * settings.height
-        standing = tuple(leg for leg, steps in zip(LEG_NAMES, stepping, strict=True) if not steps)
+    for standing in (DIAGONALS[diagonal], tuple(leg for leg in LEG_NAMES if leg not in DIAGONALS[diagonal])):
+        raised = home.copy()
+        raised[[leg not in standing for leg in LEG_NAMES], 2] += _STEP_RATIO * settings.height
         motion.shift_load(standing, settings.unload_time).move_feet(raised, settings.step_time)
-        motion.move_feet(planted, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
+        motion.move_feet(home, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
 
 
 def _not_at_rest(planted: PlantedRobot, recording: Recording, settings: LiftSettings) -> str | None:

@@ -38,7 +38,7 @@ def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[Pla
         )
     here = platform.read().joint_position
     feet = foot_positions(robot, here)
-    planted = PlantedRobot(platform, robot, Target.standing(robot, np.array(here)))
+    planted = PlantedRobot(platform, robot, Target.standing(robot, np.array(here)), stance.feet_in_base)
     move_to(planted, stance.feet_in_base)
     lay = np.linalg.norm(feet - stance.feet_in_base, axis=1).max() > _LYING_RATIO * robot.leg_length
     return planted, feet if lay else stance.feet_in_base

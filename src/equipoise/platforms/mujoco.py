@@ -9,7 +9,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from equipoise.errors import FallError, ReachError
+from equipoise.errors import FallError, MotionError, ReachError, SettingsError
 from equipoise.platforms.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.platforms.platform import (
     JointCommand,
@@ -58,7 +58,9 @@ class MujocoPlatform:
         self._model = simulated.model
         self._data = mujoco.MjData(self._model)
         self._rollout = rollout.Rollout(nthread=0)
-        self._substeps = max(1, round(control_period / self._model.opt.timestep))
+        self._substeps = _whole_steps(control_period, self._model.opt.timestep)
+        self._kp, self._kd = simulated.kp, simulated.kd
+        self._closed = False
         self._imu_rotation = np.zeros(9)
         mujoco.mju_quat2Mat(self._imu_rotation, self._model.site(IMU_SITE).quat)
         self._imu_rotation = self._imu_rotation.reshape(3, 3)
@@ -85,18 +87,24 @@ class MujocoPlatform:
         return RobotState(self._time(self._periods), position, velocity, torque, gyro, acceleration)
 
     def step(self, command: JointCommand) -> RobotState:
-        with _Gains(self._simulated, command):
-            velocity, torque = command.velocity, command.torque
-            self.play(
-                Trajectory(
-                    command.position[None],
-                    None if velocity is None else velocity[None],
-                    None if torque is None else torque[None],
-                )
+        velocity, torque = command.velocity, command.torque
+        self._set_gains(command.kp, command.kd)
+        self._play(
+            Trajectory(
+                command.position[None],
+                None if velocity is None else velocity[None],
+                None if torque is None else torque[None],
             )
+        )
         return self.read()
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        self._set_gains(None, None)
+        return self._play(trajectory, stop)
+
+    def _play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        if self._closed:
+            raise MotionError("the simulated robot is closed; simulate it again to move it")
         control = self._control(trajectory)
         samples: list[FloatArray] = []
         first = self._periods
@@ -116,6 +124,7 @@ class MujocoPlatform:
         return self._recording(trajectory, samples, first)
 
     def close(self) -> None:
+        self._closed = True
         self._rollout.close()
 
     def __enter__(self) -> MujocoPlatform:
@@ -165,20 +174,32 @@ class MujocoPlatform:
         """The loop closes on the encoders: what they misread, the joint is off by."""
         return position - self._simulated.errors.joint_zero
 
+    def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
+        """Gains in force until the next command; None is the platform's own."""
+        simulated, scale = self._simulated, self._simulated.errors.torque_gain
+        self._kp = simulated.kp if kp is None else kp
+        self._kd = simulated.kd if kd is None else kd
+        if not (np.min(self._kp) > 0 and np.min(self._kd) >= 0):
+            raise SettingsError("a simulated joint's kp must be positive and its kd not negative: torques act through kp")
+        self._model.actuator_gainprm[:, 0] = self._kp * scale
+        self._model.actuator_biasprm[:, 1] = -self._kp * scale
+        self._model.actuator_biasprm[:, 2] = -self._kd * scale
+
     def _control(self, trajectory: Trajectory) -> FloatArray:
         """(n substeps, nu) position targets; feed-forward folds into the target of a PD loop."""
+        joints = len(self.joint_names)
+        if trajectory.position.shape[1] != joints:
+            raise SettingsError(f"commands for {trajectory.position.shape[1]} joints; {self._robot.name!r} has {joints}")
         target = self._with_zeros(trajectory.position)
         if trajectory.velocity is not None:
-            target = target + trajectory.velocity * self._simulated.kd / self._simulated.kp
+            target = target + trajectory.velocity * self._kd / self._kp
         if trajectory.torque is not None:
-            target = target + trajectory.torque / self._simulated.kp
+            target = target + trajectory.torque / self._kp
         return np.repeat(target, self._substeps, axis=0)
 
     def _roll(self, control: FloatArray) -> FloatArray:
         """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start."""
-        late = self._late_steps
         delayed = np.concatenate([self._late_control, control])
-        self._late_control = delayed[len(delayed) - late :]
         control = delayed[: len(control)]
         data, model, simulated = self._data, self._model, self._simulated
         size = mujoco.mj_stateSize(model, _STATE)
@@ -188,7 +209,8 @@ class MujocoPlatform:
             model, data, initial[None], control[None], initial_warmstart=np.array(data.qacc_warmstart)[None]
         )
         states, sensors = states[0], sensors[0]
-        if not states[-1, 0] > initial[0] + 0.5 * len(control) * model.opt.timestep:
+        # The engine restarts at time zero when it diverges.
+        if not (np.diff(states[:, 0], prepend=initial[0]) > 0).all():
             raise FallError(
                 f"the simulation of {self._robot.name!r} became unstable at t = {initial[0]:.2f} s; "
                 "are its inertias and gains plausible?"
@@ -212,6 +234,7 @@ class MujocoPlatform:
         past = len(self._raw_past)
         history = np.concatenate([self._raw_past, raw])
         samples = self._sensed(history, past, len(control) // self._substeps)
+        self._late_control = delayed[len(control) :]
         self._raw_past = history[len(history) - min(len(history), self._past_steps) :]
         self._periods += len(control) // self._substeps
         return samples
@@ -261,25 +284,15 @@ class MujocoPlatform:
         )
 
 
-class _Gains:
-    """Gains that one command asks for, in force while it is played."""
-
-    def __init__(self, simulated: SimulatedRobot, command: JointCommand) -> None:
-        self._simulated, self._command = simulated, command
-
-    def __enter__(self) -> None:
-        self._set(self._command.kp, self._command.kd)
-
-    def __exit__(self, *exception: object) -> None:
-        self._set(self._simulated.kp, self._simulated.kd)
-
-    def _set(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
-        model, scale = self._simulated.model, self._simulated.errors.torque_gain
-        if kp is not None:
-            model.actuator_gainprm[:, 0] = kp * scale
-            model.actuator_biasprm[:, 1] = -kp * scale
-        if kd is not None:
-            model.actuator_biasprm[:, 2] = -kd * scale
+def _whole_steps(control_period: float, timestep: float) -> int:
+    """Engine steps per control period."""
+    steps = round(control_period / timestep) if timestep > 0 else 0
+    if steps < 1 or not np.isclose(steps * timestep, control_period, rtol=1e-9):
+        raise SettingsError(
+            f"the engine's time step is {timestep:g} s; it must go a whole number of times into the control period of "
+            f"{control_period:g} s"
+        )
+    return steps
 
 
 def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:

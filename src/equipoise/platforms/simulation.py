@@ -13,6 +13,8 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 try:
+    import mujoco
+
     from equipoise.platforms.mujoco import MujocoPlatform
     from equipoise.platforms.mujoco_model import build_simulated_robot
     from equipoise.platforms.truth import simulated_truth
@@ -29,10 +31,12 @@ class Simulation:
     Attributes:
         platform: what experiments may use.
         truth: what they may not: join it to a result afterwards.
+        engine: MuJoCo's version.
     """
 
     platform: MujocoPlatform
     truth: RobotInertia
+    engine: str
 
     def __enter__(self) -> Simulation:
         return self
@@ -44,7 +48,7 @@ class Simulation:
 def simulate(
     robot: RobotModel,
     noise: Noise | SensorErrors = "ideal",
-    payload: Payload | None = None,
+    payload: Payload | str | None = None,
     seed: int = 0,
     start: Literal["standing", "lying"] = "standing",
     timestep: float = 1e-3,
@@ -53,15 +57,16 @@ def simulate(
 
     Args:
         noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are.
-        payload: on the base.
+        payload: on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
         seed: of everything drawn.
         start: how the robot begins.
         timestep: of the engine [s].
     """
+    if isinstance(payload, str):
+        payload = Payload.parse(payload)
     stance = nominal_stance(robot)
     sizes = PRESETS[noise].scaled_to(robot.mass * _GRAVITY * stance.hip_height) if isinstance(noise, str) else noise
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed)
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
-    return Simulation(
-        MujocoPlatform(robot, simulated, stance, start), simulated_truth(robot, simulated, stance.joint_position)
-    )
+    truth = simulated_truth(robot, simulated, stance.joint_position)
+    return Simulation(MujocoPlatform(robot, simulated, stance, start), truth, mujoco.__version__)

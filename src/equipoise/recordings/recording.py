@@ -36,7 +36,7 @@ class JointStream:
 
     def __post_init__(self) -> None:
         count = _validated_time(self, "joint")
-        shape = (count, np.shape(self.position)[-1])
+        shape = (count, _columns(self.position))
         for name in ("position", "velocity", "torque"):
             _validate(self, "joint", name, shape, required=name == "position")
 
@@ -75,7 +75,7 @@ class CommandStream:
 
     def __post_init__(self) -> None:
         count = _validated_time(self, "command")
-        _validate(self, "command", "position", (count, np.shape(self.position)[-1]), required=True)
+        _validate(self, "command", "position", (count, _columns(self.position)), required=True)
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,8 @@ class Recording:
         columns = self.joints.position.shape[1]
         if columns != len(self.joint_names):
             raise RecordingError(f"{columns} joint columns and {len(self.joint_names)} joint names")
+        if self.commands is not None and (columns := self.commands.position.shape[1]) != len(self.joint_names):
+            raise RecordingError(f"{columns} command columns and {len(self.joint_names)} joint names")
 
     @property
     def duration(self) -> float:
@@ -130,21 +132,28 @@ class Recording:
         """Whether a phase of that name began."""
         return any(event.name == PHASE and event.data.get("name") == name for event in self.events)
 
-    def phase(self, name: str) -> Recording:
-        """The part of the recording from where the phase begins to where the next one does.
+    def phase(self, name: str, until: str | None = None) -> Recording:
+        """The part of the recording from where a phase begins to where the next one does.
+
+        Args:
+            name: the phase.
+            until: end only where this later phase begins.
 
         Raises:
             RecordingError: there is no such phase, or it holds no sample.
         """
         starts = [event for event in self.events if event.name == PHASE]
-        for index, event in enumerate(starts):
-            if event.data.get("name") == name:
-                end = starts[index + 1].time if index + 1 < len(starts) else np.inf
-                part = self.between(event.time, end)
-                if part.joints.time.size == 0 or part.imu.time.size == 0:
-                    raise RecordingError(f"phase {name!r} of the recording holds no sample")
-                return part
-        raise RecordingError(f"the recording has no phase {name!r}; it has {[e.data.get('name') for e in starts]}")
+        names = [event.data.get("name") for event in starts]
+        if name not in names or (until is not None and until not in names):
+            missing = name if name not in names else until
+            raise RecordingError(f"the recording has no phase {missing!r}; it has {names}")
+        first = names.index(name)
+        last = first + 1 if until is None else names.index(until)
+        end = starts[last].time if last < len(starts) else np.inf
+        part = self.between(starts[first].time, end)
+        if part.joints.time.size == 0 or part.imu.time.size == 0:
+            raise RecordingError(f"phase {name!r} of the recording holds no sample")
+        return part
 
     def between(self, start: float, end: float) -> Recording:
         """Samples and events with start <= time < end [s]."""
@@ -168,6 +177,12 @@ class Recording:
         """Consecutive recordings as one. A stream that one part lacks is missing in the whole."""
         if not parts:
             raise RecordingError("there is nothing to concatenate")
+        for part in parts:
+            if part.joint_names != parts[0].joint_names:
+                raise RecordingError(
+                    f"recordings of different joints cannot be one: {', '.join(parts[0].joint_names)}, and "
+                    f"{', '.join(part.joint_names)}"
+                )
         joints = [part.joints for part in parts]
         commands = [part.commands for part in parts]
         return cls(
@@ -195,11 +210,21 @@ class Recording:
 
 def _validated_time(stream: Any, kind: str) -> int:
     time = np.array(stream.time, dtype=float)
-    if time.ndim != 1 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
-        raise RecordingError(f"{kind} times must be finite and increasing")
+    if time.ndim != 1:
+        raise RecordingError(f"{kind} times have shape {time.shape}; they are one row of numbers")
+    wrong = ~np.isfinite(time)
+    wrong[1:] |= time[1:] <= time[:-1]
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        after = f" after {time[first - 1]:g} s" if first else ""
+        raise RecordingError(f"{kind} times must be finite and increasing; sample {first} is at {time[first]:g} s{after}")
     time.setflags(write=False)
     object.__setattr__(stream, "time", time)
     return time.size
+
+
+def _columns(array: FloatArray) -> int:
+    return np.shape(array)[-1] if np.ndim(array) else 0
 
 
 def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], required: bool) -> None:

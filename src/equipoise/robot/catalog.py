@@ -123,3 +123,44 @@ def _find_robot_description(name: str) -> Path:
     if path is None:
         raise ModelError(f"robot_descriptions gives no URDF or MJCF file for {name!r}")
     return Path(path)
+
+
+@dataclass(frozen=True)
+class CatalogRow:
+    """A catalogue entry as it is on this machine. None: the package that holds it is not installed.
+
+    Attributes:
+        name: as `load_robot` takes it.
+        mass: [kg].
+        legs: as in "4 x 3 joints".
+        leg_length: [m].
+        source: the package.
+        note: what to know about it.
+        install: how to get it, if it is missing.
+    """
+
+    name: str
+    mass: float | None
+    legs: str | None
+    leg_length: float | None
+    source: str
+    note: str
+    install: str | None
+
+
+def describe_catalog() -> list[CatalogRow]:
+    """Every robot known by name, with what its model file says where it is installed."""
+    rows: list[CatalogRow] = []
+    for entry in CATALOG.values():
+        try:
+            robot = RobotModel.from_file(entry.find(), entry.name)
+        except MissingDependencyError:
+            rows.append(CatalogRow(entry.name, None, None, None, entry.package, entry.note, entry.hint))
+            continue
+        joints = len(robot.legs["FL"].joints)
+        rows.append(
+            CatalogRow(
+                entry.name, robot.mass, f"4 x {joints} joints", robot.leg_length, entry.package, entry.note, None
+            )
+        )
+    return rows

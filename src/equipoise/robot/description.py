@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -77,18 +78,24 @@ class RobotDescription:
             raise SettingsError(f"robot description {str(path)!r} cannot be read: {error.strerror}") from error
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise SettingsError(f"robot description {str(path)!r} is not TOML: {error}") from error
+        try:
+            return cls.from_dict(table)
+        except SettingsError as error:
+            raise SettingsError(f"robot description {str(path)!r}: {error}") from error
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> RobotDescription:
+        """From TOML or JSON values by field name."""
         fields = {f.name for f in dataclasses.fields(cls)}
         for key in table:
             if key not in fields:
-                raise SettingsError(
-                    f"robot description {str(path)!r} has an unknown key {key!r}; known are {', '.join(sorted(fields))}"
-                )
+                raise SettingsError(f"unknown key {key!r}; known are {', '.join(sorted(fields))}")
         try:
-            return cls(**{key: _converted(key, value) for key, value in table.items()})
+            return cls(**{key: _converted(key, value) for key, value in table.items() if value is not None})
+        except SettingsError:
+            raise
         except (TypeError, ValueError, AttributeError) as error:
-            if isinstance(error, SettingsError):
-                raise
-            raise SettingsError(f"robot description {str(path)!r} holds a value of the wrong type: {error}") from error
+            raise SettingsError(f"a value has the wrong type: {error}") from error
 
     def overridden_by(self, other: RobotDescription) -> RobotDescription:
         """This description with every value that `other` sets taken from `other`."""

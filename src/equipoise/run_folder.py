@@ -1,0 +1,168 @@
+"""A run on disk: the robot's model, the settings, every recording, and the result.
+
+    run.json            robot, settings, provenance
+    model.xml           the robot model as it was read (URDF or MJCF, cleaned)
+    recordings/         one archive per motion, in order
+    truth.json          simulation only
+    calibration.json    the result
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from equipoise.calibration import CalibrationSettings, estimate
+from equipoise.errors import ModelWarning, OutputError, RecordingError, SettingsError
+from equipoise.experiments.com_search import ComSearchSettings
+from equipoise.experiments.lift import TRIAL
+from equipoise.experiments.sway import SwaySettings
+from equipoise.recordings.recording import Recording
+from equipoise.recordings.storage import load_recording, save_recording
+from equipoise.result import Calibration, inertia_from_dict, inertia_to_dict
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.inertial import RobotInertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.source import ModelSource
+
+SCHEMA = "equipoise.run/1"
+RESULT = "calibration.json"
+_HEADER, _MODEL, _TRUTH, _RECORDINGS = "run.json", "model.xml", "truth.json", "recordings"
+
+
+class RunFolder:
+    """A run on disk. Made by `create`, found again by `open`.
+
+    Attributes:
+        path: the folder.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
+        self.path = path
+        self._header = header
+        self._count = len(list((path / _RECORDINGS).glob("*.npz")))
+
+    @classmethod
+    def create(
+        cls, path: str | Path, robot: RobotModel, settings: CalibrationSettings, provenance: Mapping[str, Any]
+    ) -> RunFolder:
+        """A new run.
+
+        Raises:
+            OutputError: the folder holds something already, or cannot be written.
+        """
+        path = Path(path)
+        header = {
+            "schema": SCHEMA,
+            "robot": robot.name,
+            "model": {
+                "format": robot.source.format,
+                "path": str(robot.source.path),
+                "sha256": robot.source.sha256,
+                "repairs": list(robot.source.repairs),
+                "effort_limits": robot.source.effort_limits,
+            },
+            "description": dataclasses.asdict(robot.description),
+            "settings": dataclasses.asdict(settings),
+            "provenance": dict(provenance),
+        }
+        try:
+            if path.is_dir() and any(path.iterdir()):
+                holds = "another run" if (path / _HEADER).exists() else "other files"
+                raise OutputError(f"the output folder {str(path)!r} holds {holds}; name a new one with --out")
+            (path / _RECORDINGS).mkdir(parents=True, exist_ok=True)
+            (path / _MODEL).write_text(robot.source.xml, encoding="utf-8")
+            (path / _HEADER).write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
+        except OutputError:
+            raise
+        except OSError as error:
+            raise OutputError(f"cannot write into the output folder {str(path)!r}: {error.strerror}") from error
+        return cls(path, header)
+
+    @classmethod
+    def open(cls, path: str | Path) -> RunFolder:
+        """A run that exists; raises RecordingError if it is none."""
+        path = Path(path)
+        header = _read_json(path / _HEADER, f"{str(path)!r} is no run of equipoise")
+        if header.get("schema") != SCHEMA:
+            raise RecordingError(f"the run {str(path)!r} is {header.get('schema')!r}; this version reads {SCHEMA!r}")
+        for key in ("model", "description", "settings", "provenance"):
+            if not isinstance(header.get(key), dict):
+                raise RecordingError(f"the run {str(path)!r} is damaged: its {_HEADER} lacks {key!r}")
+        return cls(path, header)
+
+    def keep(self, recording: Recording) -> None:
+        """Write the next recording."""
+        about = next((event.data for event in recording.events if event.name == TRIAL), {})
+        words = [str(about.get(key)) for key in ("kind", "diagonal", "axis") if key in about] or ["motion"]
+        save_recording(recording, self.path / _RECORDINGS / f"{self._count:03d}-{'-'.join(words)}.npz")
+        self._count += 1
+
+    def recordings(self) -> list[Recording]:
+        """All recordings, in order."""
+        return [load_recording(path) for path in sorted((self.path / _RECORDINGS).glob("*.npz"))]
+
+    def robot(self) -> RobotModel:
+        """The robot as it was read for the run. What was repaired then is not said again."""
+        model, description = self._header["model"], self._header["description"]
+        try:
+            xml = (self.path / _MODEL).read_text(encoding="utf-8")
+            source = ModelSource(
+                Path(model["path"]), model["format"], xml, model["sha256"], tuple(model["repairs"]), model["effort_limits"]
+            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                return RobotModel(source, self._header["robot"], RobotDescription.from_dict(description))
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"the run {str(self.path)!r} is damaged: {error!r}") from error
+
+    def settings(self) -> CalibrationSettings:
+        """The settings of the run."""
+        table = dict(self._header["settings"])
+        try:
+            searching, swaying = ComSearchSettings(**table.pop("com_search")), SwaySettings(**table.pop("sway"))
+            return CalibrationSettings(**table, com_search=searching, sway=swaying)
+        except (KeyError, TypeError, SettingsError) as error:
+            raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {error!r}") from error
+
+    def save_truth(self, truth: RobotInertia) -> None:
+        """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
+        try:
+            (self.path / _TRUTH).write_text(json.dumps(inertia_to_dict(truth), indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"cannot write into {str(self.path)!r}: {error.strerror}") from error
+
+    def estimate(self, settings: CalibrationSettings | None = None) -> Calibration:
+        """Estimate again from the recordings, without a robot or a simulator."""
+        calibration = estimate(self.robot(), self.recordings(), settings or self.settings())
+        calibration = calibration.with_provenance(**self._header["provenance"])
+        if not (self.path / _TRUTH).exists():
+            return calibration
+        damaged = f"the run {str(self.path)!r} is damaged"
+        table = _read_json(self.path / _TRUTH, damaged)
+        try:
+            truth = inertia_from_dict(table)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"{damaged}: {_TRUTH} holds no truth ({error!r})") from error
+        return calibration.with_truth(truth)
+
+    def save(self, calibration: Calibration) -> Path:
+        """Write the result."""
+        calibration.save(self.path / RESULT)
+        return self.path / RESULT
+
+
+def _read_json(path: Path, otherwise: str) -> dict[str, Any]:
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RecordingError(f"{otherwise}: {str(path)!r} cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error})") from error
+    if not isinstance(table, dict):
+        raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object")
+    return table
