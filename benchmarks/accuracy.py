@@ -105,7 +105,11 @@ def a1_tables() -> tuple[list[str], list[Row]]:
 
 
 def realistic_table() -> tuple[list[str], list[Row]]:
-    rows = [run("unitree_a1", "realistic", feet, 0.001, seed) for feet in ("measured", "commanded") for seed in REALISTIC_SEEDS]
+    rows = [
+        run("unitree_a1", "realistic", feet, 0.001, seed)
+        for feet in ("measured", "commanded")
+        for seed in REALISTIC_SEEDS
+    ]
     lines = [
         "",
         "## Unitree A1, `realistic` preset",
@@ -133,7 +137,7 @@ def robots_table() -> tuple[list[str], list[Row]]:
         "",
         "Allowed: 5 mm, times the leg length over the A1's for larger robots.",
         "",
-        "| robot | error x | error y | planar | allowed | | lifts | robot time | I roll | I pitch | I yaw (against the whole) |",
+        "| robot | error x | error y | planar | allowed | | lifts | robot time | I roll | I pitch | I yaw vs whole |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     rows: list[Row] = []

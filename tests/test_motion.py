@@ -58,7 +58,10 @@ def test_a_hold_keeps_the_torques_of_the_standing_legs(a1, motion):
 
 def test_phases_are_noted_when_they_begin(motion):
     trajectory = motion.phase("one").hold(0.1).phase("two").hold(0.1).build()
-    assert [(event.time, event.data["name"]) for event in trajectory.events] == [(0, "one"), (pytest.approx(0.1), "two")]
+    assert [(event.time, event.data["name"]) for event in trajectory.events] == [
+        (0, "one"),
+        (pytest.approx(0.1), "two"),
+    ]
 
 
 def test_a_foot_out_of_reach_is_refused_with_the_leg_and_the_miss(motion):
@@ -68,5 +71,7 @@ def test_a_foot_out_of_reach_is_refused_with_the_leg_and_the_miss(motion):
 
 def test_a_motion_faster_than_a_joint_may_turn_is_refused(motion):
     motion.move_feet(motion.target.feet_in_base + [0, 0, 0.1], 0.02)
-    with pytest.raises(ReachError, match=r"would have to turn at .* rad/s; it is planned with 80% of its limit of 21.00"):
+    with pytest.raises(
+        ReachError, match=r"would have to turn at .* rad/s; it is planned with 80% of its limit of 21.00"
+    ):
         motion.build()

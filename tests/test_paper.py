@@ -18,6 +18,7 @@ from equipoise.estimation.paper import (
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.recordings.recording import PHASE, Event, ImuStream, JointStream, Recording
 from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import foot_jacobians
 from equipoise.robot.statics import foot_forces, static_torques
 
 
@@ -88,8 +89,6 @@ def made_sway(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, dura
     alpha = amplitude * 2 * np.pi * frequency * np.cos(2 * np.pi * frequency * time + 0.3)
     wanted = inertia * alpha + damping * omega
     # Vertical forces that differ between front and rear give a torque about pitch.
-    from equipoise.robot.kinematics import foot_jacobians
-
     com = composite_parameters(a1, stance.joint_position).com
     arms = stance.feet_in_base - com
     still = foot_forces(a1, stance.joint_position, ("FL", "FR", "RL", "RR"))

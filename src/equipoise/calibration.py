@@ -135,7 +135,9 @@ def _estimate(
     lines: dict[str, SupportLine] = {}
     planes: list[SupportPlane] = []
     for diagonal in DIAGONALS:
-        line, plane = _support_line([lift for lift in lifts if lift.trial.about == diagonal], diagonal, stance, settings)
+        line, plane = _support_line(
+            [lift for lift in lifts if lift.trial.about == diagonal], diagonal, stance, settings
+        )
         lines[diagonal] = line
         planes.append(plane)
     nominal = nominal_inertia(robot, stance.joint_position)

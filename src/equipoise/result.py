@@ -54,7 +54,9 @@ class BodyEstimate:
         missing = [name for name, value in (("mass", self.mass), ("inertia", self.inertia)) if value is None]
         missing += [f"com_in_base.{axis}" for axis, value in zip("xyz", self.com_in_base, strict=True) if value is None]
         if missing or self.mass is None:
-            raise NotEstimatedError(f"this calibration does not know {', '.join(missing)}; its method does not estimate it")
+            raise NotEstimatedError(
+                f"this calibration does not know {', '.join(missing)}; its method does not estimate it"
+            )
         return InertialParameters(self.mass, np.array(self.com_in_base, dtype=float), np.array(self.inertia))
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,10 +1,10 @@
 """A run on disk: the robot's model, the settings, every recording, and the result.
 
-    run.json            robot, settings, provenance
-    model.xml           the robot model as it was read (URDF or MJCF, cleaned)
-    recordings/         one archive per motion, in order
-    truth.json          simulation only
-    calibration.json    the result
+run.json            robot, settings, provenance
+model.xml           the robot model as it was read (URDF or MJCF, cleaned)
+recordings/         one archive per motion, in order
+truth.json          simulation only
+calibration.json    the result
 """
 
 from __future__ import annotations
@@ -112,7 +112,12 @@ class RunFolder:
         try:
             xml = (self.path / _MODEL).read_text(encoding="utf-8")
             source = ModelSource(
-                Path(model["path"]), model["format"], xml, model["sha256"], tuple(model["repairs"]), model["effort_limits"]
+                Path(model["path"]),
+                model["format"],
+                xml,
+                model["sha256"],
+                tuple(model["repairs"]),
+                model["effort_limits"],
             )
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)

@@ -1,0 +1,1 @@
+"""What follows from recordings. Nothing here moves anything."""

@@ -149,7 +149,9 @@ def _sine_fit(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[F
     return coefficients, float(residual @ residual)
 
 
-def fit_axis(robot: RobotModel, recording: Recording, axis: Axis, com_at_stance: FloatArray, stance: FloatArray) -> AxisFit:
+def fit_axis(
+    robot: RobotModel, recording: Recording, axis: Axis, com_at_stance: FloatArray, stance: FloatArray
+) -> AxisFit:
     """I_j and C_j of one sway (equations 2 to 5).
 
     Args:
@@ -172,7 +174,9 @@ def fit_axis(robot: RobotModel, recording: Recording, axis: Axis, com_at_stance:
     regressor = np.column_stack([sinusoid.derivative(time), sinusoid.value(time)])  # equation 5
     (inertia, damping), *_ = np.linalg.lstsq(regressor, torque, rcond=None)
     measured = np.interp(time, steady.imu.time - start, angular_velocity)
-    return AxisFit(axis, float(inertia), float(damping), sinusoid, time, measured, torque, regressor @ [inertia, damping])
+    return AxisFit(
+        axis, float(inertia), float(damping), sinusoid, time, measured, torque, regressor @ [inertia, damping]
+    )
 
 
 def torque_about_com(

@@ -1,0 +1,1 @@
+"""What we make a robot do: lift trials, the search for the CoM, the sway."""

@@ -20,7 +20,7 @@ from equipoise.experiments.lift import LiftSettings, LiftTrial, PlantedRobot, gr
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
-from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.model import DIAGONALS
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +56,9 @@ class ComSearchSettings:
     def __post_init__(self) -> None:
         lower, upper = self.lower, self.upper
         if lower is not None and upper is not None and not upper > lower:
-            raise SettingsError(f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m")
+            raise SettingsError(
+                f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m"
+            )
         for name in ("tolerance", "lift_height", "t_thres", "speed"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
@@ -68,7 +70,9 @@ class ComSearchSettings:
         lower = -default if self.lower is None else self.lower
         upper = default if self.upper is None else self.upper
         if not upper > lower:
-            raise SettingsError(f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m")
+            raise SettingsError(
+                f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m"
+            )
         return lower, upper
 
     def lift(self, stance: Stance) -> LiftSettings:

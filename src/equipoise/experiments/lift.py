@@ -169,9 +169,7 @@ def _move_over(
         tilt_threshold=settings.tilt_threshold,
     )  # fmt: skip
     home = planted.home
-    motion.phase("replant").move_feet(
-        home, planted.move_time(home, motion.target.feet_in_base, settings.move_time)
-    )
+    motion.phase("replant").move_feet(home, planted.move_time(home, motion.target.feet_in_base, settings.move_time))
     _replant(motion, home, diagonal, settings)
     motion.phase("move").move_feet(feet_in_base, planted.move_time(feet_in_base, home, settings.move_time))
     motion.phase("settle").hold(settings.settle_time)

@@ -14,8 +14,8 @@ from scipy.interpolate import CubicSpline
 from equipoise.errors import ReachError
 from equipoise.platforms.platform import Trajectory
 from equipoise.recordings.recording import PHASE, Event
-from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.description import LEG_NAMES
+from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.model import RobotModel
 from equipoise.robot.statics import static_torques
 

@@ -17,7 +17,9 @@ FloatArray = NDArray[np.float64]
 
 _SPEED_RATIO = 0.35  # leg lengths a second, for feet that carry the robot up or down
 _SHORTEST = 0.5  # [s]
-_LYING_RATIO = 0.15  # a robot whose feet are farther than this fraction of the leg length from its stance does not stand
+_LYING_RATIO = (
+    0.15  # a robot whose feet are farther than this fraction of the leg length from its stance does not stand
+)
 
 
 def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[PlantedRobot, FloatArray]:

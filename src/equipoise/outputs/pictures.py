@@ -25,6 +25,7 @@ from matplotlib.gridspec import SubplotSpec
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, ConnectionPatch, Polygon, Rectangle
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
@@ -41,9 +42,10 @@ _BLACK, _BLUE, _VERMILLION, _GREEN, _PURPLE = "#000000", "#0072B2", "#D55E00", "
 _GREY, _LIGHT_GREY = "#595959", "#D9D9D9"
 _DIAGONAL_COLOURS: Mapping[str, str] = dict(zip(DIAGONALS, (_BLUE, _VERMILLION), strict=True))
 _VERDICT_DASHES: Mapping[str, Any] = {"forward": "-", "backward": (0, (5, 2.5)), "balanced": (0, (1, 1.5))}
-_FAINTEST = 0.25  # opacity of the first trial on a diagonal; the last is solid
+_FAINTEST = 0.35  # opacity of the first trial on a diagonal; the last is solid
 
 _SMALLEST_ZOOM, _USUAL_ZOOM = 5.0, 12.0  # [mm] from the CoM to the edge; only a truth farther away widens it more
+_OVERVIEW_PROPORTION = 1.32  # height over width
 _DEFAULT_FOOT_RADIUS = 0.02  # [m] where the robot model is not at hand
 _TEXT, _SMALL = 10, 9  # font sizes
 
@@ -75,7 +77,7 @@ def _png(figure: Figure) -> bytes:
 def _new_figure(width: float, height: float) -> Figure:
     """A white figure of a size in inches, with a canvas of its own."""
     edge = (0.12 / width, 0.12 / height)
-    layout = ConstrainedLayoutEngine(rect=(*edge, 1 - 2 * edge[0], 1 - 2 * edge[1]))
+    layout = ConstrainedLayoutEngine(h_pad=0.08, rect=(*edge, 1 - 2 * edge[0], 1 - 2 * edge[1]))
     figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white", layout=layout)
     FigureCanvasAgg(figure)
     return figure
@@ -170,7 +172,7 @@ def draw_search(calibration: Calibration) -> Figure:
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.12), height_ratios=(3.2, 1.0))
     overview, zoom = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
     _draw_robot(overview, calibration, feet)
-    reach = 1150 * float(np.linalg.norm(feet[:, :2], axis=1).max())
+    reach = 1100 * float(np.linalg.norm(feet[:, :2], axis=1).max())
     _draw_lines(overview, trials, found, np.zeros(2), reach=reach, width=0.8)
     _draw_marks(overview, marks, 0.55)
     _frame_overview(overview, feet)
@@ -179,7 +181,7 @@ def draw_search(calibration: Calibration) -> Figure:
     _draw_marks(zoom, marks, 1.0)
     _draw_verdicts(zoom, trials, marks, half_width)
     _frame_zoom(zoom, centre, half_width, _zoom_title(calibration))
-    _join(figure, overview, zoom, centre, half_width)
+    _join(overview, zoom, centre, half_width)
     _draw_legend(figure, grid[1, 1], trials, marks)
     return figure
 
@@ -270,7 +272,7 @@ def _draw_robot(axes: Axes, calibration: Calibration, feet_in_base: FloatArray) 
         outward, side = (1, "right") if y > 0 else (-1, "left")
         axes.annotate(
             leg, (y + outward * radius, x), (-5 * outward, 0), textcoords="offset points",
-            ha=side, va="center", fontsize=12, fontweight="bold", color=_GREY,
+            ha=side, va="center", fontsize=12, fontweight="bold", color=_GREY, path_effects=[withStroke(linewidth=3, foreground="white")], zorder=6,
         )  # fmt: skip
 
 
@@ -328,22 +330,21 @@ def _draw_error(axes: Axes, marks: list[_Mark]) -> None:
     """From the truth, if it is known, to the estimate."""
     if len(marks) > 2:
         (x, y), (true_x, true_y) = marks[0].position, marks[1].position
-        axes.plot([true_y, y], [true_x, x], color=_GREEN, linewidth=2.0, zorder=6)
+        axes.plot([true_y, y], [true_x, x], color=_GREEN, linewidth=2.0, solid_capstyle="butt", zorder=6)
 
 
 def _frame_overview(axes: Axes, feet_in_base: FloatArray) -> None:
-    """Room for the feet and their names; more where the figure has it."""
+    """Room for the feet and their names, in the proportions of the figure's left half."""
     forward, left = np.abs(feet_in_base[:, :2]).max(axis=0) * 1000
     margin = 0.3 * max(forward, left)
-    _seen_from_above(axes, np.zeros(2), forward + margin, left + 1.25 * margin)
-    axes.set_aspect("equal", adjustable="datalim")
+    half_length = max(forward + margin, _OVERVIEW_PROPORTION * (left + 1.25 * margin))
+    _seen_from_above(axes, np.zeros(2), half_length, half_length / _OVERVIEW_PROPORTION)
     axes.set_title("Seen from above", fontsize=_TEXT + 1)
 
 
 def _frame_zoom(axes: Axes, centre: FloatArray, half_width: float, title: str) -> None:
     """A square around the CoM on millimetre paper."""
     _seen_from_above(axes, centre, half_width, half_width)
-    axes.set_aspect("equal", adjustable="box")
     step = next((step for step in (1, 2, 5, 10, 20, 50) if half_width / step <= 8), 100)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MultipleLocator(step))
@@ -361,13 +362,14 @@ def _seen_from_above(axes: Axes, centre: FloatArray, half_length: float, half_br
     x, y = centre
     axes.set_xlim(y + half_breadth, y - half_breadth)
     axes.set_ylim(x - half_length, x + half_length)
+    axes.set_aspect("equal", adjustable="box", anchor="N")
     axes.set_axisbelow(True)
     axes.set_xlabel("y, to the left [mm]", fontsize=_TEXT)
     axes.set_ylabel("x, forward [mm]", fontsize=_TEXT)
     axes.tick_params(labelsize=_SMALL)
 
 
-def _join(figure: Figure, overview: Axes, zoom: Axes, centre: FloatArray, half_width: float) -> None:
+def _join(overview: Axes, zoom: Axes, centre: FloatArray, half_width: float) -> None:
     """Frame in the overview what the zoom shows, and join the two."""
     x, y = centre
     size = 2 * half_width
@@ -378,10 +380,10 @@ def _join(figure: Figure, overview: Axes, zoom: Axes, centre: FloatArray, half_w
     for corner, end in ((x - half_width, 0.0), (x + half_width, 1.0)):
         line = ConnectionPatch(
             xyA=(y - half_width, corner), coordsA=overview.transData, xyB=(0.0, end), coordsB=zoom.transAxes,
-            color=_GREY, linewidth=0.7, linestyle=(0, (2, 2)),
+            color=_GREY, linewidth=0.7, linestyle=(0, (2, 2)), zorder=2.5, clip_on=False,
         )  # fmt: skip
         line.set_in_layout(False)
-        figure.add_artist(line)
+        overview.add_patch(line)
 
 
 def _draw_verdicts(axes: Axes, trials: list[_TrialLine], marks: list[_Mark], half_width: float) -> None:
@@ -441,7 +443,7 @@ def _draw_legend(figure: Figure, place: SubplotSpec, trials: list[_TrialLine], m
         for verdict, dashes in _VERDICT_DASHES.items()
         if verdict in verdicts
     ]
-    note = "Thin lines are trials, numbered in order, the first the faintest."
+    note = "Thin lines are trials as measured, numbered in order, the first faintest."
     if verdicts != {"balanced"}:
         note += "\nArrows show which way the robot tipped."
     legend = axes.legend(handles=handles, loc="center", fontsize=_SMALL, title=note, title_fontsize=_SMALL)
@@ -451,7 +453,7 @@ def _draw_legend(figure: Figure, place: SubplotSpec, trials: list[_TrialLine], m
 _VERDICT_WORDS: Mapping[str, str] = {
     "forward": "trial: tipped forward, the CoM is ahead",
     "backward": "trial: tipped backward, the CoM is behind",
-    "balanced": "trial: balanced, the CoM is on the line",
+    "balanced": "trial: balanced",
 }
 
 
@@ -462,7 +464,7 @@ _FITTED: Mapping[str, Any] = {"color": _BLACK, "linewidth": 1.3, "linestyle": (0
 
 
 def draw_sways(calibration: Calibration) -> Figure:
-    """Angular velocity and torque of each sway against the sinusoid and the torque that were fitted to them.
+    """Angular velocity, and torque about the CoM, of each sway against the sinusoid and the torque that were fitted to them.
 
     An axis without an estimate gets a panel that says why.
 
@@ -471,7 +473,7 @@ def draw_sways(calibration: Calibration) -> Figure:
     """
     fits = _evidence_of(calibration).fits
     heights = [1.0 if axis in fits else 0.45 for axis in AXES]
-    figure = _new_figure(11.5, 1.0 + 2.6 * sum(heights))
+    figure = _new_figure(11.5, 1.0 + 2.8 * sum(heights))
     title = f"Sways of {calibration.robot}: method {calibration.method}, feet {calibration.feet}"
     figure.suptitle(textwrap.fill(title, 95), fontsize=13)
     grid = figure.add_gridspec(len(AXES), 2, height_ratios=heights)
@@ -495,7 +497,7 @@ def _draw_fit(panels: tuple[Axes, Axes], fit: AxisFit, note: str | None) -> None
     panels[0].set_title(_with_note(title, note), loc="left", fontsize=_TEXT + 1)
     contents = (
         ("angular velocity [rad/s]", fit.angular_velocity, fit.sinusoid.value(fit.time)),
-        ("torque about the CoM [N m]", fit.torque, fit.fitted_torque),
+        ("torque [N m]", fit.torque, fit.fitted_torque),
     )
     for axes, (label, measured, fitted) in zip(panels, contents, strict=True):
         axes.plot(fit.time, measured, **_MEASURED)
@@ -519,5 +521,5 @@ def _draw_skipped(axes: Axes, axis: Axis, reason: str) -> None:
     axes.set_facecolor("#F6F6F6")
     for spine in axes.spines.values():
         spine.set_color(_LIGHT_GREY)
-    wrapped = textwrap.fill(reason, 90)
+    wrapped = textwrap.fill(reason, 80)
     axes.text(0.5, 0.5, wrapped, transform=axes.transAxes, ha="center", va="center", fontsize=_TEXT + 1, color=_GREY)

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
@@ -56,14 +57,15 @@ def print_calibration(result: Calibration, files: Sequence[Path]) -> None:
     """The closing table: parameter, estimate, truth, error."""
     console = Console()
     truth = result.truth
-    table = Table(title=f"{result.robot}: method {result.method}, {result.feet} feet", title_justify="left")
-    for column, justify in (("parameter", "left"), ("estimate", "right"), ("truth", "right"), ("error", "right")):
-        table.add_column(column, justify=justify)  # pyright: ignore[reportArgumentType]
+    title = f"{result.robot}: method {result.method}, {result.feet} feet"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("parameter", "estimate", "truth", "error"):
+        table.add_column(column, justify="left" if column == "parameter" else "right")
     for index, axis in enumerate("xy"):
         value = result.composite.com_in_base[index]
         true = None if truth is None else float(truth.composite.com[index])
         table.add_row(
-            f"CoM {axis} in base [mm]",
+            escape(f"CoM {axis} in base [mm]"),
             _number(value, 1000, ".2f"),
             _number(true, 1000, ".2f"),
             "-" if value is None or true is None else f"{(value - true) * 1000:+.2f} mm",
@@ -76,18 +78,18 @@ def print_calibration(result: Calibration, files: Sequence[Path]) -> None:
         composite = None if truth is None else float(truth.composite.inertia[index, index])
         error = errors.get(axis)
         table.add_row(
-            f"{name} vs base+hips+thighs",
+            escape(f"{name} of base, hips, thighs"),
             _number(sway.moment, 1, ".4f"),
             _number(effective, 1, ".4f"),
             "-" if error is None else f"{error['against_stance_effective']:+.1%}",
         )
         table.add_row(
-            f"{' ' * len(name)} vs whole robot",
+            f"{' ' * len(name)} of the whole robot",
             "",
             _number(composite, 1, ".4f"),
             "-" if error is None else f"{error['against_composite']:+.1%}",
         )
-        table.add_row(f"C_{'xyz'[index]} ({axis}) [Nm s/rad]", _number(sway.damping, 1, ".3f"), "", "")
+        table.add_row(escape(f"C_{'xyz'[index]} ({axis}) [Nm s/rad]"), _number(sway.damping, 1, ".3f"), "", "")
     console.print(table)
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     time = sum(trial.duration for trial in result.trials)
@@ -104,25 +106,48 @@ def print_calibration(result: Calibration, files: Sequence[Path]) -> None:
 
 def print_robots(rows: Sequence[CatalogRow]) -> None:
     """The catalogue."""
-    table = Table()
-    for column, justify in (("name", "left"), ("mass [kg]", "right"), ("legs", "left"), ("leg [m]", "right")):
-        table.add_column(column, justify=justify)  # pyright: ignore[reportArgumentType]
-    table.add_column("source")
-    table.add_column("what")
+    table = Table(box=box.SIMPLE_HEAD)
+    for column in ("name", "mass [kg]", "legs", "leg [m]", "source", "what"):
+        table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
     for row in rows:
         what = row.note if row.install is None else f"{row.note}; not installed: {row.install}"
-        table.add_row(
-            row.name, _number(row.mass, 1, ".3f"), row.legs or "-", _number(row.leg_length, 1, ".3f"), row.source,
-            escape(what),
-        )  # fmt: skip
+        mass, leg = _number(row.mass, 1, ".3f"), _number(row.leg_length, 1, ".3f")
+        table.add_row(row.name, mass, row.legs or "-", leg, row.source, escape(what))
     console = Console()
     console.print(table)
-    console.print("Any URDF or MJCF file works too, by its path; and robot_descriptions:NAME where that package is.")
+    console.print("Any URDF or MJCF file works too, by its path; so does robot_descriptions:NAME with that package.")
 
 
 def print_audit(result: Audit) -> None:
-    """The audit."""
-    raise NotImplementedError
+    """What the model file says, and what speaks against it."""
+    console = Console()
+    table = Table(title=f"{result.robot}: {result.mass:.3f} kg", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("body", "mass [kg]", "CoM in link [mm]", "principal moments [kg m2]", "gyration [mm]"):
+        table.add_column(escape(column), justify="left" if column == "body" else "right")
+    for body in result.bodies:
+        table.add_row(
+            escape(body.name),
+            f"{body.mass:.3f}",
+            " ".join(f"{value * 1000:.1f}" for value in body.com_in_link),
+            " ".join(f"{value:.3g}" for value in body.principal_moments),
+            f"{body.radius_of_gyration * 1000:.0f}",
+        )
+    console.print(table)
+    if result.composite is not None and result.stance is not None:
+        x, y, z = result.composite.com * 1000
+        console.print(
+            f"Whole robot at the stance (hips {result.stance.hip_height:.3f} m high): "
+            f"CoM {x:.1f} {y:.1f} {z:.1f} mm in base, "
+            f"Ixx Iyy Izz {' '.join(f'{value:.4g}' for value in result.composite.inertia.diagonal())} kg m2."
+        )
+    if result.ratio_sentence is not None:
+        console.print(escape(f"A single-rigid-body controller wants the composite: {result.ratio_sentence}."))
+    colours = {"error": "red", "warning": "yellow", "note": "cyan"}
+    for finding in result.findings:
+        about = f"{finding.body}: " if finding.body else ""
+        console.print(f"[{colours[finding.severity]}]{finding.severity}:[/] {escape(about + finding.text)}")
+    if not any(finding.severity != "note" for finding in result.findings):
+        console.print("Nothing speaks against these inertias.")
 
 
 def _number(value: float | None, factor: float, form: str) -> str:

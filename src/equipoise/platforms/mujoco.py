@@ -180,7 +180,7 @@ class MujocoPlatform:
         self._kp = simulated.kp if kp is None else kp
         self._kd = simulated.kd if kd is None else kd
         if not (np.min(self._kp) > 0 and np.min(self._kd) >= 0):
-            raise SettingsError("a simulated joint's kp must be positive and its kd not negative: torques act through kp")
+            raise SettingsError("simulated joints need a positive kp (torques act through it) and a kd of zero or more")
         self._model.actuator_gainprm[:, 0] = self._kp * scale
         self._model.actuator_biasprm[:, 1] = -self._kp * scale
         self._model.actuator_biasprm[:, 2] = -self._kd * scale
@@ -189,7 +189,9 @@ class MujocoPlatform:
         """(n substeps, nu) position targets; feed-forward folds into the target of a PD loop."""
         joints = len(self.joint_names)
         if trajectory.position.shape[1] != joints:
-            raise SettingsError(f"commands for {trajectory.position.shape[1]} joints; {self._robot.name!r} has {joints}")
+            raise SettingsError(
+                f"commands for {trajectory.position.shape[1]} joints; {self._robot.name!r} has {joints}"
+            )
         target = self._with_zeros(trajectory.position)
         if trajectory.velocity is not None:
             target = target + trajectory.velocity * self._kd / self._kp

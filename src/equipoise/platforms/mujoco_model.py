@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
 import mujoco
@@ -56,7 +57,7 @@ def build_simulated_robot(
 ) -> SimulatedRobot:
     """Build the MuJoCo model of a robot, from the file that the robot model came from.
 
-    Actuators, sensors, keyframes, friction losses and damping of the file are replaced. Only the feet (spheres) and
+    Actuators, sensors, keyframes, options, friction losses and damping of the file are replaced. Only the feet (spheres) and
     the belly (a box, for lying) touch the floor.
 
     Args:
@@ -92,12 +93,17 @@ def build_simulated_robot(
 
 
 def _read(source: ModelSource) -> mujoco.MjSpec:
-    spec = mujoco.MjSpec.from_string(source.xml)
-    spec.compiler.fusestatic = True
+    """The file without what is ours to choose: options of the engine, and shapes that touch."""
+    root = ET.fromstring(source.xml)
+    for parent in (root, *root.findall("mujoco")):
+        for option in parent.findall("option"):
+            parent.remove(option)
     # A link without an inertial is massless, whatever shapes it has (URDF); in MJCF its shapes give it mass.
-    if source.format == "urdf":
-        for geom in list(spec.geoms):
-            _delete(spec, geom)
+    for link in root.findall("link"):
+        for collision in link.findall("collision"):
+            link.remove(collision)
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    spec.compiler.fusestatic = True
     return spec
 
 
@@ -119,7 +125,7 @@ def _floating_base(spec: mujoco.MjSpec, robot: RobotModel) -> mujoco.MjsBody:
 
 
 def _strip(spec: mujoco.MjSpec) -> None:
-    """Take out what the file says of losses and contacts."""
+    """Take out what the file says of losses, contacts and gravity compensation."""
     for joint in spec.joints:
         for name in ("damping", "stiffness"):  # scalars up to MuJoCo 3, polynomials' coefficients from 4 on
             setattr(joint, name, np.zeros_like(getattr(joint, name)) if np.ndim(getattr(joint, name)) else 0.0)
@@ -128,8 +134,8 @@ def _strip(spec: mujoco.MjSpec) -> None:
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
-    spec.option.disableflags = 0
-    spec.option.enableflags = 0
+    for body in spec.bodies:
+        body.gravcomp = 0.0
 
 
 def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:

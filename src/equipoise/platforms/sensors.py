@@ -74,6 +74,11 @@ class SensorErrors:
             value = getattr(self, field.name)
             if not (np.isfinite(value) and (value >= 0 or field.name == "imu_clock_offset")):
                 raise SettingsError(f"{field.name} is {value}; it must be a finite number, zero or more")
+        if self.imu_clock_offset > self.sensor_delay:
+            raise SettingsError(
+                f"imu_clock_offset is {self.imu_clock_offset} s and sensor_delay {self.sensor_delay} s: IMU samples would be "
+                "younger than the moment at which they are read"
+            )
 
     def scaled_to(self, torque_scale: float) -> SensorErrors:
         """The same errors on a robot of another size.
@@ -144,6 +149,8 @@ class DrawnErrors:
     @classmethod
     def draw(cls, sizes: SensorErrors, joints: int, seed: int) -> DrawnErrors:
         """Draw the constant errors of a robot with that many joints."""
+        if seed < 0:
+            raise SettingsError(f"the seed is {seed}; it must be zero or more")
         generator = np.random.default_rng([seed, 0])
 
         def normal(size: float, count: int) -> FloatArray:

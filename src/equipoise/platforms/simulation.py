@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from equipoise.errors import MissingDependencyError
+from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.platforms.payload import Payload
 from equipoise.platforms.sensors import PRESETS, DrawnErrors, Noise, SensorErrors
 from equipoise.robot.inertial import RobotInertia
@@ -62,6 +62,10 @@ def simulate(
         start: how the robot begins.
         timestep: of the engine [s].
     """
+    if isinstance(noise, str) and noise not in PRESETS:
+        raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
+    if start not in ("standing", "lying"):
+        raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
     if isinstance(payload, str):
         payload = Payload.parse(payload)
     stance = nominal_stance(robot)

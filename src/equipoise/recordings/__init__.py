@@ -1,0 +1,1 @@
+"""What the robot felt: validated streams, and their storage."""

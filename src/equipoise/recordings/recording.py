@@ -217,7 +217,9 @@ def _validated_time(stream: Any, kind: str) -> int:
     if wrong.any():
         first = int(np.argmax(wrong))
         after = f" after {time[first - 1]:g} s" if first else ""
-        raise RecordingError(f"{kind} times must be finite and increasing; sample {first} is at {time[first]:g} s{after}")
+        raise RecordingError(
+            f"{kind} times must be finite and increasing; sample {first} is at {time[first]:g} s{after}"
+        )
     time.setflags(write=False)
     object.__setattr__(stream, "time", time)
     return time.size

@@ -32,7 +32,7 @@ class CatalogEntry:
         return {
             "equipoise": "built in",
             "example-robot-data": "pip install 'equipoise[robots]'",
-            "pybullet": "pip install pybullet (Python 3.11 has a wheel)",
+            "pybullet": "pip install pybullet",
         }[self.package]
 
     def find(self) -> Path:
@@ -55,17 +55,17 @@ _ERD, _PYBULLET = "example-robot-data", "pybullet"
 CATALOG: dict[str, CatalogEntry] = {
     entry.name: entry
     for entry in (
-        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", "Unitree A1 of the paper, 12.458 kg"),
-        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", "Unitree A1, newer description with a 6 kg trunk"),
+        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", "Unitree A1 of the paper"),
+        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", "Unitree A1, newer"),
         CatalogEntry("go1", _ERD, "go1_description/urdf/go1.urdf", "Unitree Go1"),
         CatalogEntry("go2", _ERD, "go2_description/urdf/go2.urdf", "Unitree Go2"),
         CatalogEntry("b1", _ERD, "b1_description/urdf/b1.urdf", "Unitree B1"),
         CatalogEntry("laikago", _ERD, "laikago_description/urdf/laikago.urdf", "Unitree Laikago"),
-        CatalogEntry("anymal_b", _ERD, "anymal_b_simple_description/robots/anymal.urdf", "ANYbotics ANYmal B"),
-        CatalogEntry("anymal_c", _ERD, "anymal_c_simple_description/urdf/anymal.urdf", "ANYbotics ANYmal C"),
+        CatalogEntry("anymal_b", _ERD, "anymal_b_simple_description/robots/anymal.urdf", "ANYmal B"),
+        CatalogEntry("anymal_c", _ERD, "anymal_c_simple_description/urdf/anymal.urdf", "ANYmal C"),
         CatalogEntry("hyq", _ERD, "hyq_description/robots/hyq_no_sensors.urdf", "IIT HyQ"),
-        CatalogEntry("solo8", _ERD, "solo_description/robots/solo.urdf", "ODRI Solo, two joints a leg"),
-        CatalogEntry("solo12", _ERD, "solo_description/robots/solo12.urdf", "ODRI Solo, three joints a leg"),
+        CatalogEntry("solo8", _ERD, "solo_description/robots/solo.urdf", "ODRI Solo 8"),
+        CatalogEntry("solo12", _ERD, "solo_description/robots/solo12.urdf", "ODRI Solo 12"),
         CatalogEntry("aliengo", _PYBULLET, "aliengo/aliengo.urdf", "Unitree Aliengo"),
         CatalogEntry("mini_cheetah", _PYBULLET, "mini_cheetah/mini_cheetah.urdf", "MIT Mini Cheetah"),
     )
@@ -132,7 +132,7 @@ class CatalogRow:
     Attributes:
         name: as `load_robot` takes it.
         mass: [kg].
-        legs: as in "4 x 3 joints".
+        legs: and their joints, as in "4 x 3".
         leg_length: [m].
         source: the package.
         note: what to know about it.
@@ -160,7 +160,7 @@ def describe_catalog() -> list[CatalogRow]:
         joints = len(robot.legs["FL"].joints)
         rows.append(
             CatalogRow(
-                entry.name, robot.mass, f"4 x {joints} joints", robot.leg_length, entry.package, entry.note, None
+                entry.name, robot.mass, f"4 x {joints}", robot.leg_length, entry.package, entry.note, None
             )
         )
     return rows

@@ -80,7 +80,9 @@ class RobotModel:
         imu_in_base: pose of the IMU in the base frame.
     """
 
-    def __init__(self, source: ModelSource, name: str | None = None, description: RobotDescription | None = None) -> None:
+    def __init__(
+        self, source: ModelSource, name: str | None = None, description: RobotDescription | None = None
+    ) -> None:
         self.source = source
         self.description = description or RobotDescription()
         self.name = name or source.path.stem
@@ -168,7 +170,9 @@ class RobotModel:
                 stacklevel=4,
             )
             legs = {
-                name: Leg(name, leg.joint_names, leg.joint_ids, leg.joints, leg.foot_frame_id, leg.foot_radius or radius)
+                name: Leg(
+                    name, leg.joint_names, leg.joint_ids, leg.joints, leg.foot_frame_id, leg.foot_radius or radius
+                )
                 for name, leg in legs.items()
             }
         return legs
@@ -358,7 +362,9 @@ def _name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]
     pin.forwardKinematics(model, data, pin.neutral(model))
     hips = np.array([np.array(data.oMi[chain[-2]].translation) for chain in chains])
     side = hips - hips.mean(axis=0)
-    named = {("F" if x > 0 else "R") + ("L" if y > 0 else "R"): chain for (x, y, _), chain in zip(side, chains, strict=True)}
+    named = {
+        ("F" if x > 0 else "R") + ("L" if y > 0 else "R"): chain for (x, y, _), chain in zip(side, chains, strict=True)
+    }
     if len(named) != 4:
         positions = "; ".join(f"({x:.3f}, {y:.3f}, {z:.3f})" for x, y, z in hips)
         raise ModelError(

@@ -1,0 +1,155 @@
+"""The bodies of a robot that move as one, and the links of the file that they are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.source import NEGLIGIBLE_MASS_FRACTION
+
+FloatArray = NDArray[np.float64]
+
+# A hip's two joints can be 14 mm apart (Solo) and its motors are far larger: no leg link counts as smaller than this
+# fraction of the leg length.
+_SMALLEST_EXTENT_RATIO = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body that moves as one: the base, or a leg link, with what is fixed to it.
+
+    Attributes:
+        name: of its link.
+        mass: [kg].
+        com_in_link: (3,) in the link's own frame, which for the base is the base frame [m].
+        principal_moments: (3,) about the CoM, ascending [kg m2].
+        extent: how long it is about: from its joint to the next one or the foot, or from hip to opposite hip [m].
+    """
+
+    name: str
+    mass: float
+    com_in_link: FloatArray
+    principal_moments: FloatArray
+    extent: float
+
+    def __post_init__(self) -> None:
+        self.com_in_link.setflags(write=False)
+        self.principal_moments.setflags(write=False)
+
+    @property
+    def radius_of_gyration(self) -> float:
+        """Root mean square distance of its mass from its CoM, sqrt(tr(I) / 2m) [m]; 0 without mass."""
+        return radius_of_gyration_of(self.mass, self.principal_moments)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "name": self.name,
+            "mass": self.mass,
+            "com_in_link": self.com_in_link.tolist(),
+            "principal_moments": self.principal_moments.tolist(),
+            "radius_of_gyration": self.radius_of_gyration,
+            "extent": self.extent,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A link of the file that has mass, and the body that it moves with."""
+
+    name: str
+    body: Body
+    parameters: InertialParameters
+
+    @property
+    def mass_share(self) -> float:
+        """Of its body's."""
+        return self.parameters.mass / self.body.mass if self.body.mass > 0 else 1.0
+
+    @property
+    def inertia_share(self) -> float:
+        """Its own moments, about its own CoM, of its body's."""
+        total = float(self.body.principal_moments.sum())
+        return float(np.trace(self.parameters.inertia)) / total if total > 0 else 1.0
+
+
+def bodies_of(robot: RobotModel) -> dict[int, Body]:
+    """The base and the leg links, by Pinocchio joint."""
+    return {joint: _body(robot, joint) for joint in range(1, robot.pinocchio.njoints)}
+
+
+def _body(robot: RobotModel, joint: int) -> Body:
+    inertia = robot.pinocchio.inertias[joint]
+    com = np.array(inertia.lever)
+    if joint == 1:
+        name, extent = robot.base_link, _hip_diagonal(robot)
+    else:
+        name = _link_names(robot.full_pinocchio)[robot.full_pinocchio.getJointId(robot.pinocchio.names[joint])]
+        # Mass is balanced about the CoM, so a body reaches about as far past it as its joint is before it.
+        reach = 2 * float(np.linalg.norm(com))
+        extent = max(_distance_to_next(robot, joint), reach, _SMALLEST_EXTENT_RATIO * robot.leg_length)
+    return Body(name, float(inertia.mass), com, np.linalg.eigvalsh(np.array(inertia.inertia)), extent)
+
+
+def _hip_diagonal(robot: RobotModel) -> float:
+    """From a leg's first joint to the diagonally opposite one, on average [m]."""
+    hips = hip_positions(robot)
+    return 2 * float(np.linalg.norm(hips - hips.mean(axis=0), axis=1).mean())
+
+
+def hip_positions(robot: RobotModel) -> FloatArray:
+    """(4, 3) first joints of the legs FL FR RL RR in the base frame [m]."""
+    return np.array([robot.pinocchio.jointPlacements[leg.joint_ids[0]].translation for leg in robot.legs.values()])
+
+
+def _distance_to_next(robot: RobotModel, joint: int) -> float:
+    """From a leg joint to the next one, or to the foot [m]."""
+    leg = next(leg for leg in robot.legs.values() if joint in leg.joint_ids)
+    place = leg.joint_ids.index(joint) + 1
+    if place < len(leg.joint_ids):
+        return float(np.linalg.norm(robot.pinocchio.jointPlacements[leg.joint_ids[place]].translation))
+    return float(np.linalg.norm(robot.pinocchio.frames[leg.foot_frame_id].placement.translation))
+
+
+def _link_names(model: pin.Model) -> dict[int, str]:
+    """Name of the link that each joint moves, without those fixed to it."""
+    return {
+        int(frame.parentJoint): str(frame.name)
+        for frame in model.frames
+        if frame.type == pin.FrameType.BODY and model.frames[frame.parentFrame].type == pin.FrameType.JOINT
+    }
+
+
+def links_of(robot: RobotModel, bodies: dict[int, Body]) -> Iterator[Link]:
+    """Every link that has mass, as the file gives it. Pinocchio keeps fixed links' inertias on their joints' frames.
+
+    The model before joints were held is asked, for a held arm's links are links too; they belong to the base.
+    """
+    model = robot.full_pinocchio
+    body_of = {robot.pinocchio.names[joint]: body for joint, body in bodies.items()}
+    fixed_names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
+    own_names = _link_names(model)
+    for joint in range(1, model.njoints):
+        body = body_of.get(model.names[joint], bodies[1])
+        own = pin.Inertia(model.inertias[joint])
+        for index, frame in enumerate(model.frames):
+            if frame.parentJoint == joint and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
+                own -= frame.placement.act(frame.inertia)
+                name = fixed_names.get(index, str(frame.name))
+                yield Link(name, body, InertialParameters.from_pinocchio(frame.inertia))
+        if own.mass > NEGLIGIBLE_MASS_FRACTION * robot.mass:
+            name = own_names.get(joint, str(model.names[joint]))
+            yield Link(name, body, InertialParameters.from_pinocchio(own))
+
+
+def radius_of_gyration_of(mass: float, moments: FloatArray) -> float:
+    """sqrt(tr(I) / 2m) [m], from principal moments; 0 without mass."""
+    return math.sqrt(max(float(moments.sum()), 0.0) / (2 * mass)) if mass > 0 else 0.0

@@ -1,0 +1,155 @@
+"""Every platform, put through the contract."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from platform_contract import PlatformContract, wave
+
+from equipoise import simulate
+from equipoise.errors import MotionError, SettingsError
+from equipoise.platforms.platform import JointCommand, TiltLimit, Trajectory, play_by_stepping
+
+# Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
+# playing, and in the next one when stepping; this is what one command of a smooth motion changes.
+WITHOUT_DELAY = {"position": 1e-12, "velocity": 0.02, "torque": 1.0, "angular_velocity": 5e-3, "acceleration": 3.0}
+TO_ROUNDING = dict.fromkeys(PlatformContract.tolerances, 1e-10)
+
+
+class SimulationContract(PlatformContract):
+    interrupted_method = "_roll"
+    periods_between_stop_tests = 20
+    noise = "ideal"
+
+    @pytest.fixture(autouse=True)
+    def _robot(self, a1):
+        self.robot = a1
+
+    def make(self):
+        return simulate(self.robot, self.noise, seed=3).platform
+
+
+class TestIdealSimulation(SimulationContract):
+    tolerances = WITHOUT_DELAY
+
+
+class TestRealisticSimulation(SimulationContract):
+    noise = "realistic"
+    tolerances = TO_ROUNDING
+
+
+class SteppedRobot:
+    """A robot as hardware is: it has only `step`, and does not report torques."""
+
+    def __init__(self, simulated):
+        self._simulated = simulated
+        self.control_period = simulated.control_period
+        self.joint_names = simulated.joint_names
+
+    def read(self):
+        return dataclasses.replace(self._simulated.read(), joint_torque=None)
+
+    def step(self, command):
+        return dataclasses.replace(self._simulated.step(command), joint_torque=None)
+
+    def play(self, trajectory, stop=None):
+        return play_by_stepping(self, trajectory, stop)
+
+    def close(self):
+        self._simulated.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+
+class TestSteppedRobot(PlatformContract):
+    tolerances = TO_ROUNDING
+
+    @pytest.fixture(autouse=True)
+    def _robot(self, a1):
+        self.robot = a1
+
+    def make(self):
+        return SteppedRobot(simulate(self.robot, "realistic", seed=3).platform)
+
+
+@pytest.fixture
+def platform(a1):
+    with simulate(a1) as simulation:
+        yield simulation.platform
+
+
+def test_the_simulated_robot_shows_no_more_than_a_platform_does(platform):
+    public = {name for name in dir(platform) if not name.startswith("_")}
+    assert public == {"control_period", "joint_names", "read", "step", "play", "close"}
+
+
+def test_a_closed_simulation_says_so(platform):
+    motion = wave(platform, 5)
+    platform.close()
+    with pytest.raises(MotionError, match="the simulated robot is closed"):
+        platform.play(motion)
+
+
+@pytest.mark.parametrize("gains", [{"kp": 0.0}, {"kp": -1.0}, {"kd": -1.0}, {"kp": np.nan}])
+def test_gains_that_no_simulated_joint_can_have_are_refused(platform, gains):
+    here = platform.read().joint_position
+    command = JointCommand(here, **{name: np.full_like(here, value) for name, value in gains.items()})
+    with pytest.raises(SettingsError, match="simulated joints need a positive kp"):
+        platform.step(command)
+
+
+def test_gains_of_a_step_do_not_outlast_it(a1):
+    stances = []
+    for steps in (0, 5):
+        with simulate(a1) as simulation:
+            here = simulation.platform.read().joint_position
+            for _ in range(steps):
+                simulation.platform.step(JointCommand(here, kp=np.full_like(here, 20.0)))
+            simulation.platform.play(Trajectory(np.repeat(here[None], 500, axis=0)))
+            stances.append(simulation.platform.read().joint_position)
+    assert np.allclose(stances[0], stances[1], atol=1e-3)
+
+
+def test_feed_forward_torque_folds_into_the_target_with_the_gains_in_force(a1):
+    torques = []
+    for kp in (None, 40.0):
+        with simulate(a1) as simulation:
+            before = simulation.platform.read()
+            forward = np.full(12, 1.0)
+            # Where the joints stand, so that position and damping ask for nothing.
+            command = JointCommand(before.joint_position, torque=forward, kp=None if kp is None else np.full(12, kp))
+            torques.append(simulation.platform.step(command).joint_torque)
+    assert np.allclose(torques[0], torques[1], atol=0.35)
+    assert np.allclose(np.mean(torques), 1.0, atol=0.15)
+
+
+def test_ctrl_c_during_a_motion_without_a_stop_rule_waits_for_a_second_at_most(platform):
+    rolled = []
+    original = platform._roll
+    platform._roll = lambda control: rolled.append(len(control)) or original(control)
+    platform.play(wave(platform, 1200))
+    assert max(rolled) * 1e-3 <= 1.0
+
+
+@pytest.mark.parametrize(("turned", "reached"), [([0.0, 0.09, 0.0], False), ([0.5, 0.1, 0.5], True), ([0, -0.1, 0], True)])
+def test_a_tilt_limit_counts_both_ways_about_its_own_axis_only(turned, reached):
+    assert TiltLimit(0.1, (0.0, 1.0, 0.0)).reached(np.array([turned])) is reached
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"position": np.zeros(12)}, r"a trajectory needs \(n, nj\) finite positions, got shape \(12,\)"),
+        ({"position": np.zeros((0, 12))}, r"a trajectory needs \(n, nj\) finite positions, got shape \(0, 12\)"),
+        ({"position": np.full((2, 12), np.nan)}, r"a trajectory needs \(n, nj\) finite positions"),
+        ({"position": np.zeros((2, 12)), "velocity": np.zeros((3, 12))}, "trajectory velocity must be finite and of shape"),
+        ({"position": np.zeros((2, 12)), "torque": np.full((2, 12), np.inf)}, "trajectory torque must be finite"),
+    ],
+)
+def test_a_trajectory_refuses_what_no_robot_can_follow(arrays, message):
+    with pytest.raises(SettingsError, match=message):
+        Trajectory(**arrays)
