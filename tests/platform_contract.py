@@ -10,6 +10,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
 
 from equipoise.errors import SettingsError
 from equipoise.platforms.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory, play_by_stepping
@@ -70,15 +71,18 @@ class PlatformContract:
             assert vector is None or vector.shape == (len(names),)
         assert state.angular_velocity.shape == state.acceleration.shape == (3,)
 
-    def test_one_joint_commanded_is_the_one_that_moves(self, platform):
-        before = platform.read().joint_position
-        for joint in range(len(platform.joint_names)):
-            target = before.copy()
-            target[joint] += 0.05
-            platform.play(Trajectory(np.repeat(target[None], 60, axis=0)))
-            moved = platform.read().joint_position - before
-            assert np.argmax(moved) == joint
-            platform.play(Trajectory(np.repeat(before[None], 100, axis=0)))
+    def test_commands_reach_the_joints_in_the_order_of_their_names(self, platform):
+        target = platform.read().joint_position
+        moved = np.zeros((len(target), len(target)))
+        for joint in range(len(target)):
+            platform.play(Trajectory(np.repeat(target[None], 100, axis=0)))
+            before = platform.read().joint_position
+            kick = target.copy()
+            kick[joint] += 0.1
+            platform.play(Trajectory(np.repeat(kick[None], 10, axis=0)))
+            moved[joint] = np.abs(platform.read().joint_position - before)
+        # On planted feet the other joints of the leg give way a little: each kick has its own joint as a whole.
+        assert np.array_equal(linear_sum_assignment(moved, maximize=True)[1], np.arange(len(target)))
 
     def test_a_step_takes_one_control_period(self, platform):
         before = platform.read()
@@ -123,12 +127,16 @@ class PlatformContract:
         state = platform.read()
         recording = platform.play(wave(platform, 5))
         assert recording.joints.time[0] == pytest.approx(state.time, abs=1e-9)
-        assert np.allclose(recording.joints.position[0], state.joint_position, atol=max(self.tolerances["position"], 1e-12))
+        assert np.allclose(
+            recording.joints.position[0], state.joint_position, atol=max(self.tolerances["position"], 1e-12)
+        )
 
     @pytest.mark.parametrize("feed_forward", [False, True])
     def test_playing_is_stepping(self, another, feed_forward):
         played, stepped = another(), another()
         motion = wave(played, 150, feed_forward)
+        for platform in (played, stepped):
+            platform.play(Trajectory(np.repeat(motion.position[:1], 50, axis=0)))  # so that it begins without a jump
         assert_alike(played.play(motion), play_by_stepping(stepped, motion), self.tolerances)
         assert np.allclose(
             played.read().joint_position, stepped.read().joint_position, atol=max(self.tolerances["position"], 1e-12)
@@ -184,7 +192,7 @@ class PlatformContract:
         here = platform.read().joint_position
         ones = np.ones_like(here)
         command = JointCommand(here, velocity=0.1 * ones, torque=0.1 * ones, kp=20 * ones, kd=1 * ones)
-        for _ in range(150):
+        for _ in range(70):
             state, own = platform.step(command), plain.step(JointCommand(here))
             without = soft.step(JointCommand(here, kp=command.kp, kd=command.kd))
         assert np.abs(without.joint_position - own.joint_position).max() > 0.01  # soft joints sag
@@ -253,7 +261,10 @@ def _smooth(platform, here, count, amplitude, feed_forward=False):
 
 def assert_alike(a, b, tolerances):
     assert np.allclose(a.joints.time, b.joints.time, rtol=0, atol=1e-9)
-    for stream, names in (("joints", ("position", "velocity", "torque")), ("imu", ("angular_velocity", "acceleration"))):
+    for stream, names in (
+        ("joints", ("position", "velocity", "torque")),
+        ("imu", ("angular_velocity", "acceleration")),
+    ):
         for name in names:
             one, other = getattr(getattr(a, stream), name), getattr(getattr(b, stream), name)
             assert (one is None) == (other is None)

@@ -12,7 +12,7 @@ from equipoise.platforms.platform import JointCommand, TiltLimit, Trajectory, pl
 
 # Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
 # playing, and in the next one when stepping; this is what one command of a smooth motion changes.
-WITHOUT_DELAY = {"position": 1e-12, "velocity": 0.02, "torque": 1.0, "angular_velocity": 5e-3, "acceleration": 3.0}
+WITHOUT_DELAY = {"position": 1e-12, "velocity": 0.01, "torque": 0.2, "angular_velocity": 0.01, "acceleration": 0.5}
 TO_ROUNDING = dict.fromkeys(PlatformContract.tolerances, 1e-10)
 
 
@@ -135,7 +135,9 @@ def test_ctrl_c_during_a_motion_without_a_stop_rule_waits_for_a_second_at_most(p
     assert max(rolled) * 1e-3 <= 1.0
 
 
-@pytest.mark.parametrize(("turned", "reached"), [([0.0, 0.09, 0.0], False), ([0.5, 0.1, 0.5], True), ([0, -0.1, 0], True)])
+@pytest.mark.parametrize(
+    ("turned", "reached"), [([0.0, 0.09, 0.0], False), ([0.5, 0.1, 0.5], True), ([0, -0.1, 0], True)]
+)
 def test_a_tilt_limit_counts_both_ways_about_its_own_axis_only(turned, reached):
     assert TiltLimit(0.1, (0.0, 1.0, 0.0)).reached(np.array([turned])) is reached
 
@@ -146,7 +148,10 @@ def test_a_tilt_limit_counts_both_ways_about_its_own_axis_only(turned, reached):
         ({"position": np.zeros(12)}, r"a trajectory needs \(n, nj\) finite positions, got shape \(12,\)"),
         ({"position": np.zeros((0, 12))}, r"a trajectory needs \(n, nj\) finite positions, got shape \(0, 12\)"),
         ({"position": np.full((2, 12), np.nan)}, r"a trajectory needs \(n, nj\) finite positions"),
-        ({"position": np.zeros((2, 12)), "velocity": np.zeros((3, 12))}, "trajectory velocity must be finite and of shape"),
+        (
+            {"position": np.zeros((2, 12)), "velocity": np.zeros((3, 12))},
+            "trajectory velocity must be finite and of shape",
+        ),
         ({"position": np.zeros((2, 12)), "torque": np.full((2, 12), np.inf)}, "trajectory torque must be finite"),
     ],
 )

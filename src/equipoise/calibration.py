@@ -19,7 +19,7 @@ from equipoise.experiments.com_search import ComSearchSettings, SearchProgress, 
 from equipoise.experiments.lift import TRIAL
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted, why_unreachable
-from equipoise.platforms.platform import MotionInterrupted, Platform
+from equipoise.platforms.platform import Platform
 from equipoise.recordings.recording import Recording
 from equipoise.result import BodyEstimate, Calibration, Evidence, SupportLine, SwayEstimate, Trial
 from equipoise.robot.inertial import nominal_inertia
@@ -104,7 +104,7 @@ def calibrate(
             if sway.recording is not None:
                 store(sway.recording)
         move_to(planted, feet_at_end)
-    except (MotionInterrupted, MotionError):
+    except (KeyboardInterrupt, MotionError):
         unfinished = planted.take()
         if unfinished is not None and keep is not None:
             keep(unfinished)

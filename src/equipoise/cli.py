@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json as json_module
 import sys
+import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -225,7 +226,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return int(stop.code or 0)
         except EquipoiseError as error:
             if "--debug" in arguments:
-                raise
+                traceback.print_exc()
             _print_error(error, "--json" in arguments)
             return error.exit_code
         except KeyboardInterrupt:

@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 _REFERENCE_HEIGHT = 0.312  # [m]; frequencies scale with the square root of its ratio to the hip height
 _KNOTS = 9
 _RAMP_PERIODS = 1.5
+_LAG_PERIODS = 0.5  # after the ramp, until the base follows steadily
 _PERIODS = 6
 _SETTLE_TIME = 0.3  # [s]
 _PLANTED_STRIDE = 20  # samples between two looks at whether feet are planted
@@ -117,8 +118,8 @@ def _play_sway(
     planted: PlantedRobot, stance: Stance, axis: Axis, amplitude: float, frequency: float, settings: SwaySettings
 ) -> Recording:
     duration = settings.duration or _PERIODS / frequency
-    ramp = _RAMP_PERIODS / frequency
-    total = duration + 2 * ramp
+    ramp, lag = _RAMP_PERIODS / frequency, _LAG_PERIODS / frequency
+    total = duration + lag + 2 * ramp
     time = np.arange(round(total / planted.platform.control_period)) * planted.platform.control_period
     envelope = np.clip(np.minimum(time, total - time) / ramp, 0, 1)
     angle = amplitude * envelope * np.sin(2 * np.pi * frequency * time)
@@ -127,7 +128,7 @@ def _play_sway(
     motion.phase("settle").move_feet(stance.feet_in_base, _SETTLE_TIME).hold(_SETTLE_TIME)
     begin = motion.time
     motion.phase("ramp").follow(_feet_during_sway(planted.robot, stance, axis), _KNOTS, angle)
-    motion.phase_at("sway", begin + ramp).phase_at("end", begin + ramp + duration)
+    motion.phase_at("sway", begin + ramp + lag).phase_at("end", begin + ramp + lag + duration)
     planted.play(motion.move_feet(stance.feet_in_base, _SETTLE_TIME))
     recording = planted.take()
     assert recording is not None

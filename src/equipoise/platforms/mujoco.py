@@ -26,7 +26,7 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+_STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
 # Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
 _CHUNK_WITH_STOP, _CHUNK = 20, 500
@@ -57,6 +57,7 @@ class MujocoPlatform:
         self._simulated = simulated
         self._model = simulated.model
         self._data = mujoco.MjData(self._model)
+        self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._rollout = rollout.Rollout(nthread=0)
         self._substeps = _whole_steps(control_period, self._model.opt.timestep)
         self._kp, self._kd = simulated.kp, simulated.kd
@@ -242,17 +243,25 @@ class MujocoPlatform:
         return samples
 
     def _raw_now(self) -> FloatArray:
-        """The raw sensor values of the present state, as `_roll` will find them when the robot moves on."""
+        """The raw sensor values of the present state, as `_roll` will find them when the robot moves on.
+
+        A command that acts at once is not known yet: the last one stands for it.
+        """
         data, model, simulated = self._data, self._model, self._simulated
-        mujoco.mj_forward(model, data)
-        velocity = data.qvel + data.qacc * model.opt.timestep / 2
+        ahead, state = self._ahead, np.zeros(mujoco.mj_stateSize(model, _WHOLE_STATE))
+        mujoco.mj_getState(model, data, state, _WHOLE_STATE)
+        mujoco.mj_setState(model, ahead, state, _WHOLE_STATE)
+        if len(self._late_control):
+            ahead.ctrl[:] = self._late_control[0]
+        mujoco.mj_step(model, ahead)
+        velocity = (data.qvel + ahead.qvel) / 2
         return np.concatenate(
             [
                 data.qpos[simulated.qpos],
                 velocity[simulated.dof],
-                data.sensordata[: model.nu] / simulated.errors.torque_gain,
+                ahead.sensordata[: model.nu] / simulated.errors.torque_gain,
                 velocity[3:6] @ self._imu_rotation,
-                data.sensordata[self._accelerometer],
+                ahead.sensordata[self._accelerometer],
             ]
         )
 

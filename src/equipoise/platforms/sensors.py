@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -191,9 +192,13 @@ class DrawnErrors:
         if not scale.any():
             return np.zeros((count, scale.size))
         first, last = first_sample // _NOISE_BLOCK, (first_sample + max(count, 1) - 1) // _NOISE_BLOCK
-        blocks = [
-            np.random.default_rng([self.seed, 1, block]).standard_normal((_NOISE_BLOCK, scale.size))
-            for block in range(first, last + 1)
-        ]
+        blocks = [_standard_noise(self.seed, block, scale.size) for block in range(first, last + 1)]
         start = first_sample - first * _NOISE_BLOCK
         return np.concatenate(blocks)[start : start + count] * scale
+
+
+@lru_cache(maxsize=4)  # a robot that is stepped asks for the same block a thousand times
+def _standard_noise(seed: int, block: int, columns: int) -> FloatArray:
+    noise = np.random.default_rng([seed, 1, block]).standard_normal((_NOISE_BLOCK, columns))
+    noise.setflags(write=False)
+    return noise

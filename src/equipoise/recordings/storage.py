@@ -55,10 +55,12 @@ def load_recording(path: Path) -> Recording:
         RecordingError: the file is missing, damaged or of another format.
     """
     try:
-        if path.is_file() and not zipfile.is_zipfile(path):
-            raise ValueError("it is no archive, or one that was cut short")
-        with np.load(path, allow_pickle=False) as archive:
-            arrays: dict[str, NDArray[Any]] = dict(archive)
+        with open(path, "rb") as file:
+            if not zipfile.is_zipfile(file):
+                raise ValueError("it is no archive, or one that was cut short")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as archive:
+                arrays: dict[str, NDArray[Any]] = dict(archive)
     except Exception as error:  # damaged and foreign files fail in many ways, not all of them typed
         raise RecordingError(f"the recording {str(path)!r} cannot be read: {error}") from error
     try:

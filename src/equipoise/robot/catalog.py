@@ -159,8 +159,6 @@ def describe_catalog() -> list[CatalogRow]:
             continue
         joints = len(robot.legs["FL"].joints)
         rows.append(
-            CatalogRow(
-                entry.name, robot.mass, f"4 x {joints}", robot.leg_length, entry.package, entry.note, None
-            )
+            CatalogRow(entry.name, robot.mass, f"4 x {joints}", robot.leg_length, entry.package, entry.note, None)
         )
     return rows

@@ -1,0 +1,158 @@
+"""The whole routine on simulated robots."""
+
+import numpy as np
+import pytest
+
+from equipoise import CalibrationSettings, ComSearchSettings, SwaySettings, calibrate, estimate, load_robot, simulate
+from equipoise.errors import MissingDependencyError, RecordingError, SettingsError
+from equipoise.robot.catalog import CATALOG
+from equipoise.robot.inertial import composite_parameters
+
+QUICK = CalibrationSettings(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+
+
+def planar_error_mm(result):
+    x, y, _ = result.errors()["composite"]["com_in_base"]
+    return 1000 * float(np.hypot(x, y))
+
+
+@pytest.fixture(scope="module")
+def ideal(a1):
+    recordings = []
+    with simulate(a1) as simulation:
+        result = calibrate(simulation.platform, a1, keep=recordings.append).with_truth(simulation.truth)
+    return result, recordings
+
+
+def test_the_com_of_an_a1_is_found_within_five_millimetres_in_at_most_six_halvings(ideal):
+    result, _ = ideal
+    assert planar_error_mm(result) < 5
+    for diagonal in ("FL_RR", "FR_RL"):
+        assert len({trial.offset for trial in result.trials if trial.about == diagonal}) <= 6
+
+
+def test_a_finer_tolerance_finds_it_within_two_millimetres(a1):
+    settings = CalibrationSettings(com_search=ComSearchSettings(tolerance=0.001), sway=SwaySettings(duration=1.0))
+    with simulate(a1) as simulation:
+        result = calibrate(simulation.platform, a1, settings).with_truth(simulation.truth)
+    x, y, _ = result.errors()["composite"]["com_in_base"]
+    assert max(abs(x), abs(y)) < 2e-3
+
+
+def test_moments_are_of_the_size_of_the_truths(ideal):
+    for errors in ideal[0].moment_errors().values():
+        assert abs(errors["against_stance_effective"]) < 0.4
+    assert all(sway.damping > 0 for sway in ideal[0].sways.values())
+
+
+def test_what_the_paper_does_not_estimate_is_none(ideal):
+    result, _ = ideal
+    assert result.composite.mass is None
+    assert result.composite.inertia is None
+    assert result.composite.com_in_base[2] is None
+    assert result.base.mass is None
+
+
+def test_estimating_again_from_the_recordings_gives_the_same_numbers(ideal, a1):
+    result, recordings = ideal
+    again = estimate(a1, recordings).with_truth(result.truth)
+    assert again.to_dict() == result.to_dict()
+
+
+def test_a_payload_moves_the_estimate_as_it_moves_the_truth(ideal, a1):
+    with simulate(a1, payload="1.5,0.12,-0.06,0.05") as simulation:
+        loaded = calibrate(simulation.platform, a1).with_truth(simulation.truth)
+    assert planar_error_mm(loaded) < 5
+    moved = np.array(loaded.composite.com_in_base[:2]) - np.array(ideal[0].composite.com_in_base[:2])
+    truly = (loaded.truth.composite.com - ideal[0].truth.composite.com)[:2]
+    assert np.linalg.norm(truly) > 0.01
+    assert moved == pytest.approx(truly, abs=5e-3)
+
+
+def test_realistic_sensors_do_not_stop_the_routine(a1):
+    with simulate(a1, "realistic", seed=5) as simulation:
+        result = calibrate(simulation.platform, a1, QUICK).with_truth(simulation.truth)
+    assert planar_error_mm(result) < 15
+
+
+def test_a_seed_gives_the_same_result_and_another_seed_another(a1):
+    found = []
+    for seed in (4, 4, 5):
+        with simulate(a1, "realistic", seed=seed) as simulation:
+            found.append(calibrate(simulation.platform, a1, QUICK).composite.com_in_base)
+    assert found[0] == found[1]
+    assert found[0] != found[2]
+
+
+def test_a_robot_that_lay_lies_again_at_the_end(a1):
+    with simulate(a1, start="lying") as simulation:
+        before = simulation.platform.read().joint_position
+        result = calibrate(simulation.platform, a1, QUICK).with_truth(simulation.truth)
+        after = simulation.platform.read().joint_position
+    assert np.abs(after - before).max() < 0.25
+    assert planar_error_mm(result) < 15
+
+
+def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
+    result, recordings = ideal
+    broken = recordings[-1].between(0, recordings[-1].joints.time[50])
+    partial = estimate(a1, [*recordings[:-1], broken])
+    assert partial.composite == result.composite
+    assert partial.sways["yaw"].moment is None
+    assert partial.sways["yaw"].note == "there is no recording of it"
+
+
+def test_a_run_without_a_complete_search_is_refused(ideal, a1):
+    with pytest.raises(RecordingError, match="no complete search on FR_RL"):
+        estimate(a1, ideal[1][:5])
+
+
+def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):
+    commanded = estimate(a1, ideal[1], CalibrationSettings(feet="commanded"))
+    assert commanded.composite.com_in_base[:2] == pytest.approx(ideal[0].composite.com_in_base[:2], abs=5e-3)
+    assert commanded.composite != ideal[0].composite
+
+
+def test_settings_that_are_unknown_are_refused():
+    with pytest.raises(SettingsError, match="method 'magic' is not known"):
+        CalibrationSettings(method="magic")
+    with pytest.raises(SettingsError, match="'measured' or 'commanded'"):
+        CalibrationSettings(feet="guessed")
+
+
+def test_progress_names_the_trial_and_the_bracket(a1):
+    said = []
+    with simulate(a1) as simulation:
+        calibrate(simulation.platform, a1, QUICK, report=said.append)
+    assert said[0].doing.startswith("lift on FL_RR: offset +0.0 mm, bracket -61.5 to +61.5 mm")
+    assert [progress.doing for progress in said[-3:]] == [f"sway about {axis}" for axis in ("roll", "pitch", "yaw")]
+    assert all(progress.done < progress.expected for progress in said)
+
+
+@pytest.mark.parametrize("name", sorted(set(CATALOG) - {"unitree_a1"}))
+def test_every_robot_of_the_catalogue_is_calibrated_unattended(name, recwarn):
+    try:
+        robot = load_robot(name)
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    with simulate(robot) as simulation:
+        result = calibrate(simulation.platform, robot, QUICK).with_truth(simulation.truth)
+    recwarn.clear()
+    # Half the tolerance is the bracket's; the rest scales with the robot.
+    assert planar_error_mm(result) < (10 / 0.58 + 5) * max(1.0, robot.leg_length / 0.4)
+    nominal = composite_parameters(robot, np.array(list(result.joint_position.values())))
+    assert nominal.com == pytest.approx(result.truth.composite.com, abs=1e-9)
+
+
+def test_axes_that_two_joint_legs_cannot_sway_about_are_skipped_with_the_reason(recwarn):
+    try:
+        robot = load_robot("solo8")
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    with simulate(robot) as simulation:
+        result = calibrate(simulation.platform, robot, QUICK)
+    recwarn.clear()
+    for axis in ("roll", "yaw"):
+        assert result.sways[axis].moment is None
+        assert "planted feet do not allow it" in result.sways[axis].note
+    assert result.sways["pitch"].moment > 0

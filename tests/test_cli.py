@@ -1,0 +1,226 @@
+"""The command line as a user and a script meet it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from equipoise.cli import main
+
+QUICK = ["--quiet", "--no-pictures", "--tolerance", "0.02", "--sway-duration", "1.0"]
+COMMAND = [sys.executable, "-m", "equipoise"]
+
+
+def fails(capsys, code, *arguments):
+    """Run, expect that exit code and one clear sentence on stderr, and return it."""
+    assert main(list(arguments)) == code
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    lines = [line for line in captured.err.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A short calibration by the command line; its folder."""
+    folder = tmp_path_factory.mktemp("runs") / "a1"
+    assert main(["calibrate", *QUICK, "--out", str(folder), "--payload", "1,0.05,0.02,0.1", "--seed", "3"]) == 0
+    return folder
+
+
+def test_calibrate_saves_the_run(run):
+    assert (run / "calibration.json").is_file()
+    assert len(list((run / "recordings").glob("*.npz"))) >= 6
+
+
+def test_json_is_one_object_with_the_stable_keys(run, capsys):
+    assert main(["estimate", str(run), "--json"]) == 0
+    captured = capsys.readouterr()
+    table = json.loads(captured.out)
+    assert {"schema", "robot", "method", "stance", "composite", "base", "trials", "truth", "errors"} <= set(table)
+    assert len(table["stance"]["joint_position"]) == 12
+    assert table["composite"]["mass"] is None
+    assert table["composite"]["com_in_base"][2] is None
+    assert table["composite"]["inertia"] is None
+    assert table["truth"]["composite"]["mass"] == pytest.approx(13.458)
+    assert captured.err == ""
+
+
+def test_estimating_again_gives_the_same_result(run, capsys):
+    main(["estimate", str(run), "--json"])
+    again = json.loads(capsys.readouterr().out)
+    assert again == json.loads((run / "calibration.json").read_text(encoding="utf-8"))
+
+
+def test_estimating_needs_no_simulator(run):
+    code = (
+        "import sys; sys.modules['mujoco'] = None; from equipoise.cli import main; "
+        f"sys.exit(main(['estimate', {str(run)!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "CoM x in base [mm]" in done.stdout
+
+
+def test_commanded_feet_give_another_estimate_from_the_same_recordings(run, capsys):
+    main(["estimate", str(run), "--json", "--feet", "commanded"])
+    commanded = json.loads(capsys.readouterr().out)
+    measured = json.loads((run / "calibration.json").read_text(encoding="utf-8"))
+    assert commanded["composite"]["com_in_base"] != measured["composite"]["com_in_base"]
+    assert commanded["feet"] == "commanded"
+
+
+def test_calibrate_prints_json_and_nothing_else(tmp_path, capsys):
+    assert main(["calibrate", *QUICK, "--json", "--out", str(tmp_path / "run")]) == 0
+    assert json.loads(capsys.readouterr().out)["robot"] == "unitree_a1"
+
+
+def test_the_table_shows_estimate_truth_and_error(run, capsys):
+    main(["estimate", str(run)])
+    printed = capsys.readouterr().out
+    for word in ("parameter", "estimate", "truth", "error", "CoM x in base [mm]", "I_z (yaw) [kg m2]", "robot time"):
+        assert word in printed
+
+
+def test_robots_lists_the_catalogue(capsys):
+    assert main(["robots", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["robots"]}
+    assert rows["unitree_a1"]["mass"] == pytest.approx(12.458)
+    assert rows["unitree_a1"]["legs"] == "4 x 3"
+    assert {"a1", "go1", "go2", "b1", "laikago", "anymal_b", "anymal_c", "hyq", "solo8", "solo12"} <= set(rows)
+    assert main(["robots"]) == 0
+    assert "unitree_a1" in capsys.readouterr().out
+
+
+def test_audit_says_what_the_composite_is_over_the_base(capsys):
+    assert main(["audit", "unitree_a1"]) == 0
+    assert "x the base's" in capsys.readouterr().out.replace("\n", " ")
+    assert main(["audit", "unitree_a1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ratio_composite_over_base"][0] > 5
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "estimate", "robots", "audit"])
+def test_every_verbs_help_shows_an_example(verb, capsys):
+    assert main([verb, "--help"]) == 0
+    assert f"equipoise {verb}" in capsys.readouterr().out.split("Example:")[1]
+
+
+# Bad input: one sentence, a stable exit code, no traceback.
+
+
+def test_a_file_that_is_missing(capsys):
+    assert "does not exist" in fails(capsys, 3, "calibrate", "no/such/robot.urdf")
+
+
+def test_a_name_that_is_unknown_lists_the_known_ones(capsys):
+    assert "known names are unitree_a1, a1" in fails(capsys, 3, "calibrate", "rex")
+
+
+def test_a_file_that_is_not_xml(tmp_path, capsys):
+    file = tmp_path / "robot.urdf"
+    file.write_text("mass: 12", encoding="utf-8")
+    assert "is not valid XML" in fails(capsys, 3, "audit", str(file))
+
+
+def test_a_model_with_a_nan(tmp_path, a1_urdf, capsys):
+    file = tmp_path / "robot.urdf"
+    file.write_text(a1_urdf.replace('<mass value="4.713"/>', '<mass value="nan"/>'), encoding="utf-8")
+    assert "every number must be finite" in fails(capsys, 3, "calibrate", str(file))
+
+
+def test_a_payload_that_is_not_physical(capsys):
+    message = fails(capsys, 2, "calibrate", "--payload", "1,0,0,0,0.001,0.001,0.01")
+    assert "exceeds the sum of the others" in message
+    assert "must be positive" in fails(capsys, 2, "calibrate", "--payload", "0,0,0,0")
+    assert "is not MASS,X,Y,Z" in fails(capsys, 2, "calibrate", "--payload", "heavy")
+
+
+def test_a_bracket_the_wrong_way_round(capsys):
+    assert "wrong way round" in fails(capsys, 2, "calibrate", "--lower", "0.02", "--upper", "-0.02")
+
+
+def test_bounds_out_of_reach(tmp_path, capsys):
+    message = fails(capsys, 4, "calibrate", "--upper", "0.4", "--quiet", "--out", str(tmp_path / "run"))
+    assert "foot misses its place" in message or "tip over" in message
+
+
+def test_a_stance_out_of_reach(capsys):
+    assert "stance" in fails(capsys, 4, "calibrate", "--stance-height", "0.99")
+
+
+def test_a_seed_that_is_no_number(capsys):
+    assert main(["calibrate", "--seed", "x"]) == 2
+    assert "seed" in capsys.readouterr().err
+
+
+def test_a_flag_that_does_not_exist(capsys):
+    assert main(["calibrate", "--colour"]) == 2
+    assert "--colour" in capsys.readouterr().err
+
+
+def test_an_output_folder_that_holds_another_run(run, capsys):
+    assert "holds another run" in fails(capsys, 6, "calibrate", "--out", str(run), "--quiet")
+
+
+def test_an_output_folder_that_cannot_be_written(tmp_path, capsys):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    assert "cannot write" in fails(capsys, 6, "calibrate", "--out", str(tmp_path / "file" / "run"), "--quiet")
+
+
+def test_a_folder_that_is_no_run(tmp_path, capsys):
+    assert "is no run of equipoise" in fails(capsys, 5, "estimate", str(tmp_path))
+
+
+def test_an_error_is_an_object_too_with_json(capsys):
+    assert main(["audit", "nobody", "--json"]) == 3
+    table = json.loads(capsys.readouterr().out)
+    assert table["error"]["type"] == "ModelError"
+    assert table["error"]["exit_code"] == 3
+
+
+def test_debug_shows_the_traceback():
+    done = subprocess.run([*COMMAND, "audit", "nobody", "--debug"], capture_output=True, text=True, check=False)
+    assert "Traceback" in done.stderr
+    assert done.returncode == 3
+
+
+def test_a_description_file_that_is_missing_or_wrong(tmp_path, capsys):
+    assert "does not exist" in fails(capsys, 2, "audit", "unitree_a1", "--description-file", str(tmp_path / "no.toml"))
+    file = tmp_path / "robot.toml"
+    file.write_text("feet = 4", encoding="utf-8")
+    assert "unknown key 'feet'" in fails(capsys, 2, "audit", "unitree_a1", "--description-file", str(file))
+
+
+def test_flags_of_a_robot_description_are_used(capsys):
+    main(["audit", "unitree_a1", "--json", "--stance-height", "0.7"])
+    assert json.loads(capsys.readouterr().out)["stance"]["hip_height"] == pytest.approx(0.7 * 0.4 + 0.02)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_keeps_what_was_measured(tmp_path):
+    folder = tmp_path / "run"
+    process = subprocess.Popen(
+        [*COMMAND, "calibrate", "--tolerance", "0.0002", "--t-thres", "20", "--out", str(folder)],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
+    seen = []
+    for line in process.stderr:
+        seen.append(line)
+        if line.startswith("[4/"):
+            process.send_signal(signal.SIGINT)
+            break
+    rest = process.communicate(timeout=30)[1]
+    assert process.returncode == 130
+    assert "Traceback" not in rest
+    assert f"kept in {folder}" in rest
+    assert len(list((folder / "recordings").glob("*.npz"))) >= 3
+    assert not list((folder / "recordings").glob("*.partial"))
+    again = subprocess.run([*COMMAND, "estimate", str(folder)], capture_output=True, text=True, check=False)
+    assert again.returncode == 5
+    assert "no complete search on" in again.stderr

@@ -1,0 +1,216 @@
+"""Covers what equipoise uses of MuJoCo 3.3 to 4."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+_FloatArray = NDArray[np.float64]
+_IntArray = NDArray[np.int32]
+_Floats = Sequence[float] | _FloatArray
+
+__version__: str
+
+# An array of a spec's element; any sequence of floats may be assigned to it.
+class _FloatsField:
+    def __get__(self, instance: object, owner: type | None = None) -> _FloatArray: ...
+    def __set__(self, instance: object, value: _Floats) -> None: ...
+
+class _Enum:
+    @property
+    def value(self) -> int: ...
+    def __int__(self) -> int: ...
+    def __index__(self) -> int: ...
+
+class mjtState(_Enum):
+    mjSTATE_FULLPHYSICS: mjtState
+    mjSTATE_INTEGRATION: mjtState
+
+class mjtIntegrator(_Enum):
+    mjINT_IMPLICITFAST: mjtIntegrator
+
+class mjtCone(_Enum):
+    mjCONE_ELLIPTIC: mjtCone
+
+class mjtJoint(_Enum):
+    mjJNT_FREE: mjtJoint
+    mjJNT_SLIDE: mjtJoint
+
+class mjtGeom(_Enum):
+    mjGEOM_PLANE: mjtGeom
+    mjGEOM_SPHERE: mjtGeom
+    mjGEOM_BOX: mjtGeom
+
+class mjtLimited(_Enum):
+    mjLIMITED_FALSE: mjtLimited
+    mjLIMITED_TRUE: mjtLimited
+
+class mjtOrientation(_Enum):
+    mjORIENTATION_QUAT: mjtOrientation
+
+class mjtTrn(_Enum):
+    mjTRN_JOINT: mjtTrn
+
+class mjtGain(_Enum):
+    mjGAIN_FIXED: mjtGain
+
+class mjtBias(_Enum):
+    mjBIAS_AFFINE: mjtBias
+
+class mjtSensor(_Enum):
+    mjSENS_ACTUATORFRC: mjtSensor
+    mjSENS_ACCELEROMETER: mjtSensor
+
+class mjtObj(_Enum):
+    mjOBJ_ACTUATOR: mjtObj
+    mjOBJ_SITE: mjtObj
+
+class MjOption:
+    timestep: float
+    integrator: int | mjtIntegrator
+    cone: int | mjtCone
+    impratio: float
+    gravity: _FloatsField
+
+class _BodyView:
+    id: int
+    name: str
+
+class _JointView:
+    id: int
+    name: str
+    type: _IntArray
+    axis: _FloatArray
+    pos: _FloatArray
+
+class _SiteView:
+    id: int
+    name: str
+    quat: _FloatArray
+
+class _SensorView:
+    id: int
+    name: str
+    adr: _IntArray
+
+class MjModel:
+    opt: MjOption
+    nq: int
+    nv: int
+    nu: int
+    nbody: int
+    qpos0: _FloatArray
+    jnt_type: _IntArray
+    jnt_bodyid: _IntArray
+    jnt_qposadr: _IntArray
+    jnt_dofadr: _IntArray
+    jnt_axis: _FloatArray
+    jnt_pos: _FloatArray
+    body_weldid: _IntArray
+    body_pos: _FloatArray
+    body_quat: _FloatArray
+    body_mass: _FloatArray
+    body_inertia: _FloatArray
+    dof_frictionloss: _FloatArray
+    dof_damping: _FloatArray
+    dof_armature: _FloatArray
+    actuator_gainprm: _FloatArray
+    actuator_biasprm: _FloatArray
+    def body(self, name: str | int, /) -> _BodyView: ...
+    def joint(self, name: str | int, /) -> _JointView: ...
+    def site(self, name: str | int, /) -> _SiteView: ...
+    def sensor(self, name: str | int, /) -> _SensorView: ...
+
+class MjData:
+    time: float
+    qpos: _FloatArray
+    qvel: _FloatArray
+    qacc: _FloatArray
+    qacc_warmstart: _FloatArray
+    ctrl: _FloatArray
+    sensordata: _FloatArray
+    xipos: _FloatArray
+    ximat: _FloatArray
+    def __init__(self, model: MjModel, /) -> None: ...
+
+class MjsJoint:
+    name: str
+    type: mjtJoint
+    frictionloss: float
+    armature: float
+    actfrclimited: int | mjtLimited
+    def delete(self) -> None: ...  # up to MuJoCo 3.3.0
+
+class MjsGeom:
+    contype: int
+    conaffinity: int
+
+class MjsSite: ...
+class MjsSensor: ...
+
+class MjsOrientation:
+    type: mjtOrientation
+
+class MjsActuator:
+    gaintype: mjtGain
+    gainprm: _FloatsField
+    biastype: mjtBias
+    biasprm: _FloatsField
+    forcelimited: int | mjtLimited
+    forcerange: _FloatsField
+
+class MjsBody:
+    name: str
+    pos: _FloatsField
+    quat: _FloatsField
+    alt: MjsOrientation
+    mass: float
+    ipos: _FloatsField
+    fullinertia: _FloatsField
+    explicitinertial: bool
+    gravcomp: float
+    @property
+    def joints(self) -> list[MjsJoint]: ...
+    def first_body(self) -> MjsBody: ...
+    def add_freejoint(self) -> MjsJoint: ...
+    def add_body(self, *, name: str, pos: _Floats) -> MjsBody: ...
+    def add_site(self, *, name: str, pos: _Floats, quat: _Floats) -> MjsSite: ...
+    def add_geom(
+        self, *, name: str, type: mjtGeom, size: _Floats, pos: _Floats = ..., **properties: float | _Floats
+    ) -> MjsGeom: ...
+
+class MjsCompiler:
+    fusestatic: bool
+
+class MjSpec:
+    option: MjOption
+    compiler: MjsCompiler
+    @property
+    def worldbody(self) -> MjsBody: ...
+    @property
+    def bodies(self) -> list[MjsBody]: ...
+    @property
+    def joints(self) -> list[MjsJoint]: ...
+    @property
+    def geoms(self) -> list[MjsGeom]: ...
+    @staticmethod
+    def from_string(xml: str, /) -> MjSpec: ...
+    def body(self, name: str, /) -> MjsBody: ...
+    def compile(self) -> MjModel: ...
+    def delete(self, element: MjsJoint, /) -> None: ...  # since MuJoCo 3.3.1
+    def add_actuator(self, *, name: str, target: str, trntype: mjtTrn) -> MjsActuator: ...
+    def add_sensor(self, *, name: str, type: mjtSensor, objtype: mjtObj, objname: str) -> MjsSensor: ...
+
+def mj_step(model: MjModel, data: MjData, /) -> None: ...
+def mj_forward(model: MjModel, data: MjData, /) -> None: ...
+def mj_kinematics(model: MjModel, data: MjData, /) -> None: ...
+def mj_comPos(model: MjModel, data: MjData, /) -> None: ...
+def mj_setConst(model: MjModel, data: MjData, /) -> None: ...
+def mj_stateSize(model: MjModel, signature: int | mjtState, /) -> int: ...
+def mj_getState(model: MjModel, data: MjData, state: _FloatArray, signature: int | mjtState, /) -> None: ...
+def mj_setState(model: MjModel, data: MjData, state: _FloatArray, signature: int | mjtState, /) -> None: ...
+def mju_rotVecQuat(result: _FloatArray, vector: _FloatArray, quat: _FloatArray, /) -> None: ...
+def mju_mulQuat(result: _FloatArray, quat1: _FloatArray, quat2: _FloatArray, /) -> None: ...
+def mju_axisAngle2Quat(result: _FloatArray, axis: _FloatArray, angle: float, /) -> None: ...
+def mju_mat2Quat(result: _FloatArray, matrix: _FloatArray, /) -> None: ...
+def mju_quat2Mat(result: _FloatArray, quat: _FloatArray, /) -> None: ...

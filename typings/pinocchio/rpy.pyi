@@ -1,0 +1,6 @@
+"""Covers what equipoise uses of pinocchio.rpy."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+def rpyToMatrix(rpy: NDArray[np.float64], /) -> NDArray[np.float64]: ...
