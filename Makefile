@@ -45,7 +45,7 @@ bench-speed: $(DEV_STAMP)
 
 lock:
 	for extras in run: dev:dev robots:dev,robots; do \
-	  uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-annotate \
+	  uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-annotate --no-strip-extras \
 	    --custom-compile-command "make lock" $$(echo $${extras#*:} | tr ',' '\n' | sed '/^$$/d; s/^/--extra /') \
 	    pyproject.toml -o requirements/$${extras%%:*}.lock || exit 1; \
 	done

@@ -47,7 +47,7 @@ def path(tmp_path):
     return tmp_path / "000-lift.npz"
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=arrays(float, (4, 2), elements=ANY_FLOAT.filter(lambda x: abs(x) < 1e300)))
 def test_what_is_read_is_what_was_written_to_the_last_bit(path, values):
     recording = recording_of(values)
@@ -96,7 +96,7 @@ def test_a_file_cut_short_is_refused(path, kept):
         load_recording(path)
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(position=st.floats(0, 1, exclude_max=True), bits=st.integers(1, 255))
 def test_a_damaged_byte_is_found_or_harmless(path, position, bits):
     recording = recording_of()

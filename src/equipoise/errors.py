@@ -6,10 +6,7 @@ returns for the error; the codes are stable and are listed in the README.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from equipoise.recordings.recording import Recording
+from typing import Any
 
 
 class EquipoiseError(Exception):
@@ -34,12 +31,12 @@ class MotionError(EquipoiseError, RuntimeError):
     """The robot cannot do, or did not do, what was asked.
 
     Attributes:
-        recordings: what was measured before and while it went wrong, oldest first.
+        recordings: what was measured before and while it went wrong, oldest first (Recording).
     """
 
     exit_code = 4
 
-    def __init__(self, message: str, recordings: tuple[Recording, ...] = ()) -> None:
+    def __init__(self, message: str, recordings: tuple[Any, ...] = ()) -> None:
         super().__init__(message)
         self.recordings = recordings
 

@@ -1,0 +1,401 @@
+"""Sensor and actuator errors: their sizes, how they are drawn, and what of them a platform shows."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from equipoise import SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise.errors import SettingsError
+from equipoise.platforms.sensors import A1_TORQUE_SCALE, IDEAL, PRESETS, REALISTIC, DrawnErrors
+from equipoise.robot.kinematics import inverse_kinematics
+
+JOINTS = 12
+PERIOD = 2e-3
+SEED = 5
+TORQUE_LIKE = {"torque_noise", "coulomb_friction", "viscous_friction", "armature"}
+
+
+def drawn(seed=SEED, joints=JOINTS, **sizes):
+    return DrawnErrors.draw(SensorErrors(**sizes), joints, seed)
+
+
+# --- sizes
+
+
+def test_realistic_is_the_table_of_an_a1():
+    assert dataclasses.asdict(REALISTIC) == {
+        "encoder_noise": 0.0003,  # rad
+        "joint_zero": 0.005,  # rad
+        "joint_velocity_noise": 0.03,  # rad/s
+        "gyro_noise": 0.003,  # rad/s
+        "gyro_bias": 0.002,  # rad/s
+        "accelerometer_noise": 0.05,  # m/s2
+        "accelerometer_bias": 0.03,  # m/s2
+        "imu_tilt": 0.005,  # rad
+        "torque_noise": 0.2,  # Nm
+        "coulomb_friction": 0.3,  # Nm
+        "viscous_friction": 0.05,  # Nm s/rad
+        "armature": 0.01,  # kg m2
+        "torque_gain": 0.03,
+        "leg_mass": 0.03,
+        "command_delay": 0.002,  # s
+        "sensor_delay": 0.002,  # s
+        "imu_clock_offset": 0.0005,  # s
+        "floor_friction": 0.8,
+        "floor_slope": 0.005,  # rad
+    }
+
+
+def test_ideal_has_no_error_at_all():
+    sizes = dataclasses.asdict(IDEAL)
+    assert sizes.pop("floor_friction") == 1.0
+    assert set(sizes.values()) == {0.0}
+    assert PRESETS == {"ideal": IDEAL, "realistic": REALISTIC}
+
+
+def test_torque_like_errors_scale_with_the_robot_and_nothing_else_does():
+    scaled = dataclasses.asdict(REALISTIC.scaled_to(3 * A1_TORQUE_SCALE))
+    for name, value in dataclasses.asdict(REALISTIC).items():
+        assert scaled[name] == pytest.approx(value * (3 if name in TORQUE_LIKE else 1))
+
+
+def test_the_reference_is_the_a1(a1):
+    assert a1.mass * 9.81 * nominal_stance(a1).hip_height == pytest.approx(A1_TORQUE_SCALE, rel=0.02)
+
+
+def test_a_preset_is_scaled_to_the_robot_and_errors_of_ones_own_are_not(a1):
+    scale = a1.mass * 9.81 * nominal_stance(a1).hip_height
+    sizes = simulate(a1, "realistic").platform._simulated.errors.sizes
+    assert sizes == REALISTIC.scaled_to(scale)
+    own = SensorErrors(torque_noise=0.7)
+    assert simulate(a1, own).platform._simulated.errors.sizes is own
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(SensorErrors)])
+@pytest.mark.parametrize("value", [-1e-6, np.nan, np.inf])
+def test_negative_or_infinite_sizes_are_refused(name, value):
+    if name == "imu_clock_offset" and value == -1e-6:
+        assert SensorErrors(imu_clock_offset=value).imu_clock_offset == value  # IMU samples may be the older ones
+        return
+    with pytest.raises(SettingsError) as caught:
+        SensorErrors(**{name: value})
+    assert str(caught.value) == f"{name} is {value}; it must be a finite number, zero or more"
+
+
+def test_no_imu_sample_is_younger_than_its_reading():
+    assert SensorErrors(imu_clock_offset=1e-3, sensor_delay=1e-3)
+    with pytest.raises(SettingsError, match=r"imu_clock_offset is 0.001 s and sensor_delay 0.0005 s: IMU samples would be"):
+        SensorErrors(imu_clock_offset=1e-3, sensor_delay=0.5e-3)
+
+
+# --- drawing
+
+
+def test_constants_are_drawn_once_per_seed():
+    first, again, other = (DrawnErrors.draw(REALISTIC, JOINTS, seed) for seed in (SEED, SEED, SEED + 1))
+    for field in dataclasses.fields(DrawnErrors):
+        if field.name not in ("sizes", "seed"):
+            value = getattr(first, field.name)
+            assert np.array_equal(value, getattr(again, field.name))
+            assert not np.allclose(value, getattr(other, field.name), rtol=1e-6, atol=1e-9)
+
+
+def test_constants_have_the_sizes_asked_for():
+    many = drawn(joints=20000, joint_zero=5e-3, torque_gain=0.03, leg_mass=0.02)
+    for value, mean, size in (
+        (many.joint_zero, 0, 5e-3), (many.torque_gain, 1, 0.03), (many.leg_mass_scale, 1, 0.02),
+    ):  # fmt: skip
+        assert value.mean() == pytest.approx(mean, abs=5 * size / np.sqrt(20000))
+        assert value.std() == pytest.approx(size, rel=0.03)
+    imu = [DrawnErrors.draw(REALISTIC, 1, seed) for seed in range(500)]
+    for name in ("gyro_bias", "accelerometer_bias", "imu_tilt"):
+        values = np.array([getattr(errors, name) for errors in imu])
+        assert values.shape == (500, 3)
+        assert values.std() == pytest.approx(getattr(REALISTIC, name), rel=0.1)
+
+
+def test_one_error_does_not_change_how_another_is_drawn():
+    alone, among = drawn(imu_tilt=5e-3), drawn(imu_tilt=5e-3, joint_zero=5e-3, gyro_bias=1e-3, floor_slope=0.1)
+    assert np.array_equal(alone.imu_tilt, among.imu_tilt)
+
+
+def test_the_slope_is_exact_and_its_direction_drawn():
+    directions = np.array([drawn(seed, floor_slope=0.1).gravity_direction for seed in range(200)])
+    assert np.allclose(np.linalg.norm(directions, axis=1), 1)
+    assert np.allclose(np.arccos(-directions[:, 2]), 0.1)
+    assert np.abs(directions[:, :2].mean(axis=0)).max() < 0.02
+    assert np.array_equal(drawn().gravity_direction, [0, 0, -1])
+
+
+def test_a_negative_seed_is_refused(a1):
+    with pytest.raises(SettingsError, match="the seed is -1; it must be zero or more"):
+        simulate(a1, seed=-1)
+
+
+# --- noise
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    first=st.integers(0, 5000),
+    pieces=st.lists(st.integers(1, 1500), min_size=1, max_size=6),
+    seed=st.integers(0, 2**32),
+)
+def test_noise_does_not_depend_on_the_pieces_in_which_it_is_asked_for(first, pieces, seed):
+    errors = DrawnErrors.draw(REALISTIC, 4, seed)
+    whole = errors.noise(first, sum(pieces))
+    starts = first + np.cumsum([0, *pieces[:-1]])
+    parts = [errors.noise(int(start), count) for start, count in zip(starts, pieces, strict=True)]
+    assert np.array_equal(np.concatenate(parts), whole)
+
+
+def test_noise_has_the_sizes_asked_for_and_no_correlation():
+    errors = DrawnErrors.draw(REALISTIC, 4, SEED)
+    noise = errors.noise(0, 20000)
+    sizes = np.repeat([0.3e-3, 0.03, 0.2, 3e-3, 0.05], [4, 4, 4, 3, 3])
+    assert np.allclose(noise.std(axis=0), sizes, rtol=0.03)
+    unit = noise / sizes
+    assert np.abs(unit.mean(axis=0)).max() < 0.04
+    assert np.abs(unit.T @ unit / 20000 - np.eye(18)).max() < 0.04
+    assert np.abs((unit[:-1] * unit[1:]).mean(axis=0)).max() < 0.04
+
+
+def test_seeds_have_their_own_noise():
+    one, other = (DrawnErrors.draw(REALISTIC, 4, seed).noise(0, 10) for seed in (0, 1))
+    assert not np.isclose(one, other).any()
+
+
+def test_no_noise_is_none():
+    assert not drawn(joint_zero=1.0).noise(7, 30).any()
+    assert drawn(encoder_noise=1.0).noise(0, 0).shape == (0, 3 * JOINTS + 6)
+
+
+# --- what a platform shows of them
+
+
+def squat(robot, duration=0.6, depth=0.03):
+    """Down and up again, smoothly: joint targets."""
+    stance = nominal_stance(robot)
+    time = np.arange(round(duration / PERIOD)) * PERIOD
+    position, solved = stance.joint_position, []
+    for drop in depth * (1 - np.cos(2 * np.pi * time / duration)) / 2:
+        position = inverse_kinematics(robot, stance.feet_in_base + np.array([0, 0, drop]), position)
+        solved.append(position)
+    return Trajectory(np.array(solved))
+
+
+@pytest.fixture(scope="module")
+def motion(a1):
+    return squat(a1)
+
+
+@pytest.fixture(scope="module")
+def moved(a1, motion):
+    """Records the motion on a robot with some errors."""
+
+    def play(**sizes):
+        with simulate(a1, SensorErrors(**sizes), seed=SEED) as simulation:
+            return simulation.platform.play(motion)
+
+    return play
+
+
+@pytest.fixture(scope="module")
+def ideal(moved):
+    return moved()
+
+
+@pytest.fixture(scope="module")
+def resting(a1):
+    """Reads at rest from a robot with some errors."""
+
+    def read(**sizes):
+        with simulate(a1, SensorErrors(**sizes), seed=SEED) as simulation:
+            return simulation.platform.read()
+
+    return read
+
+
+def test_velocity_is_the_derivative_of_position_without_a_lag(ideal):
+    time, position, velocity = ideal.joints.time, ideal.joints.position, ideal.joints.velocity
+    half_step = 0.5e-3 * np.gradient(velocity, time, axis=0)[5:-5]  # what the engine's own velocity would be off by
+    off = (CubicSpline(time, position)(time, 1) - velocity)[5:-5]
+    assert np.sqrt(np.mean(off**2)) < 0.02 * np.sqrt(np.mean(half_step**2))
+    assert np.abs((np.gradient(position, time, axis=0) - velocity)[5:-5]).max() < 0.1 * np.abs(half_step).max()
+
+
+def test_velocity_is_the_derivative_of_position_while_reading_too(a1, motion):
+    with simulate(a1) as simulation:
+        states = [simulation.platform.step(motion.command(index)) for index in range(100)]
+    position, velocity = (np.array([getattr(s, f"joint_{name}") for s in states]) for name in ("position", "velocity"))
+    lag = np.sum((np.gradient(position, PERIOD, axis=0) - velocity) * np.gradient(velocity, PERIOD, axis=0)) / np.sum(
+        np.gradient(velocity, PERIOD, axis=0) ** 2
+    )
+    assert abs(lag) < 0.05e-3
+
+
+def test_the_gyroscope_keeps_the_encoders_time(a1):
+    # A roll on planted feet: the left and the right thighs tell the roll rate that the gyroscope should see.
+    stance = nominal_stance(a1)
+    phase = 2 * np.pi * np.arange(250) / 250
+    left_right = stance.feet_in_base[:, 1] / np.abs(stance.feet_in_base[:, 1])
+    solved, position = [], stance.joint_position
+    for drop in 0.01 * np.sin(2 * phase):
+        feet = stance.feet_in_base.copy()
+        feet[:, 2] += drop * left_right
+        position = inverse_kinematics(a1, feet, position)
+        solved.append(position)
+    with simulate(a1) as simulation:
+        recording = simulation.platform.play(Trajectory(np.array(solved)))
+    knees = recording.joints.velocity[:, [leg.joints[-1] for leg in a1.legs.values()]] @ left_right
+    assert abs(lag_of(recording.imu.angular_velocity[:, :1], knees[:, None] / 4)) < 0.3e-3
+
+
+def lag_of(late, early):
+    """By how much one signal comes after a like one [s], to first order in the lag, whatever their scales."""
+    late, early = late[10:-10] - late[10:-10].mean(axis=0), early[10:-10] - early[10:-10].mean(axis=0)
+    slope = np.gradient(early, PERIOD, axis=0)
+    columns = np.stack([early.ravel(), slope.ravel()], axis=1)
+    scale, shift = np.linalg.lstsq(columns, late.ravel(), rcond=None)[0]
+    return -shift / scale
+
+
+@pytest.mark.parametrize("delay", [1e-3, 2e-3, 3e-3, 4.5e-3])
+def test_a_sensor_delay_makes_every_sample_old(moved, ideal, delay):
+    late = moved(sensor_delay=delay)
+    assert np.array_equal(late.joints.time, ideal.joints.time)
+    for stream, name in (("joints", "position"), ("joints", "velocity"), ("imu", "angular_velocity")):
+        on_time = CubicSpline(ideal.joints.time, getattr(getattr(ideal, stream), name))
+        shifted, off = on_time(ideal.joints.time - delay), getattr(getattr(late, stream), name)
+        assert lag_of(off, getattr(getattr(ideal, stream), name)) == pytest.approx(delay, rel=0.02)
+        assert np.abs(off - shifted)[10:].max() < 0.05 * np.abs(getattr(getattr(ideal, stream), name) - shifted)[10:].max()
+
+
+@pytest.mark.parametrize("delay", [1e-3, 2e-3, 6e-3])
+def test_a_command_delay_makes_the_robot_late(moved, ideal, delay):
+    late = moved(command_delay=delay)
+    steps = round(delay / PERIOD)
+    assert lag_of(late.joints.position, ideal.joints.position) == pytest.approx(delay, rel=0.02)
+    assert np.array_equal(late.commands.position, ideal.commands.position)
+    if steps * PERIOD == delay:
+        assert np.allclose(late.joints.position[steps:], ideal.joints.position[: len(ideal.joints.time) - steps], atol=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.5e-3, 1.5e-3, -1e-3])
+def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
+    together, apart = moved(sensor_delay=2e-3), moved(sensor_delay=2e-3, imu_clock_offset=offset)
+    assert np.array_equal(apart.joints.position, together.joints.position)
+    assert np.array_equal(apart.imu.time, together.imu.time)
+    assert lag_of(apart.imu.angular_velocity, together.imu.angular_velocity) == pytest.approx(-offset, rel=0.03)
+    on_time = CubicSpline(together.imu.time, together.imu.angular_velocity)
+    assert np.allclose(apart.imu.angular_velocity[10:-10], on_time(together.imu.time + offset)[10:-10], atol=2e-4)
+
+
+def test_an_encoder_zero_is_in_the_reading_and_in_where_the_joint_goes(resting):
+    zero = drawn(joint_zero=5e-3).joint_zero
+    true, biased = resting(), resting(joint_zero=5e-3)
+    # The loop closes on the encoder: the reading comes back to the same value, and the joint goes elsewhere.
+    assert np.abs(zero).max() > 5e-3
+    assert np.allclose(biased.joint_position, true.joint_position, atol=2e-3)
+    assert np.corrcoef(biased.joint_position - zero - true.joint_position, -zero)[0, 1] > 0.95
+
+
+def test_an_encoder_zero_does_not_depend_on_how_the_joint_is_loaded(a1):
+    zero = drawn(joint_zero=5e-3).joint_zero
+    with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
+        platform = simulation.platform
+        recording = platform.play(squat(a1))
+        true = platform._data.qpos[platform._simulated.qpos]
+        assert np.allclose(platform.read().joint_position - true, zero, atol=1e-12)
+        assert recording.joints.position.std(axis=0).max() > 0.02
+
+
+def test_a_torque_gain_is_between_the_true_and_the_reported_torque(a1):
+    gain = drawn(torque_gain=0.1).torque_gain
+    with simulate(a1, SensorErrors(torque_gain=0.1), seed=SEED) as simulation:
+        platform = simulation.platform
+        target = nominal_stance(a1).joint_position
+        state = platform.read()
+        true = platform._data.qfrc_actuator[platform._simulated.dof]
+        kp, _ = a1.gains(nominal_stance(a1).hip_height)
+    assert np.abs(gain - 1).max() > 0.1
+    assert np.allclose(state.joint_torque * gain, true, atol=0.02)
+    # The motor's own loop is wrong by the same factor: what it reports is what it means to do.
+    assert np.allclose(state.joint_torque, kp * (target - state.joint_position), atol=0.05)
+
+
+def test_a_gyroscope_bias_shows_at_rest(resting):
+    bias = drawn(gyro_bias=2e-3).gyro_bias
+    assert np.allclose(resting(gyro_bias=2e-3).angular_velocity - resting().angular_velocity, bias, atol=1e-12)
+    assert np.abs(resting().angular_velocity).max() < 2e-3
+
+
+def test_an_accelerometer_bias_shows_at_rest(resting):
+    bias = drawn(accelerometer_bias=0.03).accelerometer_bias
+    assert np.allclose(resting(accelerometer_bias=0.03).acceleration - resting().acceleration, bias, atol=1e-12)
+
+
+def test_a_tilted_imu_turns_gravity(resting):
+    tilt = drawn(imu_tilt=0.01).imu_tilt
+    level, tilted = resting().acceleration, resting(imu_tilt=0.01).acceleration
+    # The IMU turned by +tilt sees the world turned by -tilt.
+    assert np.allclose(tilted - level, -np.cross(tilt, level), atol=2e-3)
+    assert np.linalg.norm(tilted) == pytest.approx(np.linalg.norm(level), abs=1e-6)
+
+
+def test_a_tilted_imu_turns_rotations_alike(moved, ideal):
+    tilt = drawn(imu_tilt=0.05).imu_tilt
+    turned = moved(imu_tilt=0.05).imu.angular_velocity
+    straight = ideal.imu.angular_velocity
+    assert np.allclose(turned - straight, -np.cross(tilt, straight), atol=0.02 * np.abs(straight).max())
+
+
+def test_an_ideal_imu_feels_gravity_upward(resting):
+    state = resting()
+    assert np.linalg.norm(state.acceleration) == pytest.approx(9.81, abs=0.01)
+    assert state.acceleration[2] > 9.8
+
+
+@pytest.mark.parametrize("start", ["standing", "lying"])
+def test_a_sloping_floor_tilts_gravity(a1, start):
+    level, sloping = (simulate(a1, SensorErrors(floor_slope=s), seed=SEED, start=start) for s in (0.0, 0.02))
+    down = drawn(floor_slope=0.02).gravity_direction
+    off = sloping.platform.read().acceleration - level.platform.read().acceleration
+    # On soft legs the base leans a little further the same way.
+    assert np.allclose(off, 9.81 * (np.array([0, 0, -1.0]) - down) * [1, 1, 0], atol=0.05)
+    assert np.linalg.norm(off[:2]) > 0.9 * 9.81 * 0.02
+
+
+def test_friction_holds_joints_short_of_their_targets(moved, ideal):
+    rough = moved(coulomb_friction=0.3, viscous_friction=0.05, armature=0.01)
+    assert np.ptp(rough.joints.position, axis=0).max() < np.ptp(ideal.joints.position, axis=0).max()
+
+
+def test_noise_of_a_whole_run_has_its_sizes(a1):
+    sizes = {name: getattr(REALISTIC, name) for name in dataclasses.asdict(REALISTIC) if name.endswith("noise")}
+    target = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 1500, axis=0))
+    clean, noisy = (simulate(a1, SensorErrors(**s), seed=SEED).platform.play(target) for s in ({}, sizes))
+    for stream, name, size in (
+        ("joints", "position", "encoder_noise"), ("joints", "velocity", "joint_velocity_noise"),
+        ("joints", "torque", "torque_noise"), ("imu", "angular_velocity", "gyro_noise"),
+        ("imu", "acceleration", "accelerometer_noise"),
+    ):  # fmt: skip
+        noise = getattr(getattr(noisy, stream), name) - getattr(getattr(clean, stream), name)
+        assert noise.std() == pytest.approx(sizes[size], rel=0.03)
+
+
+@settings(max_examples=8, deadline=None)
+@given(cuts=st.lists(st.integers(1, 119), unique=True, max_size=5))
+def test_a_motion_played_in_pieces_is_felt_the_same(a1, motion, cuts):
+    position = motion.position[:120]
+    pieces = np.split(position, sorted(cuts))
+    whole, pieced = (simulate(a1, "realistic", seed=SEED).platform for _ in range(2))
+    expected = whole.play(Trajectory(position))
+    found = [pieced.play(Trajectory(piece)) for piece in pieces]
+    for stream, name in (("joints", "position"), ("joints", "torque"), ("imu", "angular_velocity"), ("imu", "acceleration")):
+        joined = np.concatenate([getattr(getattr(part, stream), name) for part in found])
+        assert np.allclose(joined, getattr(getattr(expected, stream), name), rtol=0, atol=1e-9)
