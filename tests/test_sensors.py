@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from equipoise import SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
 from equipoise.errors import SettingsError
 from equipoise.platforms.sensors import A1_TORQUE_SCALE, IDEAL, PRESETS, REALISTIC, DrawnErrors
 from equipoise.robot.kinematics import inverse_kinematics
@@ -64,7 +64,7 @@ def test_torque_like_errors_scale_with_the_robot_and_nothing_else_does():
 
 
 def test_the_reference_is_the_a1(a1):
-    assert a1.mass * 9.81 * nominal_stance(a1).hip_height == pytest.approx(A1_TORQUE_SCALE, rel=0.02)
+    assert a1.mass * 9.81 * nominal_stance(a1).hip_height == pytest.approx(A1_TORQUE_SCALE, rel=0.05)
 
 
 def test_a_preset_is_scaled_to_the_robot_and_errors_of_ones_own_are_not(a1):
@@ -220,91 +220,105 @@ def resting(a1):
     return read
 
 
+def lag_of(value, rate):
+    """By how much a rate comes after the derivative of the value that it belongs to [s]."""
+    time = PERIOD * np.arange(len(value))
+    slope = np.gradient(rate, PERIOD, axis=0)[5:-5]
+    return float(np.sum((CubicSpline(time, value)(time, 1) - rate)[5:-5] * slope) / np.sum(slope**2))
+
+
 def test_velocity_is_the_derivative_of_position_without_a_lag(ideal):
     time, position, velocity = ideal.joints.time, ideal.joints.position, ideal.joints.velocity
     half_step = 0.5e-3 * np.gradient(velocity, time, axis=0)[5:-5]  # what the engine's own velocity would be off by
-    off = (CubicSpline(time, position)(time, 1) - velocity)[5:-5]
-    assert np.sqrt(np.mean(off**2)) < 0.02 * np.sqrt(np.mean(half_step**2))
-    assert np.abs((np.gradient(position, time, axis=0) - velocity)[5:-5]).max() < 0.1 * np.abs(half_step).max()
+    off = (np.gradient(position, time, axis=0) - velocity)[5:-5]
+    assert np.abs(off).max() < 0.05 * np.abs(half_step).max()
+    assert abs(lag_of(position, velocity)) < 0.01e-3
 
 
-def test_velocity_is_the_derivative_of_position_while_reading_too(a1, motion):
-    with simulate(a1) as simulation:
-        states = [simulation.platform.step(motion.command(index)) for index in range(100)]
+@pytest.mark.parametrize(("delay", "most"), [(0.0, 0.1e-3), (2e-3, 0.01e-3)])
+def test_stepping_feels_velocities_without_a_lag_too(a1, motion, delay, most):
+    # Without any delay the command that is about to act is not known to a reading; that is worth 0.06 ms.
+    with simulate(a1, SensorErrors(command_delay=delay)) as simulation:
+        states = [simulation.platform.step(motion.command(index)) for index in range(len(motion.position))]
     position, velocity = (np.array([getattr(s, f"joint_{name}") for s in states]) for name in ("position", "velocity"))
-    lag = np.sum((np.gradient(position, PERIOD, axis=0) - velocity) * np.gradient(velocity, PERIOD, axis=0)) / np.sum(
-        np.gradient(velocity, PERIOD, axis=0) ** 2
-    )
-    assert abs(lag) < 0.05e-3
+    assert abs(lag_of(position, velocity)) < most
 
 
-def test_the_gyroscope_keeps_the_encoders_time(a1):
-    # A roll on planted feet: the left and the right thighs tell the roll rate that the gyroscope should see.
+def test_the_gyroscope_is_the_derivative_of_the_attitude_without_a_lag(a1):
     stance = nominal_stance(a1)
-    phase = 2 * np.pi * np.arange(250) / 250
-    left_right = stance.feet_in_base[:, 1] / np.abs(stance.feet_in_base[:, 1])
-    solved, position = [], stance.joint_position
-    for drop in 0.01 * np.sin(2 * phase):
-        feet = stance.feet_in_base.copy()
-        feet[:, 2] += drop * left_right
-        position = inverse_kinematics(a1, feet, position)
-        solved.append(position)
-    with simulate(a1) as simulation:
-        recording = simulation.platform.play(Trajectory(np.array(solved)))
-    knees = recording.joints.velocity[:, [leg.joints[-1] for leg in a1.legs.values()]] @ left_right
-    assert abs(lag_of(recording.imu.angular_velocity[:, :1], knees[:, None] / 4)) < 0.3e-3
+    drop = 0.007 * (1 - np.cos(4 * np.pi * np.arange(250) / 250))[:, None] * np.sign(stance.feet_in_base[:, 1])
+    position, attitude, gyro = stance.joint_position, [], []
+    with simulate(a1, SensorErrors(command_delay=2e-3)) as simulation:
+        platform = simulation.platform
+        for heights in drop:
+            position = inverse_kinematics(a1, stance.feet_in_base + heights[:, None] * [0, 0, 1], position)
+            state = platform.step(JointCommand(position))
+            attitude.append(platform._data.qpos[3:7].copy())
+            gyro.append(state.angular_velocity)
+    roll = 2 * np.array(attitude)[:, 1]
+    assert np.ptp(roll) > 0.03
+    assert abs(lag_of(roll[:, None], np.array(gyro)[:, :1])) < 0.05e-3
 
 
-def lag_of(late, early):
-    """By how much one signal comes after a like one [s], to first order in the lag, whatever their scales."""
-    late, early = late[10:-10] - late[10:-10].mean(axis=0), early[10:-10] - early[10:-10].mean(axis=0)
-    slope = np.gradient(early, PERIOD, axis=0)
-    columns = np.stack([early.ravel(), slope.ravel()], axis=1)
-    scale, shift = np.linalg.lstsq(columns, late.ravel(), rcond=None)[0]
-    return -shift / scale
+def assert_streams_equal(one, other, streams, late=0, tolerance=1e-9):
+    """One recording is another, some samples later."""
+    for stream, name in streams:
+        values, before = getattr(getattr(one, stream), name), getattr(getattr(other, stream), name)
+        assert np.allclose(values[late:], before[: len(before) - late], rtol=0, atol=tolerance), name
 
 
-@pytest.mark.parametrize("delay", [1e-3, 2e-3, 3e-3, 4.5e-3])
-def test_a_sensor_delay_makes_every_sample_old(moved, ideal, delay):
-    late = moved(sensor_delay=delay)
-    assert np.array_equal(late.joints.time, ideal.joints.time)
-    for stream, name in (("joints", "position"), ("joints", "velocity"), ("imu", "angular_velocity")):
-        on_time = CubicSpline(ideal.joints.time, getattr(getattr(ideal, stream), name))
-        shifted, off = on_time(ideal.joints.time - delay), getattr(getattr(late, stream), name)
-        assert lag_of(off, getattr(getattr(ideal, stream), name)) == pytest.approx(delay, rel=0.02)
-        assert np.abs(off - shifted)[10:].max() < 0.05 * np.abs(getattr(getattr(ideal, stream), name) - shifted)[10:].max()
+JOINT_STREAMS = (("joints", "position"), ("joints", "velocity"), ("joints", "torque"))
+IMU_STREAMS = (("imu", "angular_velocity"), ("imu", "acceleration"))
 
 
-@pytest.mark.parametrize("delay", [1e-3, 2e-3, 6e-3])
-def test_a_command_delay_makes_the_robot_late(moved, ideal, delay):
-    late = moved(command_delay=delay)
-    steps = round(delay / PERIOD)
-    assert lag_of(late.joints.position, ideal.joints.position) == pytest.approx(delay, rel=0.02)
-    assert np.array_equal(late.commands.position, ideal.commands.position)
-    if steps * PERIOD == delay:
-        assert np.allclose(late.joints.position[steps:], ideal.joints.position[: len(ideal.joints.time) - steps], atol=1e-6)
+@pytest.mark.parametrize("late", [1, 2, 5])
+def test_a_sensor_delay_makes_every_sample_old(moved, ideal, late):
+    delayed = moved(sensor_delay=late * PERIOD)
+    assert np.array_equal(delayed.joints.time, ideal.joints.time)
+    assert_streams_equal(delayed, ideal, JOINT_STREAMS + IMU_STREAMS, late)
+
+
+@pytest.mark.parametrize("delay", [0.3e-3, 1e-3, 2.5e-3])
+def test_a_sensor_delay_may_be_a_fraction_of_a_period(moved, ideal, delay):
+    expected = CubicSpline(ideal.joints.time, ideal.joints.position)(ideal.joints.time - delay)
+    off = moved(sensor_delay=delay).joints.position - expected
+    assert np.abs(off)[5:].max() < 0.02 * np.abs(ideal.joints.position - expected)[5:].max()
+
+
+@pytest.mark.parametrize("late", [1, 3])
+def test_a_command_delay_makes_the_robot_late(moved, ideal, late):
+    delayed = moved(command_delay=late * PERIOD)
+    assert np.array_equal(delayed.commands.position, ideal.commands.position)
+    # The robot still settled by some micrometres when it was asked to move.
+    assert_streams_equal(delayed, ideal, (("joints", "position"),), late, tolerance=5e-5)
+    assert np.abs(delayed.joints.position - ideal.joints.position).max() > 1e-3 * late
 
 
 @pytest.mark.parametrize("offset", [0.5e-3, 1.5e-3, -1e-3])
 def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
-    together, apart = moved(sensor_delay=2e-3), moved(sensor_delay=2e-3, imu_clock_offset=offset)
-    assert np.array_equal(apart.joints.position, together.joints.position)
-    assert np.array_equal(apart.imu.time, together.imu.time)
-    assert lag_of(apart.imu.angular_velocity, together.imu.angular_velocity) == pytest.approx(-offset, rel=0.03)
-    on_time = CubicSpline(together.imu.time, together.imu.angular_velocity)
-    assert np.allclose(apart.imu.angular_velocity[10:-10], on_time(together.imu.time + offset)[10:-10], atol=2e-4)
+    apart = moved(sensor_delay=2e-3, imu_clock_offset=offset)
+    assert np.array_equal(apart.imu.time, apart.joints.time)
+    assert_streams_equal(apart, moved(sensor_delay=2e-3), JOINT_STREAMS)
+    assert_streams_equal(apart, moved(sensor_delay=2e-3 - offset), IMU_STREAMS)
+    late = moved(sensor_delay=2e-3).imu.angular_velocity - apart.imu.angular_velocity
+    assert np.abs(late).max() > 1e-4
 
 
-def test_an_encoder_zero_is_in_the_reading_and_in_where_the_joint_goes(resting):
+def test_the_loop_closes_on_the_encoder_and_the_joint_goes_elsewhere(a1):
     zero = drawn(joint_zero=5e-3).joint_zero
-    true, biased = resting(), resting(joint_zero=5e-3)
-    # The loop closes on the encoder: the reading comes back to the same value, and the joint goes elsewhere.
-    assert np.abs(zero).max() > 5e-3
-    assert np.allclose(biased.joint_position, true.joint_position, atol=2e-3)
-    assert np.corrcoef(biased.joint_position - zero - true.joint_position, -zero)[0, 1] > 0.95
+    target, (kp, _) = nominal_stance(a1).joint_position, a1.gains(nominal_stance(a1).hip_height)
+    with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
+        state = simulation.platform.read()
+        true = simulation.platform._data.qpos[simulation.platform._simulated.qpos].copy()
+    with simulate(a1) as simulation:
+        without = simulation.platform.read()
+    assert np.allclose(state.joint_torque, kp * (target - state.joint_position), atol=0.05)
+    moved_by = true - without.joint_position
+    assert np.corrcoef(moved_by, -zero)[0, 1] > 0.5
+    assert np.abs(moved_by).max() > 3e-3
 
 
-def test_an_encoder_zero_does_not_depend_on_how_the_joint_is_loaded(a1):
+def test_an_encoder_reads_off_by_its_zero_however_the_joint_moves(a1):
     zero = drawn(joint_zero=5e-3).joint_zero
     with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
         platform = simulation.platform

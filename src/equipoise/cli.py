@@ -7,7 +7,7 @@ import json as json_module
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
@@ -244,7 +244,7 @@ def _load(robot: str, description_file: Path | None, description: RobotDescripti
 
 
 @contextmanager
-def _interruption_told(folder: Any) -> Iterator[None]:
+def _interruption_told(folder: Any) -> Generator[None]:
     """Say where the recordings are if the routine does not come to its end."""
     try:
         yield
@@ -254,7 +254,7 @@ def _interruption_told(folder: Any) -> Iterator[None]:
 
 
 @contextmanager
-def _warnings_on_stderr() -> Iterator[None]:
+def _warnings_on_stderr() -> Generator[None]:
     def show(message: Warning | str, category: type[Warning], *_: Any) -> None:
         print(f"warning: {message}", file=sys.stderr)
 

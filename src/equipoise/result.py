@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -289,11 +289,11 @@ class Calibration:
             raise RecordingError(f"cannot read the result {str(path)!r}: {error.strerror}") from error
         except ValueError as error:
             raise RecordingError(f"the result {str(path)!r} is not JSON: {error}") from error
-        if not isinstance(table, dict) or table.get("schema") != SCHEMA:
-            found = table.get("schema") if isinstance(table, dict) else type(table).__name__
+        found = cast("dict[str, Any]", table).get("schema") if isinstance(table, dict) else type(table).__name__
+        if found != SCHEMA:
             raise RecordingError(f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}")
         try:
-            return cls._from_dict(table)
+            return cls._from_dict(cast("dict[str, Any]", table))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"the result {str(path)!r} is damaged: {error!r}") from error
 
@@ -320,7 +320,8 @@ class Calibration:
 
 
 def _support_line(table: Mapping[str, Any]) -> SupportLine:
-    return SupportLine(**{**table, "point": tuple(table["point"]), "normal": tuple(table["normal"])})
+    point, normal = ((x, y, z) for x, y, z in (table["point"], table["normal"]))
+    return SupportLine(table["offset"], table["lower"], table["upper"], point, normal)
 
 
 def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:

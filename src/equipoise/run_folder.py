@@ -14,7 +14,7 @@ import json
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from equipoise.calibration import CalibrationSettings, estimate
 from equipoise.errors import ModelWarning, OutputError, RecordingError, SettingsError
@@ -97,8 +97,8 @@ class RunFolder:
 
     def keep(self, recording: Recording) -> None:
         """Write the next recording."""
-        about = next((event.data for event in recording.events if event.name == TRIAL), {})
-        words = [str(about.get(key)) for key in ("kind", "diagonal", "axis") if key in about] or ["motion"]
+        about = [event.data for event in recording.events if event.name == TRIAL]
+        words = [str(about[0][key]) for key in ("kind", "diagonal", "axis") if key in about[0]] if about else ["motion"]
         save_recording(recording, self.path / _RECORDINGS / f"{self._count:03d}-{'-'.join(words)}.npz")
         self._count += 1
 
@@ -170,4 +170,4 @@ def _read_json(path: Path, otherwise: str) -> dict[str, Any]:
         raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error})") from error
     if not isinstance(table, dict):
         raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object")
-    return table
+    return cast("dict[str, Any]", table)

@@ -87,7 +87,7 @@ def find_intersection(planes: Sequence[SupportPlane], com_height: float) -> Floa
     """
     normals = np.array([plane.normal for plane in planes])
     levels = np.array([plane.normal @ plane.point for plane in planes]) - normals[:, 2] * com_height
-    return np.linalg.solve(normals[:, :2], levels)
+    return np.asarray(np.linalg.solve(normals[:, :2], levels), dtype=float)
 
 
 def between(planes: Sequence[SupportPlane]) -> SupportPlane:
@@ -144,7 +144,7 @@ def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
 def _sine_fit(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[FloatArray, float]:
     angle = 2 * np.pi * frequency * time
     basis = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(time)])
-    coefficients, *_ = np.linalg.lstsq(basis, signal, rcond=None)
+    coefficients = np.asarray(np.linalg.lstsq(basis, signal, rcond=None)[0], dtype=float)
     residual = signal - basis @ coefficients
     return coefficients, float(residual @ residual)
 
@@ -172,11 +172,10 @@ def fit_axis(
     time, torque = _whole_periods(time - start, torque[:, index], sinusoid.frequency)
     torque = torque - torque.mean()
     regressor = np.column_stack([sinusoid.derivative(time), sinusoid.value(time)])  # equation 5
-    (inertia, damping), *_ = np.linalg.lstsq(regressor, torque, rcond=None)
+    solution = np.asarray(np.linalg.lstsq(regressor, torque, rcond=None)[0], dtype=float)
+    inertia, damping = (float(value) for value in solution)
     measured = np.interp(time, steady.imu.time - start, angular_velocity)
-    return AxisFit(
-        axis, float(inertia), float(damping), sinusoid, time, measured, torque, regressor @ [inertia, damping]
-    )
+    return AxisFit(axis, inertia, damping, sinusoid, time, measured, torque, regressor @ [inertia, damping])
 
 
 def torque_about_com(

@@ -174,6 +174,7 @@ def _move_over(
     motion.phase("move").move_feet(feet_in_base, planted.move_time(feet_in_base, home, settings.move_time))
     motion.phase("settle").hold(settings.settle_time)
     parts = [planted.play(motion)]
+    problem: str | None = None
     for _ in range(settings.max_settling):
         problem = _not_at_rest(planted, Recording.concatenate(parts), settings)
         if problem is None:

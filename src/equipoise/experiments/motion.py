@@ -126,7 +126,7 @@ class Motion:
             knots: number of parameter values at which inverse kinematics runs.
             parameter: (n,) parameter at each control period.
         """
-        grid = np.linspace(parameter.min(), parameter.max(), knots)
+        grid = np.linspace(float(parameter.min()), float(parameter.max()), knots)
         first = int(np.argmin(np.abs(grid - parameter[0])))
         solved = np.empty((knots, len(self.target.joint_position)))
         for order in (range(first, knots), range(first - 1, -1, -1)):

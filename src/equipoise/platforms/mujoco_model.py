@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -73,6 +74,7 @@ def build_simulated_robot(
         base = _floating_base(spec, robot)
         _strip(spec)
         _weld_held_joints(spec, robot)
+        spec.compiler.fusestatic = True
         _add_contacts(spec, robot, stance, base, errors)
         if payload is not None:
             _add_payload(base, payload)
@@ -86,7 +88,7 @@ def build_simulated_robot(
     except ValueError as error:
         raise ModelError(f"MuJoCo cannot make a model of {str(robot.source.path)!r}: {error}") from error
     joints = np.array([model.joint(name).id for name in robot.joint_names])
-    qpos, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
+    qpos, dof = model.jnt_qposadr[joints].astype(np.intp), model.jnt_dofadr[joints].astype(np.intp)
     _set_joint_losses(model, dof, errors)
     _scale_leg_masses(model, joints, errors)
     return SimulatedRobot(model, errors, qpos, dof, kp, kd, int(model.jnt_bodyid[0]))
@@ -103,11 +105,10 @@ def _read(source: ModelSource) -> mujoco.MjSpec:
         for collision in link.findall("collision"):
             link.remove(collision)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    spec.compiler.fusestatic = True
     return spec
 
 
-def _delete(spec: mujoco.MjSpec, element: mujoco.MjsElement) -> None:
+def _delete(spec: mujoco.MjSpec, element: Any) -> None:
     """Delete an element of a spec: a method of the spec since MuJoCo 3.3.1, of the element before."""
     if hasattr(spec, "delete"):
         spec.delete(element)
@@ -142,6 +143,7 @@ def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     """Remove joints that are no leg's, with their links turned to where they are held."""
     if not robot.held:
         return
+    spec.compiler.fusestatic = False  # MuJoCo 3.3 loses bodies of the spec that a compilation fuses
     compiled = spec.compile()
     for name, position in robot.held.items():
         joint = compiled.joint(name)
@@ -158,7 +160,7 @@ def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
 
 
 def _moved_by_joint(
-    pos: FloatArray, quat_wxyz: FloatArray, joint: mujoco.MjModel, position: float
+    pos: FloatArray, quat_wxyz: FloatArray, joint: Any, position: float
 ) -> tuple[FloatArray, FloatArray]:
     """Pose of a body in its parent, with one joint moved."""
     axis, anchor = np.array(joint.axis), np.array(joint.pos)

@@ -40,7 +40,7 @@ def save_recording(recording: Recording, path: Path) -> None:
     partial = path.with_suffix(".partial")
     try:
         with open(partial, "wb") as file:
-            np.savez(file, **{name: array for name, array in arrays.items() if array is not None})
+            np.savez(file, allow_pickle=False, **{name: array for name, array in arrays.items() if array is not None})
         os.replace(partial, path)
     except OSError as error:
         with contextlib.suppress(OSError):

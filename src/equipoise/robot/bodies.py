@@ -96,7 +96,9 @@ def _body(robot: RobotModel, joint: int) -> Body:
         # Mass is balanced about the CoM, so a body reaches about as far past it as its joint is before it.
         reach = 2 * float(np.linalg.norm(com))
         extent = max(_distance_to_next(robot, joint), reach, _SMALLEST_EXTENT_RATIO * robot.leg_length)
-    return Body(name, float(inertia.mass), com, np.linalg.eigvalsh(np.array(inertia.inertia)), extent)
+    return Body(
+        name, float(inertia.mass), com, np.asarray(np.linalg.eigvalsh(np.array(inertia.inertia)), dtype=float), extent
+    )
 
 
 def _hip_diagonal(robot: RobotModel) -> float:

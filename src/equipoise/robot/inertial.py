@@ -54,7 +54,7 @@ class InertialParameters:
     @property
     def principal_moments(self) -> FloatArray:
         """(3,) ascending [kg m2]."""
-        return np.linalg.eigvalsh(self.inertia)
+        return np.asarray(np.linalg.eigvalsh(self.inertia), dtype=float)
 
     def physical_defect(self) -> str | None:
         """Why no rigid body can have these parameters, or None if one can.

@@ -53,8 +53,8 @@ def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, join
     transposed = foot_jacobians(robot, joint_position).transpose(0, 2, 1)
     torques = joint_torque[joints][:, :, None]
     if joints.shape[1] == 3:
-        return -np.linalg.solve(transposed, torques)[:, :, 0]
-    return -(np.linalg.pinv(transposed) @ torques)[:, :, 0]
+        return np.asarray(-np.linalg.solve(transposed, torques)[:, :, 0], dtype=float)
+    return np.asarray(-(np.linalg.pinv(transposed) @ torques)[:, :, 0], dtype=float)
 
 
 def inverse_kinematics(

@@ -114,7 +114,7 @@ def _stance_at_ratio(robot: RobotModel, ratio: float) -> Stance:
 def _upright_abduction(robot: RobotModel, leg: Leg, start: FloatArray) -> float:
     """The abduction angle nearest to zero at which the hip pitch axis is level, so that the leg's plane is upright."""
     abduction = leg.joints[0]
-    candidates = np.linspace(robot.lower_limit[abduction], robot.upper_limit[abduction], 721)
+    candidates = np.linspace(float(robot.lower_limit[abduction]), float(robot.upper_limit[abduction]), 721)
     candidates = np.concatenate([[start[abduction]], candidates[np.argsort(np.abs(candidates), kind="stable")]])
     tilts: list[float] = []
     for angle in candidates:
@@ -134,7 +134,7 @@ def _seeds(robot: RobotModel, start: FloatArray, targets: FloatArray) -> list[Fl
     target, the nearest with the knee behind the hip and the nearest with it in front.
     """
     span = [
-        np.linspace(max(low, -np.pi), min(high, np.pi), _GRID)
+        np.linspace(max(float(low), -np.pi), min(float(high), np.pi), _GRID)
         for low, high in zip(robot.lower_limit, robot.upper_limit, strict=True)
     ]
     legs = list(robot.legs.values())
