@@ -17,8 +17,6 @@ class _FloatsField:
     def __set__(self, instance: object, value: _Floats) -> None: ...
 
 class _Enum:
-    @property
-    def value(self) -> int: ...
     def __int__(self) -> int: ...
     def __index__(self) -> int: ...
 
@@ -73,24 +71,15 @@ class MjOption:
     gravity: _FloatsField
 
 class _BodyView:
-    id: int
     name: str
 
 class _JointView:
     id: int
-    name: str
-    type: _IntArray
-    axis: _FloatArray
-    pos: _FloatArray
 
 class _SiteView:
-    id: int
-    name: str
     quat: _FloatArray
 
 class _SensorView:
-    id: int
-    name: str
     adr: _IntArray
 
 class MjModel:

@@ -28,10 +28,8 @@ class FrameType(int):
     JOINT: FrameType
     FIXED_JOINT: FrameType
     BODY: FrameType
-    SENSOR: FrameType
 
 class GeometryType(int):
-    VISUAL: GeometryType
     COLLISION: GeometryType
 
 class ReferenceFrame(int): ...
@@ -40,7 +38,6 @@ LOCAL_WORLD_ALIGNED: ReferenceFrame
 
 class Motion:
     linear: _FloatArray
-    angular: _FloatArray
 
 class Inertia:
     mass: float
@@ -66,9 +63,6 @@ class SE3:
     def Identity() -> SE3: ...
     def inverse(self) -> SE3: ...
     def __mul__(self, other: SE3, /) -> SE3: ...
-    @overload
-    def act(self, point: _FloatArray, /) -> _FloatArray: ...
-    @overload
     def act(self, inertia: Inertia, /) -> Inertia: ...
 
 class Frame:
@@ -89,14 +83,12 @@ class JointModel:
     nq: int
     nv: int
     idx_q: int
-    idx_v: int
     def createData(self) -> JointData: ...
     def calc(self, data: JointData, q: _FloatArray, /) -> None: ...
 
 class JointModelFreeFlyer: ...
 
 class GeometryObject:
-    name: str
     parentJoint: int
     placement: SE3
     geometry: Any  # a shape of coal or, up to Pinocchio 3.3, of hppfcl

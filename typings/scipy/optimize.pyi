@@ -4,9 +4,6 @@ from collections.abc import Callable, Mapping
 
 class OptimizeResult:
     x: float
-    fun: float
-    success: bool
-    message: str
 
 def minimize_scalar(
     fun: Callable[[float], float],

@@ -104,8 +104,7 @@ def _read(source: ModelSource) -> mujoco.MjSpec:
     for link in root.findall("link"):
         for collision in link.findall("collision"):
             link.remove(collision)
-    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    return spec
+    return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
 
 
 def _delete(spec: mujoco.MjSpec, element: Any) -> None:
