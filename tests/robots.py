@@ -119,14 +119,20 @@ def _urdf_leg(
         parts.append(_urdf_joint(joint_name(leg, place), kind, parent, link, origin, axis, limits))
         parent = link
     if foot_links:
-        sphere = "" if foot_radius is None else f'<collision><geometry><sphere radius="{foot_radius}"/></geometry></collision>'
+        sphere = (
+            ""
+            if foot_radius is None
+            else f'<collision><geometry><sphere radius="{foot_radius}"/></geometry></collision>'
+        )
         parts.append(f'<link name="{leg}_foot">{sphere}</link>')
         parts.append(_urdf_joint(f"{leg}_foot_joint", "fixed", parent, f"{leg}_foot", (0.0, 0.0, -SHANK)))
     return parts
 
 
 def _urdf_inertial(mass: str | float, com: Sequence[float], inertia: Sequence[float]) -> str:
-    values = " ".join(f'{key}="{v}"' for key, v in zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), inertia, strict=True))
+    values = " ".join(
+        f'{key}="{v}"' for key, v in zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), inertia, strict=True)
+    )
     return f'<inertial><origin xyz="{_words(com)}"/><mass value="{mass}"/><inertia {values}/></inertial>'
 
 

@@ -123,7 +123,9 @@ def test_integers_and_lists_become_floats():
 
 def test_streams_keep_their_own_times():
     recording = Recording(
-        NAMES, JointStream([0.0, 0.1], np.zeros((2, 2))), ImuStream([0.03, 0.04, 0.05], np.zeros((3, 3)), np.ones((3, 3)))
+        NAMES,
+        JointStream([0.0, 0.1], np.zeros((2, 2))),
+        ImuStream([0.03, 0.04, 0.05], np.zeros((3, 3)), np.ones((3, 3))),
     )
     assert recording.commands is None
     assert len(recording.between(0.0, 0.05).joints.time) == 1
@@ -212,7 +214,9 @@ def test_what_one_part_lacks_the_whole_lacks(missing):
 def test_only_consecutive_recordings_of_the_same_joints_can_be_joined():
     with pytest.raises(RecordingError, match="there is nothing to concatenate"):
         Recording.concatenate([])
-    with pytest.raises(RecordingError, match="joint times must be finite and increasing; sample 10 is at 0 s after 0.9 s"):
+    with pytest.raises(
+        RecordingError, match="joint times must be finite and increasing; sample 10 is at 0 s after 0.9 s"
+    ):
         Recording.concatenate([recording_of(), recording_of()])
     with pytest.raises(RecordingError, match="recordings of different joints cannot be one: a, b, and a, c"):
         Recording.concatenate([recording_of(), recording_of(start=1.0, names=("a", "c"))])

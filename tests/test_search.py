@@ -6,9 +6,10 @@ import pytest
 from equipoise import ComSearchSettings, RobotDescription, load_robot, nominal_stance, simulate
 from equipoise.errors import BracketError, ImuMountingError, ReachError, SettingsError
 from equipoise.estimation.tilt import support_plane_of, tilt_of
-from equipoise.experiments.com_search import TrialRunner, find_com, find_support_vector, shifted_feet
+from equipoise.experiments.com_search import find_com, find_support_vector
 from equipoise.experiments.lift import lift_trial
 from equipoise.experiments.stand import stand_up
+from equipoise.experiments.trial_runner import TrialRunner, shifted_feet
 
 DIAGONALS = ("FL_RR", "FR_RL")
 

@@ -88,7 +88,9 @@ def test_negative_or_infinite_sizes_are_refused(name, value):
 
 def test_no_imu_sample_is_younger_than_its_reading():
     assert SensorErrors(imu_clock_offset=1e-3, sensor_delay=1e-3)
-    with pytest.raises(SettingsError, match=r"imu_clock_offset is 0.001 s and sensor_delay 0.0005 s: IMU samples would be"):
+    with pytest.raises(
+        SettingsError, match=r"imu_clock_offset is 0.001 s and sensor_delay 0.0005 s: IMU samples would be"
+    ):
         SensorErrors(imu_clock_offset=1e-3, sensor_delay=0.5e-3)
 
 
@@ -410,6 +412,11 @@ def test_a_motion_played_in_pieces_is_felt_the_same(a1, motion, cuts):
     whole, pieced = (simulate(a1, "realistic", seed=SEED).platform for _ in range(2))
     expected = whole.play(Trajectory(position))
     found = [pieced.play(Trajectory(piece)) for piece in pieces]
-    for stream, name in (("joints", "position"), ("joints", "torque"), ("imu", "angular_velocity"), ("imu", "acceleration")):
+    for stream, name in (
+        ("joints", "position"),
+        ("joints", "torque"),
+        ("imu", "angular_velocity"),
+        ("imu", "acceleration"),
+    ):
         joined = np.concatenate([getattr(getattr(part, stream), name) for part in found])
         assert np.allclose(joined, getattr(getattr(expected, stream), name), rtol=0, atol=1e-9)

@@ -184,7 +184,9 @@ def test_an_archive_that_holds_no_valid_recording_is_damaged(path, array, value)
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     for folder in ("missing", "file"):
-        with pytest.raises(OutputError, match=rf"cannot write the recording '.*{folder}/x.npz': (No such file|Not a dir)"):
+        with pytest.raises(
+            OutputError, match=rf"cannot write the recording '.*{folder}/x.npz': (No such file|Not a dir)"
+        ):
             save_recording(recording_of(), tmp_path / folder / "x.npz")
 
 

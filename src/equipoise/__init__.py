@@ -17,8 +17,8 @@ from equipoise._version import __version__
 if TYPE_CHECKING:
     from equipoise.calibration import CalibrationSettings, calibrate, estimate
     from equipoise.errors import EquipoiseError
-    from equipoise.experiments.com_search import ComSearchSettings
     from equipoise.experiments.sway import SwaySettings
+    from equipoise.experiments.trial_runner import ComSearchSettings
     from equipoise.platforms.payload import Payload
     from equipoise.platforms.platform import JointCommand, Platform, RobotState, Trajectory
     from equipoise.platforms.sensors import SensorErrors
@@ -37,7 +37,7 @@ _HOME = {
     "Audit": "robot.audit",
     "Calibration": "result",
     "CalibrationSettings": "calibration",
-    "ComSearchSettings": "experiments.com_search",
+    "ComSearchSettings": "experiments.trial_runner",
     "EquipoiseError": "errors",
     "InertialParameters": "robot.inertial",
     "JointCommand": "platforms.platform",

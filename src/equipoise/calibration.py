@@ -15,10 +15,11 @@ from equipoise._version import __version__
 from equipoise.errors import MotionError, RecordingError, SettingsError
 from equipoise.estimation.paper import AXES, AxisFit, between, commanded_plane, find_intersection, fit_axis
 from equipoise.estimation.tilt import SupportPlane, support_plane_of, tilt_of
-from equipoise.experiments.com_search import ComSearchSettings, SearchProgress, TrialRunner, find_com, shifted_feet
+from equipoise.experiments.com_search import find_com
 from equipoise.experiments.lift import TRIAL
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted, why_unreachable
+from equipoise.experiments.trial_runner import ComSearchSettings, SearchProgress, TrialRunner, shifted_feet
 from equipoise.platforms.platform import Platform
 from equipoise.recordings.recording import Recording
 from equipoise.result import BodyEstimate, Calibration, Evidence, SupportLine, SwayEstimate, Trial

@@ -89,8 +89,8 @@ def calibrate(
     """
     from equipoise.calibration import CalibrationSettings
     from equipoise.calibration import calibrate as run
-    from equipoise.experiments.com_search import ComSearchSettings
     from equipoise.experiments.sway import SwaySettings
+    from equipoise.experiments.trial_runner import ComSearchSettings
     from equipoise.outputs.terminal import TrialProgress, print_calibration
     from equipoise.platforms.payload import Payload
     from equipoise.platforms.simulation import simulate

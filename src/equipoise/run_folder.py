@@ -18,9 +18,9 @@ from typing import Any, cast
 
 from equipoise.calibration import CalibrationSettings, estimate
 from equipoise.errors import ModelWarning, OutputError, RecordingError, SettingsError
-from equipoise.experiments.com_search import ComSearchSettings
 from equipoise.experiments.lift import TRIAL
 from equipoise.experiments.sway import SwaySettings
+from equipoise.experiments.trial_runner import ComSearchSettings
 from equipoise.recordings.recording import Recording
 from equipoise.recordings.storage import load_recording, save_recording
 from equipoise.result import Calibration, inertia_from_dict, inertia_to_dict

@@ -6,90 +6,15 @@ base frame without dragging them over the floor.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
-from equipoise.errors import BracketError, ImuMountingError, ReachError, SettingsError
-from equipoise.estimation.paper import commanded_plane
-from equipoise.estimation.tilt import Verdict
-from equipoise.experiments.lift import LiftSettings, LiftTrial, PlantedRobot, grown, lift_trial
-from equipoise.recordings.recording import Recording
-from equipoise.robot.inertial import composite_parameters
-from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.errors import SettingsError
+from equipoise.experiments.bracket import check_end
+from equipoise.experiments.lift import LiftTrial
+from equipoise.experiments.trial_runner import TrialRunner
 from equipoise.robot.model import DIAGONALS
-from equipoise.robot.stance import Stance
-
-FloatArray = NDArray[np.float64]
-
-# Sizes that were tried on an A1 and scale with the hip height (lengths) or its square root (times).
-_REFERENCE_HEIGHT = 0.312
-_BOUND = 0.06
-# A robot that tips onto its lifted feet must come to rest on them: its CoM must be this much farther inside its feet than
-# the speed that it has by then would carry it.
-_TIP_OVER_FACTOR = 1.5
-_LIFT_RATIO = 0.05
-
-
-@dataclass(frozen=True)
-class ComSearchSettings:
-    """How the CoM is searched. None stands for a value that fits the robot's size.
-
-    Attributes:
-        lower, upper: search bounds x_l and x_u of the offset along the base's x axis [m]; default -+ 6 cm on an A1.
-        tolerance: the search ends when the bounds are this close [m].
-        lift_height: of the first lift [m]; default 5 % of the hip height.
-        t_thres: how long the robot is watched with two feet up [s]; default 0.8 s on an A1.
-        speed: factor on how fast the robot moves between trials.
-    """
-
-    lower: float | None = None
-    upper: float | None = None
-    tolerance: float = 0.005
-    lift_height: float | None = None
-    t_thres: float | None = None
-    speed: float = 1.0
-
-    def __post_init__(self) -> None:
-        lower, upper = self.lower, self.upper
-        if lower is not None and upper is not None and not upper > lower:
-            raise SettingsError(
-                f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m"
-            )
-        for name in ("tolerance", "lift_height", "t_thres", "speed"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise SettingsError(f"{name} is {value}; it must be positive")
-
-    def bounds(self, stance: Stance) -> tuple[float, float]:
-        """x_l and x_u for a robot of this size [m]."""
-        default = _BOUND * stance.hip_height / _REFERENCE_HEIGHT
-        lower = -default if self.lower is None else self.lower
-        upper = default if self.upper is None else self.upper
-        if not upper > lower:
-            raise SettingsError(
-                f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m"
-            )
-        return lower, upper
-
-    def lift(self, stance: Stance) -> LiftSettings:
-        """The lift trial for a robot of this size."""
-        clock = float(np.sqrt(stance.hip_height / _REFERENCE_HEIGHT))
-        usual = LiftSettings(height=0.0)
-        return LiftSettings(
-            height=self.lift_height or _LIFT_RATIO * stance.hip_height,
-            move_time=usual.move_time * clock / self.speed,
-            settle_time=usual.settle_time * clock / self.speed,
-            rest_time=usual.rest_time * clock,
-            unload_time=usual.unload_time * clock,
-            lift_time=usual.lift_time * clock,
-            watch_time=self.t_thres or usual.watch_time * clock,
-            lower_time=usual.lower_time * clock / self.speed,
-            step_time=usual.step_time * clock,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,75 +38,8 @@ class SupportVector:
         return (self.lower + self.upper) / 2
 
 
-@dataclass(frozen=True)
-class SearchProgress:
-    """What a search is doing: the trial about to be done, and the bracket."""
-
-    diagonal: str
-    offset: float
-    lower: float
-    upper: float
-    trials_done: int
-    trials_expected: int
-
-
-Report = Callable[[SearchProgress], None]
-Keep = Callable[[Recording], None]
-
-
-class TrialRunner:
-    """Does lift trials for a search: inverse kinematics, motion, and higher lifts where no tilt is seen."""
-
-    def __init__(
-        self, planted: PlantedRobot, stance: Stance, settings: ComSearchSettings, keep: Keep, report: Report | None
-    ) -> None:
-        self.planted, self.stance, self.settings = planted, stance, settings
-        self.lift = settings.lift(stance)
-        self._keep, self._report = keep, report
-
-    def tilt_at(self, diagonal: str, x_m: float, x_l: float, x_u: float, trials: list[LiftTrial]) -> Verdict:
-        """Stand on a diagonal whose line is offset by x_m, lift the other feet, and tell which way the robot tips."""
-        if self._report is not None:
-            left = max(0, int(np.ceil(np.log2(max(1.0, (x_u - x_l) / self.settings.tolerance)))))
-            self._report(SearchProgress(diagonal, x_m, x_l, x_u, len(trials), len(trials) + max(1, left)))
-        r_hat = shifted_feet(self.stance, x_m)
-        for _ in range(self.lift.max_lifts):
-            trial = lift_trial(self.planted, diagonal, x_m, r_hat, self.lift)
-            trials.append(trial)
-            self._keep(trial.recording)
-            _check_direction(trial)
-            if trial.tilt.verdict != "balanced":
-                break
-            self.lift = grown(self.lift)
-        return trials[-1].tilt.verdict
-
-    def check_reach(self, x_m: float) -> None:
-        """Raise ReachError if the legs do not reach an offset, or the robot could tip over its own four feet there.
-
-        By the model: a CoM at a distance d from the line falls through an angle a (the lift over the lifted foot's
-        distance) and gains the speed sqrt(2 g d a), with which an inverted pendulum of height h travels up to
-        sqrt(2 h d a) against gravity. There must be room for that between the CoM and the feet's front or rear edge.
-        """
-        robot, stance = self.planted.robot, self.stance
-        feet = shifted_feet(stance, x_m)
-        inverse_kinematics(robot, feet, stance.joint_position)
-        com = composite_parameters(robot, stance.joint_position).com
-        room = min(float(feet[:, 0].max() - com[0]), float(com[0] - feet[:, 0].min()))
-        height = float(com[2] - feet[:, 2].mean())
-        for diagonal in DIAGONALS:
-            plane = commanded_plane(feet, diagonal)
-            arm = max(abs(plane.distance_to(foot)) for foot in feet)
-            travel = float(np.sqrt(2 * height * abs(plane.distance_to(com)) * self.lift.height / arm))
-            if room < _TIP_OVER_FACTOR * travel:
-                raise ReachError(
-                    f"with the support lines at {x_m * 1000:.0f} mm the robot could tip over its own feet: by the model its "
-                    f"centre of mass is {room * 1000:.0f} mm inside them, and {_TIP_OVER_FACTOR * travel * 1000:.0f} mm are "
-                    "safe; ask for narrower bounds"
-                )
-
-
 def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
-    """Algorithm 2, FindCOM: one support line per diagonal. Their intersection is `estimation.paper.planar_com`."""
+    """Algorithm 2, FindCOM: one support line per diagonal. Where they cross is `estimation.paper`'s line 5."""
     x_l, x_u = runner.settings.bounds(runner.stance)  # Algorithm 2, line 1
     if not runner.settings.tolerance < (x_u - x_l) / 2:
         raise SettingsError(
@@ -197,11 +55,13 @@ def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
 def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: float) -> SupportVector:
     """Algorithm 1, FindSupportVector: the offset of one diagonal's support line that balances the robot.
 
-    Line numbers are the paper's. Lines 3-12 are `TrialRunner.tilt_at` and `lift_trial`.
+    Line numbers are the paper's. Lines 3 to 12 are one call here: `TrialRunner.tilt_at` shifts the feet (3, 4), and
+    `lift_trial` solves the inverse kinematics (5), moves until q is close to q_d (6-8), lifts the other diagonal's feet and
+    waits for t_thres (9-12).
 
     Raises:
         BracketError: the robot tips the same way at both ends, also after widening once.
-        ImuMountingError: it tips towards the CoM's other side at both ends.
+        ImuMountingError: at both ends it tips away from where its CoM must be.
         TrackingError: it did not come to rest where it was sent.
     """
     if diagonal not in DIAGONALS:
@@ -212,7 +72,7 @@ def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: flo
     first_l, first_u = x_l, x_u
     while x_u - x_l > runner.settings.tolerance:  # line 1
         x_m = (x_l + x_u) / 2  # line 2
-        tilt = runner.tilt_at(diagonal, x_m, x_l, x_u, trials)  # lines 3-12
+        tilt = runner.tilt_at(diagonal, x_m, x_l, x_u, trials)  # lines 3 to 12
         if tilt == "balanced":
             return SupportVector(diagonal, x_m, x_m, tuple(trials))
         if tilt == "forward":  # line 13: the CoM is ahead of the line
@@ -220,87 +80,6 @@ def find_support_vector(runner: TrialRunner, diagonal: str, x_u: float, x_l: flo
         else:
             x_u = x_m  # line 16
         if x_u - x_l <= runner.settings.tolerance and (first_l == x_l or first_u == x_u):
-            x_l, x_u = _check_end(runner, diagonal, x_l, x_u, first_l, first_u, trials)
+            x_l, x_u = check_end(runner, diagonal, x_l, x_u, first_l, first_u, trials)
             first_l, first_u = -np.inf, np.inf  # an end is tried, and the bracket widened, once
     return SupportVector(diagonal, x_l, x_u, tuple(trials))  # line 19
-
-
-def _check_end(
-    runner: TrialRunner,
-    diagonal: str,
-    x_l: float,
-    x_u: float,
-    first_l: float,
-    first_u: float,
-    trials: list[LiftTrial],
-) -> tuple[float, float]:
-    """The search converged to an end of its bracket, which was never tried: try it, and widen once if need be.
-
-    Returns:
-        bounds that hold the balance: the old ones, or those of a widened bracket.
-    """
-    at_upper = x_u == first_u
-    end, expected = (x_u, "backward") if at_upper else (x_l, "forward")
-    tilt = runner.tilt_at(diagonal, end, x_l, x_u, trials)
-    if tilt == "balanced":
-        return end, end
-    if tilt == expected:
-        return x_l, x_u
-    width = (first_u - first_l) / 2
-    wider = _reachable_end(runner, end, end + width if at_upper else end - width)
-    if abs(wider - end) > runner.settings.tolerance:
-        tilt = runner.tilt_at(diagonal, wider, min(end, wider), max(end, wider), trials)
-        if tilt == "balanced":
-            return wider, wider
-        if tilt == expected:
-            return min(end, wider), max(end, wider)
-    _refuse_bracket(runner, diagonal, first_l if at_upper else first_u, not at_upper, wider, trials)
-
-
-def _refuse_bracket(
-    runner: TrialRunner, diagonal: str, other_end: float, other_is_upper: bool, wider: float, trials: list[LiftTrial]
-) -> NoReturn:
-    """Say why no support line balances the robot: the CoM is elsewhere, or the IMU tells tilts the wrong way round."""
-    tilt = runner.tilt_at(diagonal, other_end, min(other_end, wider), max(other_end, wider), trials)
-    recordings = tuple(trial.recording for trial in trials)
-    if tilt == ("forward" if other_is_upper else "backward"):
-        raise ImuMountingError(
-            f"on {diagonal} the robot tips away from its centre of mass at both ends of the search: the IMU seems mounted "
-            "turned; give its pose under imu_rpy in a robot description",
-            recordings,
-        )
-    side = "behind" if other_is_upper else "ahead of"
-    raise BracketError(
-        f"on {diagonal} the robot tips the same way at every support line from {min(other_end, wider) * 1000:.0f} mm to "
-        f"{max(other_end, wider) * 1000:.0f} mm: its centre of mass is {side} all of them. Move the payload towards the "
-        "middle, or give wider bounds if the legs reach them",
-        recordings,
-    )
-
-
-def _reachable_end(runner: TrialRunner, near: float, far: float) -> float:
-    """The farthest offset towards `far` that is safe to try."""
-    for fraction in (1.0, 0.75, 0.5, 0.25):
-        candidate = near + fraction * (far - near)
-        try:
-            runner.check_reach(candidate)
-        except ReachError:
-            continue
-        return candidate
-    return near
-
-
-def shifted_feet(stance: Stance, offset: float) -> FloatArray:
-    """(4, 3) feet in the base frame with the support lines shifted along x (Algorithm 1, lines 3 and 4) [m]."""
-    return stance.feet_in_base + np.array([offset, 0, 0])
-
-
-def _check_direction(trial: LiftTrial) -> None:
-    """A robot on a line can only turn about that line; an IMU that says otherwise is mounted turned."""
-    tilt = trial.tilt
-    if tilt.across_line > 2 * abs(tilt.about_line) and tilt.across_line > 0.04:
-        raise ImuMountingError(
-            f"the robot stood on {trial.diagonal} and turned across that line by {np.degrees(tilt.across_line):.1f} deg: "
-            "the IMU seems mounted turned; give its pose under imu_rpy in a robot description",
-            (trial.recording,),
-        )

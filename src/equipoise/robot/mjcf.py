@@ -7,14 +7,18 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from equipoise.errors import ModelError
+from equipoise.robot.mjcf_poses import ORIENTATIONS, write_plain_poses
 
 # Sections that describe a simulation and not a robot. Ours replace them where the simulator needs them.
 _DROPPED_SECTIONS = (
     "actuator", "asset", "contact", "custom", "deformable", "equality", "extension", "keyframe", "sensor", "size",
     "statistic", "tendon", "visual",
 )  # fmt: skip
-_ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "fromto")
 _ACTUATORS = ("motor", "position", "velocity", "general", "intvelocity")
+# Compiler settings that change what bodies weigh, and what they are when they do not.
+_MASS_SETTINGS = {"settotalmass": [-1.0], "boundmass": [0.0], "boundinertia": [0.0], "inertiagrouprange": [0.0, 5.0]}
+# What makes bodies that are not written down; cameras and lights are only not needed.
+_GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
 
 def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dict[str, float]]:
@@ -24,17 +28,26 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
         the cleaned root; what was changed, a sentence each; torque limits by joint name [Nm].
 
     Raises:
-        ModelError: no body with a free joint, or a body whose mass only a mesh tells.
+        ModelError: no body with a free joint, a body whose mass only a mesh tells, bodies or masses that only MuJoCo
+            can work out, or something that is no number.
     """
     root = copy.deepcopy(root)
-    _expand_includes(root, path, depth=0)
+    _expand_includes(root, path, path, depth=0)
+    _merge_sections(root)
+    _refuse_mass_settings(root, path)
+    _name_the_nameless(root)
     defaults = _Defaults(root)
     effort_limits = _effort_limits(root, defaults)
     for section in _DROPPED_SECTIONS:
         for element in root.findall(section):
             root.remove(element)
     _flatten_defaults(root, defaults)
+    write_plain_poses(root)
     base = _base_body(root, path)
+    _refuse_generators(base, path)
+    for key in ("pos", *ORIENTATIONS):  # where the file starts the robot says nothing of the robot
+        base.attrib.pop(key, None)
+    _drop_overruled_inertials(root)
     repairs = _strip_meshes(root, path)
     others = [child for world in root.findall("worldbody") for child in world if child is not base]
     if others:
@@ -47,24 +60,61 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
     return root, repairs, effort_limits
 
 
-def _expand_includes(root: ET.Element, path: Path, depth: int) -> None:
+def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> None:
+    """Put included files in place. Their names are relative to the main file's folder or else to the including file's."""
     if depth > 8:
-        raise ModelError(f"robot model {str(path)!r} includes files more than 8 deep; is there a loop?")
+        raise ModelError(f"robot model {str(main)!r} includes files more than 8 deep; is there a loop?")
     for parent in list(root.iter()):
         for index, child in reversed(list(enumerate(parent))):
             if child.tag != "include":
                 continue
-            file = path.parent / child.get("file", "")
+            name = child.get("file", "")
+            file = main.parent / name
+            file = file if file.is_file() else path.parent / name
             try:
                 included = ET.parse(file).getroot()
             except (OSError, ET.ParseError) as error:
                 raise ModelError(
-                    f"robot model {str(path)!r} includes {child.get('file')!r}, which cannot be read: {error}"
+                    f"robot model {str(path)!r} includes {name!r}, which cannot be read: {error}"
                 ) from error
-            _expand_includes(included, file, depth + 1)
+            _expand_includes(included, file, main, depth + 1)
             parent.remove(child)
             for offset, element in enumerate(included):
                 parent.insert(index + offset, element)
+
+
+def _merge_sections(root: ET.Element) -> None:
+    """Make one section of several: Pinocchio reads the first and passes over the others."""
+    for tag in ("compiler", "worldbody"):
+        first, *others = root.findall(tag) or [None]
+        for other in others:
+            assert first is not None
+            first.attrib.update(other.attrib)
+            first.extend(other)
+            root.remove(other)
+
+
+def _refuse_mass_settings(root: ET.Element, path: Path) -> None:
+    """Refuse settings that Pinocchio does not know; take out those that nothing here needs."""
+    for compiler in root.findall("compiler"):
+        for key, harmless in _MASS_SETTINGS.items():
+            value = compiler.attrib.pop(key, None)
+            if value is not None and [float(word) for word in value.split()] != harmless:
+                raise ModelError(
+                    f"robot model {str(path)!r}: <compiler {key}={value!r}> changes what bodies weigh; give every body "
+                    "an <inertial> with what it weighs and take the setting out"
+                )
+        compiler.attrib.pop("balanceinertia", None)
+
+
+def _name_the_nameless(root: ET.Element) -> None:
+    """Name bodies and joints without a name: readers find them by it."""
+    for index, (_, body) in enumerate(_walk_bodies(root)):
+        if body.tag == "body" and not body.get("name"):
+            body.set("name", f"unnamed_body_{index}")
+        for place, joint in enumerate(body.findall("joint")):
+            if not joint.get("name"):
+                joint.set("name", f"unnamed_joint_{index}_{place}")
 
 
 class _Defaults:
@@ -73,31 +123,36 @@ class _Defaults:
     def __init__(self, root: ET.Element) -> None:
         self._classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
         for top in root.findall("default"):
-            self._read(top, "main", {})
+            self._read(top, "main", self._classes["main"])
 
     def _read(self, element: ET.Element, name: str, inherited: dict[str, dict[str, str]]) -> None:
         attributes = {tag: dict(values) for tag, values in inherited.items()}
         for child in element:
             if child.tag != "default":
-                attributes.setdefault(child.tag, {}).update(child.attrib)
-        self._classes[element.get("class", name)] = attributes
-        self._classes.setdefault("main", attributes)
-        if name == "main":
-            self._classes["main"] = attributes
+                attributes.setdefault(_default_tag(child), {}).update(child.attrib)
+        self._classes[name] = attributes
         for child in element.findall("default"):
-            self._read(child, "", attributes)
+            self._read(child, child.get("class", ""), attributes)
 
     def all(self, element: ET.Element, childclass: str = "main") -> dict[str, str]:
         """What the element inherits from its class."""
-        return self._classes.get(element.get("class", childclass), {}).get(element.tag, {})
+        return self._classes.get(element.get("class", childclass), {}).get(_default_tag(element), {})
 
     def get(self, element: ET.Element, key: str, childclass: str = "main") -> str | None:
         """One attribute, the element's own or inherited."""
         return element.attrib.get(key, self.all(element, childclass).get(key))
 
 
+def _default_tag(element: ET.Element) -> str:
+    """What an element's defaults are kept under: all kinds of actuators share theirs."""
+    return "actuator" if element.tag in _ACTUATORS else element.tag
+
+
 def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
-    """Torque limit of each joint: the force range of its actuator, or of a motor's control, times the gear."""
+    """Torque limit of each joint: the force range of its actuator, or of a motor's control, times the gear.
+
+    A limit of the joint itself holds besides.
+    """
     limits: dict[str, float] = {}
     for element in root.iterfind("actuator/*"):
         joint = element.get("joint")
@@ -106,21 +161,17 @@ def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
         span = defaults.get(element, "forcerange")
         if span is None and element.tag == "motor":
             span = defaults.get(element, "ctrlrange")
-        if span is None:
-            continue
-        try:
-            gear = abs(float((defaults.get(element, "gear") or "1").split()[0]))
-            limit = gear * min(abs(float(word)) for word in span.split())
-        except ValueError:
-            continue
-        if limit > 0:
-            limits[joint] = limit
-    for parent_class, joint in _walk_joints(root):
-        span = defaults.get(joint, "actuatorfrcrange", parent_class)
-        name = joint.get("name")
-        if span is not None and name is not None and name not in limits:
-            limits[name] = min(abs(float(word)) for word in span.split())
+        gear = abs(float((defaults.get(element, "gear") or "1").split()[0]))
+        _lower(limits, joint, span, gear)
+    for childclass, joint in _walk_joints(root):
+        _lower(limits, joint.get("name", ""), defaults.get(joint, "actuatorfrcrange", childclass), 1.0)
     return limits
+
+
+def _lower(limits: dict[str, float], joint: str, span: str | None, gear: float) -> None:
+    limit = gear * min((abs(float(word)) for word in (span or "").split()), default=0.0)
+    if limit > 0:
+        limits[joint] = min(limit, limits.get(joint, limit))
 
 
 def _walk_joints(root: ET.Element) -> list[tuple[str, ET.Element]]:
@@ -128,14 +179,15 @@ def _walk_joints(root: ET.Element) -> list[tuple[str, ET.Element]]:
 
 
 def _walk_bodies(root: ET.Element) -> list[tuple[str, ET.Element]]:
-    """Every body with the default class that its children take."""
+    """Every body and every frame with the default class that its children take."""
     found: list[tuple[str, ET.Element]] = []
 
     def descend(element: ET.Element, childclass: str) -> None:
-        for body in element.findall("body"):
-            own = body.get("childclass", childclass)
-            found.append((own, body))
-            descend(body, own)
+        for child in element:
+            if child.tag in ("body", "frame"):
+                own = child.get("childclass", childclass)
+                found.append((own, child))
+                descend(child, own)
 
     for world in root.findall("worldbody"):
         descend(world, "main")
@@ -149,11 +201,13 @@ def _flatten_defaults(root: ET.Element, defaults: _Defaults) -> None:
         for element in body:
             if element.tag in ("geom", "joint", "site"):
                 inherited = defaults.all(element, childclass)
-                if any(key in element.attrib for key in _ORIENTATIONS):
-                    inherited = {key: value for key, value in inherited.items() if key not in _ORIENTATIONS}
+                if any(key in element.attrib for key in (*ORIENTATIONS, "fromto")):
+                    inherited = {k: v for k, v in inherited.items() if k not in (*ORIENTATIONS, "fromto")}
                 element.attrib = {**inherited, **element.attrib}
                 for key in ("class", "material"):
                     element.attrib.pop(key, None)
+                if element.tag == "joint" and element.get("limited") == "false":
+                    element.attrib.pop("range", None)
     for default in root.findall("default"):
         root.remove(default)
 
@@ -171,21 +225,39 @@ def _base_body(root: ET.Element, path: Path) -> ET.Element:
     )
 
 
+def _refuse_generators(base: ET.Element, path: Path) -> None:
+    for element in base.iter():
+        if element.tag in _GENERATORS:
+            raise ModelError(
+                f"robot model {str(path)!r} has a <{element.tag}>, which only MuJoCo can work out; load the file there, "
+                "write what it makes of it with mujoco.mj_saveLastXML and use that"
+            )
+
+
+def _drop_overruled_inertials(root: ET.Element) -> None:
+    """Take out what the compiler's `inertiafromgeom` makes void."""
+    for compiler in root.findall("compiler"):
+        if compiler.attrib.pop("inertiafromgeom", "auto") == "true":
+            for _, body in _walk_bodies(root):
+                for inertial in body.findall("inertial") if body.find("geom") is not None else ():
+                    body.remove(inertial)
+
+
 def _strip_meshes(root: ET.Element, path: Path) -> list[str]:
     meshes = 0
     for _, body in _walk_bodies(root):
-        stripped = 0
         for geom in body.findall("geom"):
-            if geom.get("mesh") is not None or geom.get("type") in ("mesh", "hfield", "sdf"):
-                body.remove(geom)
-                stripped += 1
-        meshes += stripped
-        for tag in ("camera", "light", "composite", "flexcomp", "replicate", "attach"):
+            if geom.get("mesh") is None and geom.get("type") not in ("mesh", "hfield", "sdf"):
+                continue
+            body.remove(geom)
+            meshes += 1
+            has_mass = float(geom.get("mass", geom.get("density", "1000"))) > 0
+            if has_mass and body.find("inertial") is None:
+                raise ModelError(
+                    f"robot model {str(path)!r}: body {body.get('name')!r} takes its mass from a mesh; "
+                    "give it an <inertial> element"
+                )
+        for tag in ("camera", "light"):
             for element in body.findall(tag):
                 body.remove(element)
-        if stripped and body.find("inertial") is None and not body.findall("geom"):
-            raise ModelError(
-                f"robot model {str(path)!r}: body {body.get('name')!r} takes its mass from a mesh; "
-                "give it an <inertial> element"
-            )
     return [f"{meshes} mesh geoms are ignored: the feet are taken as spheres"] if meshes else []

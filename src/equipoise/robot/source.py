@@ -72,13 +72,26 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
     except (ET.ParseError, ValueError) as error:
         raise ModelError(f"robot model {str(path)!r} is not valid XML: {error}") from error
     sha256 = hashlib.sha256(content).hexdigest()
+    if any("xacro" in element.tag for element in root.iter()):
+        raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
         repairs = list(_clean_urdf(root, path, base_link))
         return ModelSource(path, "urdf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), {})
     if root.tag == "mujoco":
-        root, repairs, effort_limits = clean_mjcf(root, path)
+        try:
+            root, repairs, effort_limits = clean_mjcf(root, path)
+        except ModelError:
+            raise
+        except ValueError as error:
+            raise ModelError(f"robot model {str(path)!r}: {error}") from error
         _refuse_non_finite_numbers(root, path)
+        base = root.find("worldbody/body")
+        if base_link is not None and base is not None and base.get("name") != base_link:
+            raise ModelError(
+                f"robot model {str(path)!r}: base link {base_link!r} is not the body with the free joint, "
+                f"{base.get('name')!r}"
+            )
         return ModelSource(path, "mjcf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), effort_limits)
     raise ModelError(
         f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
@@ -155,14 +168,16 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
             raise ModelError(f"robot model {str(path)!r}: link {name!r} has a mass and no <inertia>")
         inertia = _read_inertia(element, name, path)
         repaired = physical_inertia(inertia, masses[name])
-        if not np.array_equal(repaired, inertia):
+        if np.array_equal(repaired, inertia):
+            continue
+        if not _is_physical_but_for_rounding(inertia):
             principal = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertia))
             yield (
                 f"link {name!r} has an inertia that no body can have (principal moments {principal} kg m2); "
                 "it was moved to the nearest physical one"
             )
-            for key, (row, column) in _INERTIA_KEYS.items():
-                element.set(key, repr(float(repaired[row, column])))
+        for key, (row, column) in _INERTIA_KEYS.items():
+            element.set(key, repr(float(repaired[row, column])))
     if negligible:
         shown = ", ".join(negligible[:4]) + (", ..." if len(negligible) > 4 else "")
         yield f"{len(negligible)} links with (almost) no mass are taken as massless: {shown}"
@@ -183,19 +198,29 @@ def physical_inertia(inertia: np.ndarray, mass: float) -> np.ndarray:
     """The nearest inertia tensor [kg m2] that a rigid body of that mass can have, in the principal frame.
 
     A body's second moments of mass S = tr(I)/2 - I are not negative, which is the triangle inequality of the principal
-    moments. Negative ones are lifted to a millimetre's radius of gyration.
+    moments. Negative ones are lifted to a millimetre's radius of gyration, or, where they are negative only by the file's
+    rounding, by as little as engines need that allow no rounding.
 
     Args:
         inertia: (3, 3) about the centre of mass.
         mass: [kg].
     """
-    second_moments = np.trace(inertia) / 2 * np.eye(3) - inertia
-    values, vectors = np.linalg.eigh(second_moments)
-    # Files are rounded: a violation in the last printed digit is a plate, not an error.
-    if values.min() >= -1e-3 * abs(values.max()) and np.linalg.eigvalsh(inertia).min() > 0:
+    values, vectors = np.linalg.eigh(_second_moments(inertia))
+    if values.min() >= 1e-9 * values.max() and values.max() > 0:
         return inertia
-    lifted = (vectors * np.maximum(values, mass * 1e-6)) @ vectors.T
+    floor = 1e-6 * (values.max() if _is_physical_but_for_rounding(inertia) else mass)
+    lifted = (vectors * np.maximum(values, floor)) @ vectors.T
     return np.trace(lifted) * np.eye(3) - lifted
+
+
+def _second_moments(inertia: np.ndarray) -> np.ndarray:
+    return np.trace(inertia) / 2 * np.eye(3) - inertia
+
+
+def _is_physical_but_for_rounding(inertia: np.ndarray) -> bool:
+    """Whether it breaks the triangle inequality at most as a plate's does whose moments were rounded."""
+    values = np.linalg.eigvalsh(_second_moments(inertia))
+    return bool(values.min() >= -1e-3 * abs(values.max()) and np.linalg.eigvalsh(inertia).min() > 0)
 
 
 def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, base_link: str | None) -> Iterator[str]:
@@ -213,13 +238,30 @@ def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, b
                 raise ModelError(f"robot model {str(path)!r}: joint {name!r} names a link {end!r} that does not exist")
     if base_link is not None and base_link not in links:
         raise ModelError(f"robot model {str(path)!r} has no link {base_link!r}; it has {', '.join(sorted(links))}")
-    children = {child for _, child in ends.values()}
-    roots = [name for name in links if name not in children]
+    joint_above: dict[str, str] = {}
+    for joint in joints:
+        child, name = ends[id(joint)][1], joint.get("name", "")
+        if child in joint_above:
+            raise ModelError(
+                f"robot model {str(path)!r}: link {child!r} hangs at two joints, {joint_above[child]!r} and {name!r}; "
+                "a robot is one tree"
+            )
+        joint_above[child] = name
+    roots = [name for name in links if name not in joint_above]
     if len(roots) != 1:
         raise ModelError(
             f"robot model {str(path)!r} has {len(roots)} root links ({', '.join(roots[:5])}); a robot is one tree"
         )
     top = roots[0]
+    reached, below_of = {top}, [top]
+    while below_of:
+        above = below_of.pop()
+        below_of += [child for parent, child in ends.values() if parent == above]
+        reached.update(below_of)
+    if loose := [name for name in links if name not in reached]:
+        raise ModelError(
+            f"robot model {str(path)!r}: links {', '.join(loose[:5])} hang at each other in a loop; a robot is one tree"
+        )
     while top != base_link:
         below = [joint for joint in joints if ends[id(joint)][0] == top]
         has_mass = links[top].find("inertial") is not None
