@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from equipoise.errors import FallError, TrackingError
 from equipoise.estimation.tilt import Tilt, line_axes, rest_of, tilt_of
-from equipoise.experiments.motion import Motion, Target
-from equipoise.platforms.platform import MotionInterrupted, Platform, TiltLimit
+from equipoise.experiments.motion import Motion
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.platforms.platform import TiltLimit
 from equipoise.recordings.recording import Recording
-from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 FloatArray = NDArray[np.float64]
 
-_PLANTED_ACCELERATION = 0.6  # [m/s2]; shifts an A1's load by 2 cm of the 18 between its CoM and its front feet
-_PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit length and duration
 _STEP_RATIO = 0.6  # height of a replanting step over that of a lift
 _STILL_PARTS = 5
 _UPRIGHT = float(np.cos(np.radians(25)))  # a planted robot leans less, also on a slope
@@ -79,44 +78,6 @@ class LiftTrial:
     lift_height: float
     recording: Recording
     tilt: Tilt
-
-
-class PlantedRobot:
-    """A robot on four feet under command: the platform, where it was last sent, and its feet in the nominal stance.
-
-    What was recorded since the last `take` is kept, so that an interruption loses none of it.
-    """
-
-    def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
-        self.platform, self.robot, self.target, self.home = platform, robot, target, home
-        self._recorded: list[Recording] = []
-
-    def motion(self) -> Motion:
-        """A new motion from where the robot was last sent."""
-        return Motion(self.robot, self.platform.control_period, self.target)
-
-    def move_time(self, feet_in_base: FloatArray, start: FloatArray, least: float) -> float:
-        """How long to take for a move over planted feet, so that it does not tip the robot over [s]."""
-        distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())
-        return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / _PLANTED_ACCELERATION)))
-
-    def play(self, motion: Motion, stop: TiltLimit | None = None) -> Recording:
-        """Play a motion; the next one starts where this one was told to end, or where it was stopped."""
-        trajectory = motion.build()
-        try:
-            recording = self.platform.play(trajectory, stop)
-        except MotionInterrupted as interruption:
-            if interruption.recording is not None:
-                self._recorded.append(interruption.recording)
-            raise
-        self._recorded.append(recording)
-        self.target = motion.target
-        return recording
-
-    def take(self) -> Recording | None:
-        """What was recorded since the last call, as one recording."""
-        parts, self._recorded = self._recorded, []
-        return Recording.concatenate(parts) if parts else None
 
 
 def lift_trial(

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import SettingsError
-from equipoise.experiments.lift import PlantedRobot
 from equipoise.experiments.motion import Target
+from equipoise.experiments.planted import PlantedRobot
 from equipoise.platforms.platform import Platform
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from equipoise.errors import ReachError, SettingsError
 from equipoise.estimation.paper import AXES, Axis
-from equipoise.experiments.lift import TRIAL, PlantedRobot
+from equipoise.experiments.lift import TRIAL
+from equipoise.experiments.planted import PlantedRobot
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import feet_under_base, foot_forces_from_torques, foot_positions, inverse_kinematics

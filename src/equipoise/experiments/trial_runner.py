@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from equipoise.errors import ImuMountingError, ReachError, SettingsError
 from equipoise.estimation.paper import commanded_plane
 from equipoise.estimation.tilt import Verdict
-from equipoise.experiments.lift import LiftSettings, LiftTrial, PlantedRobot, grown, lift_trial
+from equipoise.experiments.lift import LiftSettings, LiftTrial, grown, lift_trial
+from equipoise.experiments.planted import PlantedRobot
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics

@@ -1,0 +1,60 @@
+"""A robot that stands on its feet and is moved: what was sent last, and what was recorded since."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.experiments.motion import Motion, Target
+from equipoise.platforms.platform import MotionInterrupted, Platform, TiltLimit
+from equipoise.recordings.recording import Recording
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import RobotModel
+
+FloatArray = NDArray[np.float64]
+
+_PLANTED_ACCELERATION = 0.6  # [m/s2]; shifts an A1's load by 2 cm of the 18 between its CoM and its front feet
+_PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit length and duration
+
+
+class PlantedRobot:
+    """A robot on four feet under command: the platform, where it was last sent, and its feet in the nominal stance.
+
+    What was recorded since the last `take` is kept, so that an interruption loses none of it.
+    """
+
+    def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
+        self.platform, self.robot, self.target, self.home = platform, robot, target, home
+        self._recorded: list[Recording] = []
+
+    def motion(self) -> Motion:
+        """A new motion from where the robot was last sent."""
+        return Motion(self.robot, self.platform.control_period, self.target)
+
+    def move_time(self, feet_in_base: FloatArray, start: FloatArray, least: float) -> float:
+        """How long to take for a move over planted feet, so that it does not tip the robot over [s]."""
+        distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())
+        return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / _PLANTED_ACCELERATION)))
+
+    def play(self, motion: Motion, stop: TiltLimit | None = None) -> Recording:
+        """Play a motion; the next one starts where this one ended or was stopped."""
+        trajectory = motion.build()
+        try:
+            recording = self.platform.play(trajectory, stop)
+        except MotionInterrupted as interruption:
+            if interruption.recording is not None:
+                self._recorded.append(interruption.recording)
+            raise
+        self._recorded.append(recording)
+        self.target = motion.target
+        played = len(recording.joints.time)
+        if played < len(trajectory.position) and trajectory.torque is not None:
+            position = trajectory.position[played - 1]
+            feet = foot_positions(self.robot, position)
+            self.target = Target(position, feet, trajectory.torque[played - 1], motion.target.legs)
+        return recording
+
+    def take(self) -> Recording | None:
+        """What was recorded since the last call, as one recording."""
+        parts, self._recorded = self._recorded, []
+        return Recording.concatenate(parts) if parts else None
