@@ -115,7 +115,7 @@ class Motion:
         """
         start, end = self.target.feet_in_base, np.array(feet_in_base)
         longest = float(np.linalg.norm(end - start, axis=1).max())
-        knots = 4 + math.ceil(longest / (_KNOT_SPACING_RATIO * self.robot.leg_length))
+        knots = 3 + math.ceil(longest / (_KNOT_SPACING_RATIO * self.robot.leg_length))
         return self.follow(lambda s: start + s * (end - start), knots, smooth_step(self._count(duration)))
 
     def follow(self, feet_at: Callable[[float], FloatArray], knots: int, parameter: FloatArray) -> Motion:
