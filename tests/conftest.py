@@ -3,9 +3,14 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 import equipoise
 from equipoise import load_robot
+
+# A loaded machine is slow now and then, and the same commit passes or fails always.
+settings.register_profile("equipoise", deadline=None, derandomize=True)
+settings.load_profile("equipoise")
 
 
 @pytest.fixture(scope="session")

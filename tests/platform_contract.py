@@ -7,6 +7,7 @@ All platforms that `make` returns begin in the same state; a robot that is never
 """
 
 import itertools
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -20,7 +21,13 @@ NEVER = TiltLimit(np.pi, (0.0, 0.0, 1.0))
 
 
 class PlatformContract:
-    tolerances = {"position": 0.0, "velocity": 0.0, "torque": 0.0, "angular_velocity": 0.0, "acceleration": 0.0}
+    tolerances: ClassVar = {
+        "position": 0.0,
+        "velocity": 0.0,
+        "torque": 0.0,
+        "angular_velocity": 0.0,
+        "acceleration": 0.0,
+    }
     """How much `play` and stepping through the same motion may differ."""
     reads_alike = True
     """Whether reading twice at one moment says the same."""

@@ -1,7 +1,6 @@
 """The simulated robot's model: the robot's own file, with actuators, sensors, floor and errors of ours."""
 
 import dataclasses
-import warnings
 
 import mujoco
 import numpy as np
@@ -27,6 +26,9 @@ ROBOTS = {
         quadruped_urdf(arm_joints=2, arm_type="prismatic"), RobotDescription(held={"arm_0": 0.07, "arm_1": -0.04}),
     ),
     "URDF with a spine": (quadruped_urdf(spine=True), RobotDescription(held={"spine": 0.1})),
+    "URDF with turned inertials": (
+        quadruped_urdf().replace('<origin xyz="-0.004 0.02 -0.03"/>', '<origin xyz="0 0 -0.03" rpy="0.3 0.4 0.5"/>'), None,
+    ),
     "URDF below a world link": (quadruped_urdf(world=True), None),
     "MJCF": (quadruped_mjcf(), None),
     "MJCF with mass from shapes": (quadruped_mjcf(explicit_inertia=False), None),
@@ -41,7 +43,7 @@ CLUTTERED = quadruped_mjcf(
     'tolerance="1" density="1000" viscosity="5" wind="9 0 0" cone="pyramidal" impratio="0.1">'
     '<flag gravity="disable" contact="disable" limit="disable" frictionloss="disable" actuation="disable"/></option>'
     '<default><joint damping="7" armature="0.4" stiffness="60" springref="1" frictionloss="3" actuatorfrclimited="true" '
-    'actuatorfrcrange="-1 1"/><geom friction="0.01" solref="0.5 1" margin="0.1" condim="1"/></default>',
+    'actuatorfrcrange="-9 9"/><geom friction="0.01" solref="0.5 1" margin="0.1" condim="1"/></default>',
     attributes='pos="0 0 0.5" gravcomp="1"',
     trunk_extra='<site name="s"/><geom type="box" size="0.5 0.5 0.5" mass="0"/>'
     '<camera name="c"/><light name="l" pos="0 0 1"/>',
@@ -221,7 +223,7 @@ def test_torque_limits_are_enforced_as_the_motors_count_them(a1):
             jump = Trajectory(np.repeat((here + 1.0)[None], 50, axis=0))
             torque = simulation.platform.play(jump).joints.torque
         assert np.abs(torque).max() <= a1.effort_limit.max() * (1 + 1e-9)
-        assert (np.abs(torque).max(axis=0) == pytest.approx(a1.effort_limit)).sum() >= 6
+        assert np.isclose(np.abs(torque).max(axis=0), a1.effort_limit).sum() >= 6
 
 
 def test_feed_forward_torque_does_not_pass_the_limit(a1):
@@ -256,9 +258,9 @@ def test_gains_are_the_robots_or_the_descriptions(a1, a1_urdf, tmp_path):
 def test_leg_links_are_scaled_as_a_whole_and_the_base_is_not(robots, name):
     robot = robots[name]
     (before, simulated), (after, _) = compiled(robot), compiled(robot, SensorErrors(leg_mass=0.1), seed=2)
-    scale = after.body_mass[1:] / before.body_mass[1:]
     errors = simulate(robot, SensorErrors(leg_mass=0.1), seed=2).platform._simulated.errors
-    assert scale[0] == 1
+    base = before.body_weldid == before.body_weldid[simulated.base_body]
+    assert np.array_equal(after.body_mass[base], before.body_mass[base])
     for joint, expected in zip(robot.joint_names, errors.leg_mass_scale, strict=True):
         body = int(before.jnt_bodyid[before.joint(joint).id])
         assert after.body_mass[body] / before.body_mass[body] == pytest.approx(expected)
@@ -289,12 +291,12 @@ def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
     (base, imu), time = (recording.imu for recording in recordings), recordings[0].imu.time
     assert np.allclose(imu.angular_velocity, base.angular_velocity @ rotation, atol=1e-9)
     omega, arm = base.angular_velocity, np.array([0.1, 0.02, 0.05]) - straight.imu_in_base.translation
-    alpha = np.gradient(omega, time, axis=0)
-    lever = np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
-    expected = (base.acceleration + lever) @ rotation
+    lever = np.cross(np.gradient(omega, time, axis=0), arm) + np.cross(omega, np.cross(omega, arm))
+    felt = imu.acceleration @ rotation.T - base.acceleration
     assert np.abs(lever).max() > 0.5
-    assert np.abs(imu.acceleration - expected)[5:-5].max() < 0.3 * np.abs(lever).max()
-    assert np.sqrt(np.mean((imu.acceleration - expected)[5:-5] ** 2)) < 0.05 * np.sqrt(np.mean(lever**2))
+    for axis in range(3):
+        assert np.corrcoef(felt[5:-5, axis], lever[5:-5, axis])[0, 1] > 0.95
+    assert np.linalg.norm(felt) == pytest.approx(np.linalg.norm(lever), rel=0.2)
 
 
 # --- what goes wrong
@@ -305,15 +307,27 @@ def test_a_robot_that_cannot_stand_under_its_payload_has_fallen(a1):
         simulate(a1, payload="15,0,0.7,0.3")
 
 
-def test_a_simulation_that_diverges_says_so(a1_urdf, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo keeps a log of warnings in the working directory
-    robot = load_text(tmp_path, a1_urdf, RobotDescription(kd=1e-9, kp=1e12), name="stiff")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        with pytest.raises(
-            FallError, match=r"the simulation of 'stiff' became unstable at t = 0.00 s; are its inertias"
-        ):
-            simulate(robot)
+@pytest.fixture
+def no_log(tmp_path, monkeypatch):
+    """MuJoCo keeps a log of its warnings in the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("no_log")
+def test_a_simulation_that_diverges_says_so(tmp_path):
+    robot = load_text(tmp_path, quadruped_mjcf(), RobotDescription(kd=1e-6, kp=1e9), name="stiff")
+    with pytest.raises(FallError, match=r"the simulation of 'stiff' became unstable at t = 0.00 s; are its inertias"):
+        simulate(robot)
+
+
+@pytest.mark.usefixtures("no_log")
+def test_a_short_divergence_that_the_engine_recovers_from_does_not_pass(tmp_path):
+    platform = simulate(load_text(tmp_path, quadruped_mjcf())).platform
+    torque = np.zeros((500, 12))
+    torque[:3] = 1e9
+    here = np.repeat(platform.read().joint_position[None], 500, axis=0)
+    with pytest.raises(FallError, match=r"the simulation of 'robot' became unstable at t = 0\.00 s"):
+        platform.play(Trajectory(here, torque=torque))
 
 
 def test_a_model_that_the_engine_refuses_is_a_model_error(tmp_path):

@@ -215,7 +215,7 @@ def test_only_consecutive_recordings_of_the_same_joints_can_be_joined():
     with pytest.raises(RecordingError, match="there is nothing to concatenate"):
         Recording.concatenate([])
     with pytest.raises(
-        RecordingError, match="joint times must be finite and increasing; sample 10 is at 0 s after 0.9 s"
+        RecordingError, match=r"joint times must be finite and increasing; sample 10 is at 0 s after 0\.9 s"
     ):
         Recording.concatenate([recording_of(), recording_of()])
     with pytest.raises(RecordingError, match="recordings of different joints cannot be one: a, b, and a, c"):

@@ -138,6 +138,16 @@ class SupportLine:
     point: tuple[float, float, float]
     normal: tuple[float, float, float]
 
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {**dataclasses.asdict(self), "point": list(self.point), "normal": list(self.normal)}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> SupportLine:
+        """From the JSON form."""
+        point, normal = ((x, y, z) for x, y, z in (table["point"], table["normal"]))
+        return cls(table["offset"], table["lower"], table["upper"], point, normal)
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -255,7 +265,7 @@ class Calibration:
             "composite": self.composite.to_dict(),
             "base": self.base.to_dict(),
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
-            "support_lines": {name: dataclasses.asdict(line) for name, line in self.support_lines.items()},
+            "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
             "trials": [dataclasses.asdict(trial) for trial in self.trials],
             "settings": dict(self.settings),
             "provenance": dict(self.provenance),
@@ -309,7 +319,7 @@ class Calibration:
             composite=BodyEstimate.from_dict(table["composite"]),
             base=BodyEstimate.from_dict(table["base"]),
             sways={axis: SwayEstimate(**sway) for axis, sway in table["sways"].items()},
-            support_lines={name: _support_line(line) for name, line in table["support_lines"].items()},
+            support_lines={name: SupportLine.from_dict(line) for name, line in table["support_lines"].items()},
             trials=tuple(Trial(**trial) for trial in table["trials"]),
             settings=table["settings"],
             nominal=inertia_from_dict(table["nominal"]),
@@ -317,11 +327,6 @@ class Calibration:
             warnings=tuple(table["warnings"]),
             truth=None if truth is None else inertia_from_dict(truth),
         )
-
-
-def _support_line(table: Mapping[str, Any]) -> SupportLine:
-    point, normal = ((x, y, z) for x, y, z in (table["point"], table["normal"]))
-    return SupportLine(table["offset"], table["lower"], table["upper"], point, normal)
 
 
 def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:

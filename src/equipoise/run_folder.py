@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from equipoise.calibration import CalibrationSettings, estimate
-from equipoise.errors import ModelWarning, OutputError, RecordingError, SettingsError
+from equipoise.errors import EquipoiseError, ModelWarning, OutputError, RecordingError, SettingsError
 from equipoise.experiments.lift import TRIAL
 from equipoise.experiments.sway import SwaySettings
 from equipoise.experiments.trial_runner import ComSearchSettings
@@ -123,7 +123,7 @@ class RunFolder:
                 warnings.simplefilter("ignore", ModelWarning)
                 return RobotModel(source, self._header["robot"], RobotDescription.from_dict(description))
         except (OSError, KeyError, TypeError, ValueError) as error:
-            raise RecordingError(f"the run {str(self.path)!r} is damaged: {error!r}") from error
+            raise RecordingError(f"the run {str(self.path)!r} is damaged: {_told(error)}") from error
 
     def settings(self) -> CalibrationSettings:
         """The settings of the run."""
@@ -132,7 +132,7 @@ class RunFolder:
             searching, swaying = ComSearchSettings(**table.pop("com_search")), SwaySettings(**table.pop("sway"))
             return CalibrationSettings(**table, com_search=searching, sway=swaying)
         except (KeyError, TypeError, SettingsError) as error:
-            raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {error!r}") from error
+            raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {_told(error)}") from error
 
     def save_truth(self, truth: RobotInertia) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
@@ -159,6 +159,11 @@ class RunFolder:
         """Write the result."""
         calibration.save(self.path / RESULT)
         return self.path / RESULT
+
+
+def _told(error: Exception) -> str:
+    """An error of ours says what is wrong; any other one needs its type for that."""
+    return str(error) if isinstance(error, EquipoiseError) else repr(error)
 
 
 def _read_json(path: Path, otherwise: str) -> dict[str, Any]:

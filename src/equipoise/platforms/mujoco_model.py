@@ -25,6 +25,7 @@ ACCELEROMETER = "equipoise_accelerometer"
 PAYLOAD = "equipoise_payload"
 
 _GRAVITY = 9.81
+_TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _BELLY_RATIO = 0.15  # the trunk's underside hangs this fraction of the leg length below the hips
 # Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by
 # a millimetre over a trial is a support line off by a millimetre.
@@ -74,7 +75,6 @@ def build_simulated_robot(
         base = _floating_base(spec, robot)
         _strip(spec)
         _weld_held_joints(spec, robot)
-        spec.compiler.fusestatic = True
         _add_contacts(spec, robot, stance, base, errors)
         if payload is not None:
             _add_payload(base, payload)
@@ -104,7 +104,32 @@ def _read(source: ModelSource) -> mujoco.MjSpec:
     for link in root.findall("link"):
         for collision in link.findall("collision"):
             link.remove(collision)
-    return mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+        for inertial in link.findall("inertial"):
+            _straighten(inertial)
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    # Fixed links stay bodies of their own: MuJoCo 3.5 to 3.8 fuses those that are turned wrongly, and 3.3 loses them.
+    spec.compiler.fusestatic = False
+    return spec
+
+
+def _straighten(inertial: ET.Element) -> None:
+    """Write a URDF link's inertia in the link's own axes: MuJoCo before 3.17 reads a turned one wrongly."""
+    origin, tensor = inertial.find("origin"), inertial.find("inertia")
+    if origin is None or tensor is None or "rpy" not in origin.attrib:
+        return
+    rpy = [float(word) for word in origin.attrib.pop("rpy").split()]
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    turn = np.array(  # about the fixed x, then y, then z
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    xx, yy, zz, xy, xz, yz = (float(tensor.get(key, "0")) for key in _TENSOR_KEYS)
+    straight = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    for key, value in zip(_TENSOR_KEYS, straight[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], strict=True):
+        tensor.set(key, repr(float(value)))
 
 
 def _delete(spec: mujoco.MjSpec, element: Any) -> None:
@@ -142,20 +167,21 @@ def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
     """Remove joints that are no leg's, with their links turned to where they are held."""
     if not robot.held:
         return
-    spec.compiler.fusestatic = False  # MuJoCo 3.3 loses bodies of the spec that a compilation fuses
     compiled = spec.compile()
-    for name, position in robot.held.items():
-        joint = compiled.joint(name)
-        body = spec.body(compiled.body(int(compiled.jnt_bodyid[joint.id])).name)
-        body_id = int(compiled.jnt_bodyid[joint.id])
-        pos, quat = np.array(compiled.body_pos[body_id]), np.array(compiled.body_quat[body_id])
-        if position != 0:
-            pos, quat = _moved_by_joint(pos, quat, joint, position)
-        body.pos, body.quat = pos, quat
-        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    poses: dict[int, tuple[FloatArray, FloatArray]] = {}
+    for body in spec.bodies:
         for spec_joint in list(body.joints):
-            if spec_joint.name == name:
-                _delete(spec, spec_joint)
+            if spec_joint.type == mujoco.mjtJoint.mjJNT_FREE or spec_joint.name in robot.joint_names:
+                continue
+            joint = compiled.joint(spec_joint.name)
+            index = int(compiled.jnt_bodyid[joint.id])
+            poses.setdefault(index, (np.array(compiled.body_pos[index]), np.array(compiled.body_quat[index])))
+            position = robot.held.get(spec_joint.name, 0.0)  # joints of several axes are held where they are
+            if position != 0:
+                poses[index] = _moved_by_joint(*poses[index], joint, position)
+            body.pos, body.quat = poses[index]
+            body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+            _delete(spec, spec_joint)
 
 
 def _moved_by_joint(

@@ -75,7 +75,8 @@ def simulate(
     stance = nominal_stance(robot)
     sizes = PRESETS[noise].scaled_to(robot.mass * _GRAVITY * stance.hip_height) if isinstance(noise, str) else noise
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed)
-    timestep = timestep or stable_timestep(robot, stance, sizes.armature)
+    if timestep is None:
+        timestep = stable_timestep(robot, stance, sizes.armature)
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
     truth = simulated_truth(robot, simulated, stance.joint_position)
     return Simulation(MujocoPlatform(robot, simulated, stance, start), truth, mujoco.__version__)
@@ -89,8 +90,8 @@ def stable_timestep(robot: RobotModel, stance: Stance, armature: float = 0.0) ->
     """
     inertia = pin.crba(robot.pinocchio, robot.pinocchio_data, robot.configuration(stance.joint_position))
     _, kd = robot.gains(stance.hip_height)
-    rate = kd / (float(np.diag(inertia)[6:].min()) + armature)
+    lightest = float(np.diag(inertia)[6:].min()) + armature
     for timestep in (1e-3, 0.5e-3):
-        if rate * timestep <= _LARGEST_DAMPING:
+        if kd * timestep <= _LARGEST_DAMPING * lightest:
             return timestep
     return 0.25e-3

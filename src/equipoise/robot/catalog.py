@@ -74,13 +74,14 @@ CATALOG: dict[str, CatalogEntry] = {
 _ROBOT_DESCRIPTIONS_PREFIX = "robot_descriptions:"
 
 
-def load_robot(name_or_path: str, description: RobotDescription | None = None) -> RobotModel:
+def load_robot(name_or_path: str | Path, description: RobotDescription | None = None) -> RobotModel:
     """A robot by its catalogue name, by the path of a URDF or MJCF file, or as `robot_descriptions:NAME`.
 
     Raises:
         ModelError: no such name or file, or the file is no quadruped.
         MissingDependencyError: the name is known and the package that holds it is not installed.
     """
+    name_or_path = str(name_or_path)
     if name_or_path in CATALOG:
         return RobotModel.from_file(CATALOG[name_or_path].find(), name_or_path, description)
     if name_or_path.startswith(_ROBOT_DESCRIPTIONS_PREFIX):

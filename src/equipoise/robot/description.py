@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from equipoise.errors import SettingsError
 
@@ -62,6 +62,11 @@ class RobotDescription:
             raise SettingsError(
                 f"stance_height is {self.stance_height}; it is a fraction of the leg length and must be below 1"
             )
+        numbers = {"imu_position": self.imu_position, "imu_rpy": self.imu_rpy}
+        numbers |= {f"{name}.{joint}": (q,) for name in ("stance", "held") for joint, q in getattr(self, name).items()}
+        for name, values in numbers.items():
+            if values is not None and not all(map(math.isfinite, values)):
+                raise SettingsError(f"{name} must be finite, got {', '.join(map(str, values))}")
         for joint, (lower, upper) in self.joint_limits.items():
             if not lower < upper:
                 raise SettingsError(f"joint_limits of {joint!r} are {lower} to {upper}; the lower one comes first")
@@ -90,12 +95,7 @@ class RobotDescription:
         for key in table:
             if key not in fields:
                 raise SettingsError(f"unknown key {key!r}; known are {', '.join(sorted(fields))}")
-        try:
-            return cls(**{key: _converted(key, value) for key, value in table.items() if value is not None})
-        except SettingsError:
-            raise
-        except (TypeError, ValueError, AttributeError) as error:
-            raise SettingsError(f"a value has the wrong type: {error}") from error
+        return cls(**{key: _converted(key, value) for key, value in table.items() if value is not None})
 
     def overridden_by(self, other: RobotDescription) -> RobotDescription:
         """This description with every value that `other` sets taken from `other`."""
@@ -111,16 +111,37 @@ class RobotDescription:
 def _converted(key: str, value: Any) -> Any:
     """TOML values as the field's type: numbers to float, arrays to tuples."""
     if key == "base_link":
-        if not isinstance(value, str):
-            raise TypeError(f"base_link is {value!r}, not a link's name")
-        return value
+        return _text(value, key)
     if key == "foot_frames":
-        return {str(leg): str(frame) for leg, frame in value.items()}
+        return {leg: _text(frame, f"{key}.{leg}") for leg, frame in _table(value, key).items()}
     if key in ("imu_position", "imu_rpy"):
-        x, y, z = value
-        return float(x), float(y), float(z)
+        return _numbers(value, 3, key)
     if key in ("stance", "held"):
-        return {str(joint): float(position) for joint, position in value.items()}
+        return {joint: _number(position, f"{key}.{joint}") for joint, position in _table(value, key).items()}
     if key == "joint_limits":
-        return {str(joint): (float(lower), float(upper)) for joint, (lower, upper) in value.items()}
+        return {joint: _numbers(limits, 2, f"{key}.{joint}") for joint, limits in _table(value, key).items()}
+    return _number(value, key)
+
+
+def _text(value: Any, key: str) -> str:
+    if not isinstance(value, str):
+        raise SettingsError(f"{key} is {value!r}; it must be a name")
+    return value
+
+
+def _number(value: Any, key: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise SettingsError(f"{key} is {value!r}; it must be a number")
     return float(value)
+
+
+def _numbers(value: Any, count: int, key: str) -> Any:
+    if not isinstance(value, (list, tuple)) or len(cast("list[Any]", value)) != count:
+        raise SettingsError(f"{key} is {value!r}; it must be {count} numbers")
+    return tuple(_number(number, key) for number in cast("list[Any]", value))
+
+
+def _table(value: Any, key: str) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise SettingsError(f"{key} is {value!r}; it must be a table")
+    return {str(name): entry for name, entry in cast("Mapping[Any, Any]", value).items()}

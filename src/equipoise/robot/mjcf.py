@@ -86,12 +86,11 @@ def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> No
 def _merge_sections(root: ET.Element) -> None:
     """Make one section of several: Pinocchio reads the first and passes over the others."""
     for tag in ("compiler", "worldbody"):
-        first, *others = root.findall(tag) or [None]
-        for other in others:
-            assert first is not None
-            first.attrib.update(other.attrib)
-            first.extend(other)
-            root.remove(other)
+        sections = root.findall(tag)
+        for section in sections[1:]:
+            sections[0].attrib.update(section.attrib)
+            sections[0].extend(section)
+            root.remove(section)
 
 
 def _refuse_mass_settings(root: ET.Element, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Poses in MJCF: the ways of writing an orientation made one, and frames written into what they hold."""
+"""Poses in MJCF: written in the one way that all readers understand alike."""
 
 from __future__ import annotations
 
@@ -31,16 +31,19 @@ class AngleConvention:
 
 
 def write_plain_poses(root: ET.Element) -> None:
-    """Dissolve frames and turn orientations that readers disagree on into `xyaxes`, in place.
+    """Dissolve frames, fold joints' references into their bodies, and write some orientations as `xyaxes`, in place.
 
-    Pinocchio passes over frames, does not normalise the axis of `axisangle` and reads every Euler sequence as turned.
+    Pinocchio passes over frames, shifts limits by the reference, does not normalise the axis of `axisangle` and reads every
+    Euler sequence as turned.
 
     Raises:
-        ValueError: a number that is none.
+        ValueError: a number that is none, or a reference that cannot be folded.
     """
     convention = AngleConvention.of(root)
     for world in root.findall("worldbody"):
         _dissolve_frames(world, convention)
+        for body in world.iter("body"):
+            _fold_reference(body, convention)
         for element in world.iter():
             if element.tag in _PLACED and ("euler" in element.attrib or "axisangle" in element.attrib):
                 _set_orientation(element, orientation(element, convention))
@@ -61,25 +64,29 @@ def orientation(element: ET.Element, convention: AngleConvention) -> FloatArray:
             rotation = rotation @ turn if letter.islower() else turn @ rotation
         return rotation
     if key == "axisangle":
-        return _turned(numbers[:3], convention.unit * float(numbers[3]))
+        return _turned(_unit(numbers[:3], element), convention.unit * float(numbers[3]))
     if key == "xyaxes":
-        x = numbers[:3] / np.linalg.norm(numbers[:3])
-        y = numbers[3:] - (numbers[3:] @ x) * x
-        y = y / np.linalg.norm(y)
+        x = _unit(numbers[:3], element)
+        y = _unit(numbers[3:] - (numbers[3:] @ x) * x, element)
         return np.column_stack([x, y, np.cross(x, y)])
     if key == "zaxis":
-        z = numbers / np.linalg.norm(numbers)
-        across = np.cross([0.0, 0.0, 1.0], z)
-        return _turned(
-            across if across.any() else np.array([1.0, 0, 0]), float(np.arctan2(np.linalg.norm(across), z[2]))
-        )
-    w, *xyz = numbers / np.linalg.norm(numbers)
-    return _turned(np.array(xyz), 2 * float(np.arctan2(np.linalg.norm(xyz), w))) if np.any(xyz) else np.eye(3)
+        z = _unit(numbers, element)
+        return _turned(np.cross([0.0, 0.0, 1.0], z), float(np.arctan2(np.hypot(z[0], z[1]), z[2])))
+    w, *xyz = _unit(numbers, element)
+    return _turned(np.array(xyz), 2 * float(np.arctan2(np.linalg.norm(xyz), w)))
+
+
+def _unit(vector: FloatArray, element: ET.Element) -> FloatArray:
+    length = np.linalg.norm(vector)
+    if length == 0:
+        raise ValueError(f"<{element.tag}> has an orientation whose axes or quaternion have no direction")
+    return vector / length
 
 
 def _turned(axis: FloatArray, angle: float) -> FloatArray:
-    """(3, 3) rotation about an axis of any length, by Rodrigues' formula."""
-    x, y, z = axis / np.linalg.norm(axis)
+    """(3, 3) rotation about an axis of any length, by Rodrigues' formula; about x where the axis has no direction."""
+    length = np.linalg.norm(axis)
+    x, y, z = axis / length if length > 1e-12 else (1.0, 0.0, 0.0)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
@@ -96,6 +103,25 @@ def _dissolve_frames(parent: ET.Element, convention: AngleConvention) -> None:
             for offset, held in enumerate(child):
                 _move(held, translation, rotation, convention)
                 parent.insert(place + offset, held)
+
+
+def _fold_reference(body: ET.Element, convention: AngleConvention) -> None:
+    """Turn the body to where its joint is at zero and not at its reference, which is where the file has it."""
+    joints = body.findall("joint")
+    references = [float(joint.attrib.pop("ref", "0")) for joint in joints]
+    if not any(references):
+        return
+    if len(joints) > 1:
+        raise ValueError(f"body {body.get('name')!r} has several joints, one with a 'ref', which is not read")
+    axis = _unit(_numbers(joints[0], "axis", "0 0 1"), joints[0])
+    if joints[0].get("type") == "slide":
+        turn, shift = np.eye(3), -references[0] * axis
+    else:
+        turn, anchor = _turned(axis, -convention.unit * references[0]), _numbers(joints[0], "pos", "0 0 0")
+        shift = anchor - turn @ anchor
+    rotation = orientation(body, convention)
+    body.set("pos", _text(_numbers(body, "pos", "0 0 0") + rotation @ shift))
+    _set_orientation(body, rotation @ turn)
 
 
 def _move(element: ET.Element, translation: FloatArray, rotation: FloatArray, convention: AngleConvention) -> None:
@@ -118,9 +144,12 @@ def _set_orientation(element: ET.Element, rotation: FloatArray) -> None:
 
 def _numbers(element: ET.Element, key: str, default: str = "") -> FloatArray:
     try:
-        return np.array([float(word) for word in element.get(key, default).split()])
+        numbers = np.array([float(word) for word in element.get(key, default).split()])
     except ValueError:
-        raise ValueError(f"<{element.tag}> has {key}={element.get(key)!r}, which are not numbers") from None
+        numbers = np.array([np.nan])
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"<{element.tag}> has {key}={element.get(key)!r}; every number must be finite")
+    return numbers
 
 
 def _text(numbers: FloatArray) -> str:

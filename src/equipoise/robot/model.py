@@ -28,6 +28,10 @@ _GAIN_REFERENCE = 38.0
 _GRAVITY = 9.81
 
 
+# Spheres among the collision shapes by the joint that moves them: placement in its frame, and radius [m].
+_Spheres = dict[str, list[tuple[pin.SE3, float]]]
+
+
 @dataclass(frozen=True)
 class Leg:
     """One leg, from the hip down.
@@ -88,15 +92,13 @@ class RobotModel:
         self.name = name or source.path.stem
         for repair in source.repairs:
             warnings.warn(f"{self.name}: {repair}", ModelWarning, stacklevel=3)
-        self.full_pinocchio, geometry = _read_pinocchio(source)
+        self.full_pinocchio, spheres = _read_pinocchio(source)
         chains = _leg_chains(self.full_pinocchio, source.path)
-        self.pinocchio, geometry, self.held = _hold_other_joints(
-            self.full_pinocchio.copy(), geometry, chains, self.description
-        )
+        self.pinocchio, self.held = _hold_other_joints(self.full_pinocchio.copy(), chains, self.description)
         self.joint_names = tuple(str(name) for name in self.pinocchio.names[2:])
         if any(joint.nq != 1 or joint.nv != 1 for joint in self.pinocchio.joints[2:]):
             raise ModelError(f"robot model {str(source.path)!r} has a leg joint with more than one axis")
-        self.legs = self._find_legs(geometry, chains)
+        self.legs = self._find_legs(spheres, chains)
         self.base_link = self._base_link()
         self.imu_in_base = self._find_imu()
         self._set_limits()
@@ -144,14 +146,14 @@ class RobotModel:
             feet[leg.name] = Foot(str(body.name), (float(x), float(y), float(z)), leg.foot_radius)
         return feet
 
-    def _find_legs(self, geometry: pin.GeometryModel, chains: list[list[str]]) -> dict[str, Leg]:
+    def _find_legs(self, spheres: _Spheres, chains: list[list[str]]) -> dict[str, Leg]:
         names = list(self.pinocchio.names)
         by_leg = _name_legs(self.pinocchio, [[names.index(joint) for joint in chain] for chain in chains])
         legs: dict[str, Leg] = {}
         guessed: list[str] = []
         for leg_name in LEG_NAMES:
             ids = by_leg[leg_name]
-            placement, radius = self._find_foot(geometry, leg_name, ids[-1])
+            placement, radius = self._find_foot(spheres.get(names[ids[-1]], []), leg_name, ids[-1])
             if radius is None:
                 guessed.append(leg_name)
             body = _body_frame_of(self.pinocchio, ids[-1])
@@ -177,24 +179,22 @@ class RobotModel:
             }
         return legs
 
-    def _find_foot(self, geometry: pin.GeometryModel, leg: str, knee: int) -> tuple[pin.SE3, float | None]:
+    def _find_foot(self, spheres: list[tuple[pin.SE3, float]], leg: str, knee: int) -> tuple[pin.SE3, float | None]:
         """Placement of the foot's centre in the knee joint's frame and the radius of the sphere there, if any.
 
         The foot is the collision sphere farthest from the knee, or else the farthest frame.
         """
-        spheres = [
-            (pin.SE3(np.eye(3), np.array(shape.placement.translation)), float(shape.geometry.radius))
-            for shape in geometry.geometryObjects
-            if shape.parentJoint == knee and type(shape.geometry).__name__ == "Sphere"
-        ]
         wanted = self.description.foot_frames.get(leg)
         if wanted is not None:
-            if not self.pinocchio.existFrame(wanted):
+            called_so = [
+                frame for frame in self.pinocchio.frames if frame.name == wanted
+            ]  # a joint's may be a link's too
+            if not called_so:
                 raise SettingsError(f"foot frame {wanted!r} of leg {leg} is not in robot model {self.name!r}")
-            frame = self.pinocchio.frames[self.pinocchio.getFrameId(wanted)]
-            if frame.parentJoint != knee:
+            below_knee = [frame for frame in called_so if frame.parentJoint == knee]
+            if not below_knee:
                 raise SettingsError(f"foot frame {wanted!r} is not below the knee of leg {leg}")
-            placement = pin.SE3(np.eye(3), np.array(frame.placement.translation))
+            placement = pin.SE3(np.eye(3), np.array(below_knee[0].placement.translation))
             near = [
                 radius
                 for sphere, radius in spheres
@@ -291,19 +291,28 @@ def joint_axis(model: pin.Model, joint: int) -> FloatArray:
     return np.array(rotation if np.linalg.norm(rotation) > 0 else motion[:3])
 
 
-def _read_pinocchio(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
-    """The cleaned file in Pinocchio, floating, with its primitive collision shapes."""
+def _read_pinocchio(source: ModelSource) -> tuple[pin.Model, _Spheres]:
+    """The cleaned file in Pinocchio, floating, and the spheres among its collision shapes."""
     try:
         if source.format == "urdf":
             model = pin.buildModelFromXML(source.xml, pin.JointModelFreeFlyer())
-            return model, pin.buildGeomFromUrdfString(model, source.xml, pin.GeometryType.COLLISION)
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "model.xml"
-            file.write_text(source.xml, encoding="utf-8")
-            model = pin.buildModelFromMJCF(str(file))
-            return model, pin.buildGeomFromMJCF(model, str(file), pin.GeometryType.COLLISION)
+            geometry = pin.buildGeomFromUrdfString(model, source.xml, pin.GeometryType.COLLISION)
+        else:
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder) / "model.xml"
+                file.write_text(source.xml, encoding="utf-8")
+                model = pin.buildModelFromMJCF(str(file))
+                geometry = pin.buildGeomFromMJCF(model, str(file), pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError, IndexError) as error:
         raise ModelError(f"robot model {str(source.path)!r} cannot be read by Pinocchio: {error}") from error
+    spheres: _Spheres = {}
+    for shape in geometry.geometryObjects:
+        if type(shape.geometry).__name__ == "Sphere":
+            placement = pin.SE3(np.eye(3), np.array(shape.placement.translation))
+            spheres.setdefault(str(model.names[shape.parentJoint]), []).append(
+                (placement, float(shape.geometry.radius))
+            )
+    return model, spheres
 
 
 def _leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
@@ -334,8 +343,8 @@ def _leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
 
 
 def _hold_other_joints(
-    model: pin.Model, geometry: pin.GeometryModel, chains: list[list[str]], description: RobotDescription
-) -> tuple[pin.Model, pin.GeometryModel, dict[str, float]]:
+    model: pin.Model, chains: list[list[str]], description: RobotDescription
+) -> tuple[pin.Model, dict[str, float]]:
     """The model with every joint that is no leg's locked, and where each was locked."""
     leg_joints = {joint for chain in chains for joint in chain}
     others = [str(name) for name in model.names[2:] if str(name) not in leg_joints]
@@ -343,17 +352,16 @@ def _hold_other_joints(
         if joint not in others:
             raise SettingsError(f"held names {joint!r}, which is a leg joint or none; others are {', '.join(others)}")
     if not others:
-        return model, geometry, {}
+        return model, {}
     configuration = pin.neutral(model)
     for joint, position in description.held.items():
         joint_id = model.getJointId(joint)
         if model.joints[joint_id].nq != 1:
             raise SettingsError(f"held joint {joint!r} has more than one axis")
         configuration[model.joints[joint_id].idx_q] = position
-    reduced, geometries = pin.buildReducedModel(
-        model, [geometry], [model.getJointId(name) for name in others], configuration
-    )
-    return reduced, geometries[0], {name: description.held.get(name, 0.0) for name in others}
+    to_lock = [model.getJointId(name) for name in others]
+    reduced, _ = pin.buildReducedModel(model, [pin.GeometryModel()], to_lock, configuration)
+    return reduced, {name: description.held.get(name, 0.0) for name in others}
 
 
 def _name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:

@@ -72,7 +72,7 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
     except (ET.ParseError, ValueError) as error:
         raise ModelError(f"robot model {str(path)!r} is not valid XML: {error}") from error
     sha256 = hashlib.sha256(content).hexdigest()
-    if any("xacro" in element.tag for element in root.iter()):
+    if any("xacro}" in element.tag for element in root.iter()):
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
@@ -208,7 +208,7 @@ def physical_inertia(inertia: np.ndarray, mass: float) -> np.ndarray:
     values, vectors = np.linalg.eigh(_second_moments(inertia))
     if values.min() >= 1e-9 * values.max() and values.max() > 0:
         return inertia
-    floor = 1e-6 * (values.max() if _is_physical_but_for_rounding(inertia) else mass)
+    floor = 1e-6 * max(values.max(), 0.0 if _is_physical_but_for_rounding(inertia) else mass)
     lifted = (vectors * np.maximum(values, floor)) @ vectors.T
     return np.trace(lifted) * np.eye(3) - lifted
 
@@ -226,42 +226,9 @@ def _is_physical_but_for_rounding(inertia: np.ndarray) -> bool:
 def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, base_link: str | None) -> Iterator[str]:
     """Drop massless links above the base, as `world` or an `odom` that a file starts with."""
     joints = root.findall("joint")
-    ends: dict[int, tuple[str, str]] = {}
-    for joint in joints:
-        parent, child = joint.find("parent"), joint.find("child")
-        name = joint.get("name")
-        if parent is None or child is None:
-            raise ModelError(f"robot model {str(path)!r}: joint {name!r} lacks a <parent> or a <child>")
-        ends[id(joint)] = (parent.get("link", ""), child.get("link", ""))
-        for end in ends[id(joint)]:
-            if end not in links:
-                raise ModelError(f"robot model {str(path)!r}: joint {name!r} names a link {end!r} that does not exist")
+    ends, top = _tree(joints, links, path)
     if base_link is not None and base_link not in links:
         raise ModelError(f"robot model {str(path)!r} has no link {base_link!r}; it has {', '.join(sorted(links))}")
-    joint_above: dict[str, str] = {}
-    for joint in joints:
-        child, name = ends[id(joint)][1], joint.get("name", "")
-        if child in joint_above:
-            raise ModelError(
-                f"robot model {str(path)!r}: link {child!r} hangs at two joints, {joint_above[child]!r} and {name!r}; "
-                "a robot is one tree"
-            )
-        joint_above[child] = name
-    roots = [name for name in links if name not in joint_above]
-    if len(roots) != 1:
-        raise ModelError(
-            f"robot model {str(path)!r} has {len(roots)} root links ({', '.join(roots[:5])}); a robot is one tree"
-        )
-    top = roots[0]
-    reached, below_of = {top}, [top]
-    while below_of:
-        above = below_of.pop()
-        below_of += [child for parent, child in ends.values() if parent == above]
-        reached.update(below_of)
-    if loose := [name for name in links if name not in reached]:
-        raise ModelError(
-            f"robot model {str(path)!r}: links {', '.join(loose[:5])} hang at each other in a loop; a robot is one tree"
-        )
     while top != base_link:
         below = [joint for joint in joints if ends[id(joint)][0] == top]
         has_mass = links[top].find("inertial") is not None
@@ -277,6 +244,41 @@ def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, b
         root.remove(links[top])
         dropped, top = top, ends[id(below[0])][1]
         yield f"massless link {dropped!r} above the base {top!r} is ignored"
+
+
+def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) -> tuple[dict[int, tuple[str, str]], str]:
+    """Parent and child link of each joint, by its `id`, and the root link; refuses what is no tree of all links."""
+    ends: dict[int, tuple[str, str]] = {}
+    joint_above: dict[str, str] = {}
+    for joint in joints:
+        parent, child = joint.find("parent"), joint.find("child")
+        name = joint.get("name", "")
+        if parent is None or child is None:
+            raise ModelError(f"robot model {str(path)!r}: joint {name!r} lacks a <parent> or a <child>")
+        above, below = ends[id(joint)] = parent.get("link", ""), child.get("link", "")
+        for end in (above, below):
+            if end not in links:
+                raise ModelError(f"robot model {str(path)!r}: joint {name!r} names a link {end!r} that does not exist")
+        if below in joint_above:
+            raise ModelError(
+                f"robot model {str(path)!r}: link {below!r} hangs at two joints, {joint_above[below]!r} and {name!r}; "
+                "a robot is one tree"
+            )
+        joint_above[below] = name
+    roots = [name for name in links if name not in joint_above]
+    if len(roots) != 1:
+        raise ModelError(
+            f"robot model {str(path)!r} has {len(roots)} root links ({', '.join(roots[:5])}); a robot is one tree"
+        )
+    reached = roots.copy()
+    for link in reached:  # grows as it goes
+        reached += [below for above, below in ends.values() if above == link]
+    if len(reached) < len(links):
+        loop = [name for name in links if name not in reached]
+        raise ModelError(
+            f"robot model {str(path)!r}: links {', '.join(loop[:5])} hang at each other; a robot is one tree"
+        )
+    return ends, roots[0]
 
 
 def _link_mass(link: ET.Element, path: Path) -> float:

@@ -1,0 +1,433 @@
+"""RobotModel: legs, feet and limits found from the kinematic tree alone, whatever it is called."""
+
+import itertools
+import re
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from robots import ARM, FOOT_RADIUS, FOUR_LEGS, HIPS, LINKS, REAR_TRUNK, SIX_LEGS, load_text, plain_name, quadruped_urdf
+
+from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.robot.description import LEG_NAMES, RobotDescription
+from equipoise.robot.inertial import base_parameters, composite_parameters
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import DIAGONALS, RobotModel, joint_axis
+from equipoise.robot.source import UNLIMITED_JOINT_RANGE
+
+NAMINGS = {
+    "plain": plain_name,
+    "ANYmal": lambda leg, joint: f"{leg.replace('R', 'H', 1) if leg[0] == 'R' else leg}_{('HAA', 'HFE', 'KFE')[joint]}",
+    "LF": lambda leg, joint: f"{leg[::-1]}_{('HAA', 'HFE', 'KFE')[joint]}",
+    "numbers": lambda leg, joint: str(10 - 3 * FOUR_LEGS.index(leg) + joint + 10),
+    "lying": lambda leg, joint: f"{FOUR_LEGS[::-1][FOUR_LEGS.index(leg)]}_{('knee', 'ankle', 'hip')[joint]}",
+    "other letters": lambda leg, joint: f"Gelenk_{joint}_für_{leg}",
+    "as their links": lambda leg, joint: f"{leg}_link_{joint}",
+}
+
+
+@pytest.fixture
+def load(tmp_path):
+    return lambda text, description=None: load_text(tmp_path, text, description)
+
+
+@pytest.fixture
+def refusal(load, tmp_path):
+    """The message with which a robot is refused, without the file's folder."""
+
+    def refusal(text, description=None, error=ModelError):
+        with pytest.raises(error) as caught:
+            load(text, description)
+        return str(caught.value).replace(str(tmp_path / "robot"), "robot")
+
+    return refusal
+
+
+@pytest.fixture(scope="module")
+def quadruped(tmp_path_factory):
+    return load_text(tmp_path_factory.mktemp("quadruped"), quadruped_urdf())
+
+
+def composite_at_zero(robot):
+    return composite_parameters(robot, np.zeros(len(robot.joint_names)))
+
+
+def rotation_of(rpy):
+    return pin.rpy.rpyToMatrix(np.array(rpy))
+
+
+# --- legs
+
+
+@pytest.mark.parametrize("joints", [2, 3])
+@pytest.mark.parametrize("naming", NAMINGS)
+def test_legs_are_found_whatever_their_joints_are_called(load, naming, joints):
+    name = NAMINGS[naming]
+    robot = load(quadruped_urdf(joints_per_leg=joints, joint_name=name))
+    assert list(robot.legs) == list(LEG_NAMES)
+    for leg in robot.legs.values():
+        assert leg.joint_names == tuple(name(leg.name, place) for place in range(joints))
+        assert [robot.joint_names[joint] for joint in leg.joints] == list(leg.joint_names)
+        assert [robot.pinocchio.names[joint] for joint in leg.joint_ids] == list(leg.joint_names)
+    assert robot.held == {}
+
+
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(order=st.permutations(FOUR_LEGS), names=st.permutations(range(12)))
+def test_neither_names_nor_order_of_legs_in_the_file_matter(load, quadruped, order, names):
+    table = dict(zip(((leg, joint) for leg in FOUR_LEGS for joint in range(3)), names, strict=True))
+    robot = load(quadruped_urdf(legs=order, joint_name=lambda leg, joint: f"j{table[leg, joint]}"))
+    for leg in LEG_NAMES:
+        assert robot.legs[leg].joint_names == tuple(f"j{table[leg, joint]}" for joint in range(3))
+    zero = np.zeros(12)
+    np.testing.assert_allclose(foot_positions(robot, zero), foot_positions(quadruped, zero), atol=1e-12)
+    np.testing.assert_allclose(composite_at_zero(robot).inertia, composite_at_zero(quadruped).inertia, atol=1e-12)
+
+
+def test_every_leg_joint_belongs_to_one_leg(quadruped):
+    assert sorted(j for leg in quadruped.legs.values() for j in leg.joints) == list(range(12))
+
+
+@pytest.mark.parametrize("joints", [2, 3])
+def test_the_last_joint_is_the_knee_and_the_one_before_it_the_hip_pitch(load, joints):
+    robot = load(quadruped_urdf(joints_per_leg=joints))
+    for leg in robot.legs.values():
+        for joint in leg.joint_ids[-2:]:
+            np.testing.assert_array_equal(joint_axis(robot.pinocchio, joint), [0, 1, 0])
+        knee = robot.pinocchio.jointPlacements[leg.joint_ids[-1]].translation
+        np.testing.assert_allclose(knee, [0, 0, -0.2])
+
+
+def test_diagonals_run_from_a_right_foot_to_the_left_one_across(quadruped):
+    feet = dict(zip(quadruped.legs, foot_positions(quadruped, np.zeros(12)), strict=True))
+    assert set(itertools.chain(*DIAGONALS.values())) == set(LEG_NAMES)
+    for name, diagonal in DIAGONALS.items():
+        assert set(name.split("_")) == set(diagonal)
+        first, second = (feet[leg] for leg in diagonal)
+        assert first[0] * second[0] < 0
+        assert first[1] * second[1] < 0
+
+
+def test_feet_are_where_their_names_say(quadruped):
+    for leg, (x, y, _) in zip(quadruped.legs, foot_positions(quadruped, np.zeros(12)), strict=True):
+        assert (x > 0) == (leg[0] == "F")
+        assert (y > 0) == (leg[1] == "L")
+
+
+LIMBS = [
+    (quadruped_urdf(legs=FOUR_LEGS[:3]), "3 of 3 joints"),
+    (quadruped_urdf(legs=SIX_LEGS), "6 of 3 joints"),
+    (quadruped_urdf(legs=SIX_LEGS, joints_per_leg=2, arm_joints=5), "6 of 2 joints, 1 of 5 joints"),
+    (quadruped_urdf(legs=FOUR_LEGS[:3], spine=True), "2 of 3 joints, 1 of 4 joints"),
+    (quadruped_urdf(legs=[]), "none"),
+]
+
+
+@pytest.mark.parametrize(("text", "found"), LIMBS, ids=[found for _, found in LIMBS])
+def test_what_has_not_four_legs_is_refused_with_what_was_found(refusal, text, found):
+    assert refusal(text) == (
+        "robot model 'robot' is no quadruped that equipoise knows: it needs exactly four legs of two or three joints "
+        f"each; limbs found: {found}"
+    )
+
+
+def test_legs_that_are_not_in_four_corners_are_refused(refusal):
+    text = quadruped_urdf().replace('xyz="0.2 0.1 0.0"', 'xyz="0.2 -0.3 0.0"')
+    assert refusal(text) == (
+        "the four hips are not front left, front right, rear left and rear right of each other in the base frame (x "
+        "forward, y left): (0.200, -0.220, 0.000); (0.200, -0.180, 0.000); (-0.200, 0.180, 0.000); (-0.200, -0.180, 0.000)"
+    )
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+def test_a_leg_joint_of_several_axes_is_refused(refusal, kind):
+    text = quadruped_urdf().replace('name="FL_0" type="revolute"', f'name="FL_0" type="{kind}"')
+    assert refusal(text) == "robot model 'robot' has a leg joint with more than one axis"
+
+
+# --- joints that are no leg's
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+@pytest.mark.parametrize("joints", [1, 2, 4, 6])
+def test_an_arm_is_held_and_counted_in_the_base(load, quadruped, joints, kind):
+    robot = load(quadruped_urdf(arm_joints=joints, arm_type=kind))
+    assert robot.joint_names == quadruped.joint_names
+    assert robot.held == {f"arm_{i}": 0.0 for i in range(joints)}
+    assert base_parameters(robot).mass == pytest.approx(6.0 + joints * ARM[0])
+    assert robot.mass == pytest.approx(quadruped.mass + joints * ARM[0])
+    assert robot.full_pinocchio.nq == robot.pinocchio.nq + joints
+
+
+def test_an_arm_of_two_joints_is_no_leg_of_three(load):
+    assert list(load(quadruped_urdf(arm_joints=2)).held) == ["arm_0", "arm_1"]
+    assert list(load(quadruped_urdf(joints_per_leg=2, arm_joints=3)).held) == ["arm_0", "arm_1", "arm_2"]
+
+
+def test_where_an_arm_is_held_moves_the_com_of_the_base(load):
+    angle = 0.5
+    straight = base_parameters(load(quadruped_urdf(arm_joints=1)))
+    bent = base_parameters(load(quadruped_urdf(arm_joints=1), RobotDescription(held={"arm_0": angle})))
+    shoulder = rotation_of([0.3, -0.2, 0.4])  # of the arm's joint in the trunk, as the file has it
+    moved = shoulder @ (rotation_of([0, angle, 0]) - np.eye(3)) @ np.array(ARM[1])
+    np.testing.assert_allclose(bent.com - straight.com, moved * ARM[0] / (6.0 + ARM[0]), atol=1e-12)
+    assert bent.mass == straight.mass
+
+
+def test_a_spine_is_held_and_its_other_half_belongs_to_the_base(load):
+    robot = load(quadruped_urdf(spine=True))
+    assert robot.held == {"spine": 0.0}
+    assert base_parameters(robot).mass == pytest.approx(6.0 + REAR_TRUNK[0])
+    bent = load(quadruped_urdf(spine=True), RobotDescription(held={"spine": 0.3}))
+    feet, feet_bent = (foot_positions(r, np.zeros(12)) for r in (robot, bent))
+    np.testing.assert_allclose(feet_bent[:2], feet[:2], atol=1e-12)
+    pivot = np.array([-0.05, 0, 0])
+    np.testing.assert_allclose(feet_bent[2:], (feet[2:] - pivot) @ rotation_of([0, 0, 0.3]).T + pivot, atol=1e-12)
+
+
+def test_only_joints_that_are_no_legs_can_be_held(refusal):
+    held = RobotDescription(held={"FL_0": 0.1})
+    assert refusal(quadruped_urdf(arm_joints=2), held, SettingsError) == (
+        "held names 'FL_0', which is a leg joint or none; others are arm_0, arm_1"
+    )
+
+
+def test_a_joint_of_several_axes_can_be_held_only_as_the_file_has_it(load, refusal):
+    ball = quadruped_urdf(arm_joints=1, arm_type="floating")
+    assert base_parameters(load(ball)).mass == pytest.approx(6.0 + ARM[0])
+    message = refusal(ball, RobotDescription(held={"arm_0": 0.1}), SettingsError)
+    assert message == "held joint 'arm_0' has more than one axis"
+
+
+def test_a_held_joint_may_be_called_as_its_link(load):
+    sphere = '<collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+    text = re.sub(r'(<link name="arm_link_0">.*)</link>', rf"\1{sphere}", quadruped_urdf(arm_joints=1))
+    robot = load(text.replace('"arm_link_0"', '"arm_0"'), RobotDescription(held={"arm_0": 0.2}))
+    assert robot.held == {"arm_0": 0.2}
+
+
+# --- feet
+
+
+def test_a_foot_is_at_its_sphere(quadruped):
+    assert {foot.radius for foot in quadruped.feet.values()} == {FOOT_RADIUS}
+    for leg, foot in quadruped.feet.items():
+        assert (foot.body, foot.position_in_body) == (f"{leg}_link_2", (0.0, 0.0, -0.2))
+
+
+def test_a_foot_is_at_the_farthest_sphere_below_the_knee(load, quadruped):
+    others = "".join(
+        f'<collision><origin xyz="0 0 {z}"/><geometry><sphere radius="{radius}"/></geometry></collision>'
+        for z, radius in ((0, 0.03), (-0.15, 0.025))
+    )
+    text = quadruped_urdf()
+    for leg in LEG_NAMES:
+        text = text.replace(f'<link name="{leg}_link_2">', f'<link name="{leg}_link_2">{others}')
+    assert load(text).feet == quadruped.feet
+
+
+def test_a_sphere_at_the_knee_is_no_foot(load):
+    knee = '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
+    text = quadruped_urdf(foot_radius=None)
+    for leg in LEG_NAMES:
+        text = text.replace(f'<link name="{leg}_link_2">', f'<link name="{leg}_link_2">{knee}')
+    assert {foot.position_in_body for foot in load(text).feet.values()} == {(0.0, 0.0, -0.2)}
+
+
+def test_feet_without_spheres_are_at_the_farthest_frames_with_a_guessed_radius_that_is_said(tmp_path):
+    path = tmp_path / "spot.urdf"
+    path.write_text(quadruped_urdf(foot_radius=None), encoding="utf-8")
+    with pytest.warns(ModelWarning) as caught:
+        robot = RobotModel.from_file(path)
+    assert str(caught[-1].message) == (
+        "spot: no sphere at the feet; a radius of 20 mm is assumed (set foot_radius in the robot description)"
+    )
+    assert {foot.radius for foot in robot.feet.values()} == {0.05 * robot.leg_length}
+    assert {foot.position_in_body for foot in robot.feet.values()} == {(0.0, 0.0, -0.2)}
+
+
+def test_a_described_radius_is_no_guess(tmp_path):
+    path = tmp_path / "spot.urdf"
+    path.write_text(quadruped_urdf(foot_radius=None), encoding="utf-8")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        robot = RobotModel.from_file(path, description=RobotDescription(foot_radius=0.03))
+    assert not any("no sphere" in str(warning.message) for warning in caught)
+    assert {foot.radius for foot in robot.feet.values()} == {0.03}
+
+
+def test_a_described_radius_wins_over_the_sphere(load):
+    assert load(quadruped_urdf(), RobotDescription(foot_radius=0.03)).feet["FL"].radius == 0.03
+
+
+def test_a_described_foot_frame_wins_over_what_is_farthest(load):
+    toe = '<link name="toe"/><joint name="toe_joint" type="fixed"><origin xyz="0.01 0 -0.18"/>'
+    toe += '<parent link="FL_link_2"/><child link="toe"/></joint>'
+    robot = load(quadruped_urdf(extra=toe), RobotDescription(foot_frames={"FL": "toe"}))
+    assert robot.feet["FL"].position_in_body == pytest.approx((0.01, 0.0, -0.18))
+    assert robot.feet["FR"].position_in_body == (0.0, 0.0, -0.2)
+    assert robot.feet["FR"].radius == FOOT_RADIUS
+
+
+def test_a_foot_frame_may_be_called_as_its_joint(load):
+    text = quadruped_urdf().replace('"FL_foot_joint"', '"FL_foot"')
+    robot = load(text, RobotDescription(foot_frames={"FL": "FL_foot"}))
+    assert robot.feet["FL"].position_in_body == (0.0, 0.0, -0.2)
+    assert robot.feet["FL"].radius == FOOT_RADIUS
+
+
+def test_a_foot_frame_must_exist_and_be_below_the_legs_own_knee(refusal):
+    described = RobotDescription(foot_frames={"FL": "FL_toe"})
+    assert refusal(quadruped_urdf(), described, SettingsError) == (
+        "foot frame 'FL_toe' of leg FL is not in robot model 'robot'"
+    )
+    for frame in ("FR_foot", "trunk"):
+        described = RobotDescription(foot_frames={"FL": frame})
+        assert refusal(quadruped_urdf(), described, SettingsError) == (
+            f"foot frame {frame!r} is not below the knee of leg FL"
+        )
+
+
+def test_a_leg_that_ends_at_its_knee_needs_a_described_foot(refusal):
+    assert refusal(quadruped_urdf(foot_links=False)) == (
+        "robot model 'robot': nothing marks the foot of leg FL (below joint 'FL_2'); name its frame under [foot_frames] "
+        "in a description"
+    )
+
+
+def test_feet_on_their_bodies_are_where_the_kinematics_have_them(quadruped):
+    position = np.random.default_rng(0).uniform(-1, 1, 12)
+    feet = foot_positions(quadruped, position)
+    data = quadruped.pinocchio.createData()
+    pin.framesForwardKinematics(quadruped.pinocchio, data, quadruped.configuration(position))
+    for foot, expected in zip(quadruped.feet.values(), feet, strict=True):
+        body = data.oMf[quadruped.pinocchio.getFrameId(foot.body)]
+        np.testing.assert_allclose(body.act(np.array(foot.position_in_body)), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("joints", [2, 3])
+def test_the_leg_length_is_thigh_plus_shank_whatever_the_offsets_along_the_axes(load, joints):
+    text = quadruped_urdf(joints_per_leg=joints)
+    assert load(text).leg_length == pytest.approx(0.4)
+    assert load(text.replace('xyz="0.0 0.0 -0.2"', 'xyz="0.0 0.07 -0.2"')).leg_length == pytest.approx(0.4)
+
+
+# --- limits, gains, frames
+
+
+def test_limits_are_those_of_the_file(quadruped):
+    np.testing.assert_array_equal(quadruped.lower_limit, np.tile([-0.9, -2.5, -2.7], 4))
+    np.testing.assert_array_equal(quadruped.upper_limit, np.tile([0.9, 2.5, 2.7], 4))
+    np.testing.assert_array_equal(quadruped.effort_limit, np.full(12, 30.0))
+    np.testing.assert_array_equal(quadruped.velocity_limit, np.full(12, 20.0))
+
+
+def test_joints_that_turn_without_end_are_bounded_by_two_turns(load):
+    robot = load(quadruped_urdf(continuous=True))
+    np.testing.assert_allclose(robot.upper_limit, np.tile([0.9, UNLIMITED_JOINT_RANGE, 2.7], 4))
+    np.testing.assert_allclose(robot.lower_limit, -robot.upper_limit)
+
+
+def test_limits_of_zero_mean_none(load):
+    text = quadruped_urdf().replace('effort="30" velocity="20"', 'effort="0" velocity="0"')
+    robot = load(text.replace('lower="-0.9" upper="0.9"', 'lower="0" upper="0"'))
+    assert np.isinf(robot.effort_limit).all()
+    assert np.isinf(robot.velocity_limit).all()
+    assert robot.upper_limit[0] == UNLIMITED_JOINT_RANGE
+    assert robot.lower_limit[0] == -UNLIMITED_JOINT_RANGE
+
+
+def test_described_limits_win(load, refusal):
+    robot = load(quadruped_urdf(), RobotDescription(joint_limits={"FL_1": (-0.4, 0.6)}))
+    joint = robot.joint_names.index("FL_1")
+    assert (robot.lower_limit[joint], robot.upper_limit[joint]) == (-0.4, 0.6)
+    assert refusal(quadruped_urdf(), RobotDescription(joint_limits={"knee": (0, 1)}), SettingsError) == (
+        "joint_limits names 'knee', which is no leg joint of 'robot'; those are " + ", ".join(robot.joint_names)
+    )
+
+
+@pytest.mark.parametrize("name", ["lower_limit", "upper_limit", "velocity_limit", "effort_limit"])
+def test_limits_cannot_be_changed_by_accident(quadruped, name):
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(quadruped, name)[0] = 1.0
+
+
+def test_gains_grow_with_mgh_and_described_ones_win(load, a1, quadruped):
+    kp, kd = a1.gains(0.3)
+    assert (kp, kd) == pytest.approx((100 * a1.mass * 9.81 * 0.3 / 38, 3 * a1.mass * 9.81 * 0.3 / 38))
+    assert quadruped.gains(0.6)[0] == pytest.approx(2 * quadruped.gains(0.3)[0])
+    described = load(quadruped_urdf(), RobotDescription(kp=80.0))
+    assert described.gains(0.3) == (80.0, quadruped.gains(0.3)[1])
+
+
+IMU = """<link name="imu_link"/><joint name="imu_joint" type="fixed"><origin xyz="0.1 -0.02 0.03" rpy="0.1 0.2 0.3"/>
+  <parent link="trunk"/><child link="imu_link"/></joint>"""
+
+
+def test_the_imu_is_the_base_frame_unless_a_frame_on_the_base_is_called_so(load, quadruped):
+    np.testing.assert_array_equal(quadruped.imu_in_base.homogeneous, np.eye(4))
+    found = load(quadruped_urdf(extra=IMU)).imu_in_base
+    np.testing.assert_allclose(found.translation, [0.1, -0.02, 0.03])
+    np.testing.assert_allclose(found.rotation, rotation_of([0.1, 0.2, 0.3]), atol=1e-12)
+
+
+def test_an_imu_on_a_leg_is_not_the_bases(load):
+    on_leg = load(quadruped_urdf(extra=IMU.replace('"trunk"', '"FL_link_1"')))
+    np.testing.assert_array_equal(on_leg.imu_in_base.homogeneous, np.eye(4))
+
+
+def test_a_described_imu_pose_wins_part_by_part(load):
+    turned = load(quadruped_urdf(extra=IMU), RobotDescription(imu_rpy=(0.0, 0.0, np.pi))).imu_in_base
+    np.testing.assert_allclose(turned.translation, [0.1, -0.02, 0.03])
+    np.testing.assert_allclose(turned.rotation, np.diag([-1, -1, 1]), atol=1e-12)
+    moved = load(quadruped_urdf(extra=IMU), RobotDescription(imu_position=(1.0, 2.0, 3.0))).imu_in_base
+    np.testing.assert_allclose(moved.translation, [1, 2, 3])
+    np.testing.assert_allclose(moved.rotation, rotation_of([0.1, 0.2, 0.3]), atol=1e-12)
+
+
+def test_the_base_is_the_first_link_with_mass_or_the_described_one(load, quadruped):
+    assert quadruped.base_link == "trunk"
+    below_world = load(quadruped_urdf(world=True))
+    assert below_world.base_link == "trunk"
+    np.testing.assert_allclose(composite_at_zero(below_world).com, composite_at_zero(quadruped).com, atol=1e-12)
+    at_world = load(quadruped_urdf(world=True), RobotDescription(base_link="world"))
+    assert at_world.base_link == "world"
+    shift = composite_at_zero(at_world).com - composite_at_zero(quadruped).com
+    np.testing.assert_allclose(shift, [0, 0, 0.5], atol=1e-12)
+
+
+def test_the_mass_is_that_of_all_links(quadruped):
+    assert quadruped.mass == pytest.approx(6.0 + 4 * sum(mass for mass, _, _ in LINKS))
+
+
+def test_a_robot_is_called_as_its_file_unless_said_otherwise(tmp_path):
+    path = tmp_path / "spot.urdf"
+    path.write_text(quadruped_urdf(), encoding="utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        assert RobotModel.from_file(path).name == "spot"
+        assert RobotModel.from_file(path, "mine").name == "mine"
+
+
+def test_joint_vectors_by_name_are_in_the_robots_order_and_complete(quadruped):
+    by_name = {name: float(index) for index, name in enumerate(quadruped.joint_names)}
+    reversed_order = dict(reversed(by_name.items()))
+    np.testing.assert_array_equal(quadruped.joint_vector(reversed_order, "stance"), np.arange(12.0))
+    with pytest.raises(SettingsError) as error:
+        quadruped.joint_vector(dict.fromkeys(quadruped.joint_names[2:], 0.0), "stance")
+    assert str(error.value) == "stance lacks FL_0, FL_1; it needs every leg joint"
+
+
+def test_the_base_frame_of_a_configuration_is_the_worlds(quadruped):
+    configuration = quadruped.configuration(np.arange(12.0))
+    np.testing.assert_array_equal(configuration[:7], [0, 0, 0, 0, 0, 0, 1])
+    np.testing.assert_array_equal(configuration[7:], np.arange(12.0))
+
+
+def test_hips_of_the_file_are_where_the_robot_has_them(quadruped):
+    for leg in LEG_NAMES:
+        hip = quadruped.pinocchio.jointPlacements[quadruped.legs[leg].joint_ids[0]].translation
+        np.testing.assert_allclose(hip, [*HIPS[leg], 0])
