@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from equipoise.errors import ModelError
 from equipoise.robot.inertial import base_parameters
 from equipoise.robot.mjcf_poses import AngleConvention, orientation
-from equipoise.robot.source import UNLIMITED_JOINT_RANGE, read_model_source
+from equipoise.robot.source import read_model_source
+from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 RADIAN = '<compiler angle="radian"/>'
 

@@ -15,8 +15,9 @@ from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.inertial import base_parameters, composite_parameters
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.model import DIAGONALS, RobotModel, joint_axis
-from equipoise.robot.source import UNLIMITED_JOINT_RANGE
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.tree import joint_axis
+from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 NAMINGS = {
     "plain": plain_name,

@@ -14,7 +14,8 @@ from robots import FOUR_LEGS, quadruped_mjcf, quadruped_urdf
 
 from equipoise.errors import ModelError, ModelWarning
 from equipoise.robot.model import RobotModel
-from equipoise.robot.source import UNLIMITED_JOINT_RANGE, physical_inertia, read_model_source
+from equipoise.robot.source import read_model_source
+from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE, physical_inertia
 
 WORLD = '<link name="odom"/><link name="footprint"/>'
 

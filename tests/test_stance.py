@@ -12,8 +12,8 @@ from equipoise.errors import MissingDependencyError, ModelWarning, ReachError, S
 from equipoise.robot.catalog import CATALOG, load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.model import joint_axis
 from equipoise.robot.stance import nominal_stance, stance_at
+from equipoise.robot.tree import joint_axis
 
 LIMIT_MARGIN = 0.05
 TURNED_HIP = ('<origin xyz="0.2 0.1 0.0" rpy="0 0 0"/>', '<origin xyz="0.2 0.1 0.0" rpy="0.4 0 0"/>')

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
-from equipoise.robot.source import NEGLIGIBLE_MASS_FRACTION
+from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION
 
 FloatArray = NDArray[np.float64]
 

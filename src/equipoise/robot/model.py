@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,17 @@ from numpy.typing import NDArray
 
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
-from equipoise.robot.source import UNLIMITED_JOINT_RANGE, ModelSource, read_model_source
+from equipoise.robot.source import ModelSource, read_model_source
+from equipoise.robot.tree import (
+    Spheres,
+    body_frame_of,
+    hold_other_joints,
+    joint_axis,
+    leg_chains,
+    name_legs,
+    read_pinocchio,
+)
+from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 FloatArray = NDArray[np.float64]
 
@@ -26,10 +35,6 @@ _DEFAULT_FOOT_RADIUS_RATIO = 0.05
 # Gains scale with m g h, from those an A1 (38 Nm) is usually run with.
 _GAIN_REFERENCE = 38.0
 _GRAVITY = 9.81
-
-
-# Spheres among the collision shapes by the joint that moves them: placement in its frame, and radius [m].
-_Spheres = dict[str, list[tuple[pin.SE3, float]]]
 
 
 @dataclass(frozen=True)
@@ -92,9 +97,9 @@ class RobotModel:
         self.name = name or source.path.stem
         for repair in source.repairs:
             warnings.warn(f"{self.name}: {repair}", ModelWarning, stacklevel=3)
-        self.full_pinocchio, spheres = _read_pinocchio(source)
-        chains = _leg_chains(self.full_pinocchio, source.path)
-        self.pinocchio, self.held = _hold_other_joints(self.full_pinocchio.copy(), chains, self.description)
+        self.full_pinocchio, spheres = read_pinocchio(source)
+        chains = leg_chains(self.full_pinocchio, source.path)
+        self.pinocchio, self.held = hold_other_joints(self.full_pinocchio.copy(), chains, self.description)
         self.joint_names = tuple(str(name) for name in self.pinocchio.names[2:])
         if any(joint.nq != 1 or joint.nv != 1 for joint in self.pinocchio.joints[2:]):
             raise ModelError(f"robot model {str(source.path)!r} has a leg joint with more than one axis")
@@ -146,9 +151,9 @@ class RobotModel:
             feet[leg.name] = Foot(str(body.name), (float(x), float(y), float(z)), leg.foot_radius)
         return feet
 
-    def _find_legs(self, spheres: _Spheres, chains: list[list[str]]) -> dict[str, Leg]:
+    def _find_legs(self, spheres: Spheres, chains: list[list[str]]) -> dict[str, Leg]:
         names = list(self.pinocchio.names)
-        by_leg = _name_legs(self.pinocchio, [[names.index(joint) for joint in chain] for chain in chains])
+        by_leg = name_legs(self.pinocchio, [[names.index(joint) for joint in chain] for chain in chains])
         legs: dict[str, Leg] = {}
         guessed: list[str] = []
         for leg_name in LEG_NAMES:
@@ -156,7 +161,7 @@ class RobotModel:
             placement, radius = self._find_foot(spheres.get(names[ids[-1]], []), leg_name, ids[-1])
             if radius is None:
                 guessed.append(leg_name)
-            body = _body_frame_of(self.pinocchio, ids[-1])
+            body = body_frame_of(self.pinocchio, ids[-1])
             frame = pin.Frame(f"equipoise_{leg_name}_foot", ids[-1], body, placement, pin.FrameType.OP_FRAME)
             frame_id = int(self.pinocchio.addFrame(frame))
             joint_names = tuple(names[joint] for joint in ids)
@@ -280,111 +285,3 @@ class RobotModel:
 
 
 _BASE_AT_ORIGIN = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # position, then quaternion xyzw
-
-
-def joint_axis(model: pin.Model, joint: int) -> FloatArray:
-    """(3,) axis of a one-axis joint, in the joint's own frame."""
-    data = model.joints[joint].createData()
-    model.joints[joint].calc(data, pin.neutral(model))
-    motion = np.asarray(data.S).reshape(6)
-    rotation = motion[3:]
-    return np.array(rotation if np.linalg.norm(rotation) > 0 else motion[:3])
-
-
-def _read_pinocchio(source: ModelSource) -> tuple[pin.Model, _Spheres]:
-    """The cleaned file in Pinocchio, floating, and the spheres among its collision shapes."""
-    try:
-        if source.format == "urdf":
-            model = pin.buildModelFromXML(source.xml, pin.JointModelFreeFlyer())
-            geometry = pin.buildGeomFromUrdfString(model, source.xml, pin.GeometryType.COLLISION)
-        else:
-            with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder) / "model.xml"
-                file.write_text(source.xml, encoding="utf-8")
-                model = pin.buildModelFromMJCF(str(file))
-                geometry = pin.buildGeomFromMJCF(model, str(file), pin.GeometryType.COLLISION)
-    except (ValueError, RuntimeError, IndexError) as error:
-        raise ModelError(f"robot model {str(source.path)!r} cannot be read by Pinocchio: {error}") from error
-    spheres: _Spheres = {}
-    for shape in geometry.geometryObjects:
-        if type(shape.geometry).__name__ == "Sphere":
-            placement = pin.SE3(np.eye(3), np.array(shape.placement.translation))
-            spheres.setdefault(str(model.names[shape.parentJoint]), []).append(
-                (placement, float(shape.geometry.radius))
-            )
-    return model, spheres
-
-
-def _leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
-    """The four legs as joint names from the hip down, found as four like chains that end in a leaf.
-
-    A chain runs from a leaf joint up to the last joint above which the tree branches.
-    """
-    children: dict[int, list[int]] = {joint: [] for joint in range(model.njoints)}
-    for joint in range(2, model.njoints):
-        children[model.parents[joint]].append(joint)
-    chains: list[list[int]] = []
-    for leaf in (joint for joint in range(2, model.njoints) if not children[joint]):
-        chain = [leaf]
-        while (parent := model.parents[chain[0]]) > 1 and len(children[parent]) == 1:
-            chain.insert(0, parent)
-        chains.append(chain)
-    by_length: dict[int, list[list[int]]] = {}
-    for chain in chains:
-        by_length.setdefault(len(chain), []).append(chain)
-    legs = [group for length, group in by_length.items() if len(group) == 4 and length in (2, 3)]
-    if len(legs) != 1:
-        found = ", ".join(f"{len(group)} of {length} joints" for length, group in sorted(by_length.items())) or "none"
-        raise ModelError(
-            f"robot model {str(path)!r} is no quadruped that equipoise knows: it needs exactly four legs of two or three "
-            f"joints each; limbs found: {found}"
-        )
-    return [[str(model.names[joint]) for joint in chain] for chain in legs[0]]
-
-
-def _hold_other_joints(
-    model: pin.Model, chains: list[list[str]], description: RobotDescription
-) -> tuple[pin.Model, dict[str, float]]:
-    """The model with every joint that is no leg's locked, and where each was locked."""
-    leg_joints = {joint for chain in chains for joint in chain}
-    others = [str(name) for name in model.names[2:] if str(name) not in leg_joints]
-    for joint in description.held:
-        if joint not in others:
-            raise SettingsError(f"held names {joint!r}, which is a leg joint or none; others are {', '.join(others)}")
-    if not others:
-        return model, {}
-    configuration = pin.neutral(model)
-    for joint, position in description.held.items():
-        joint_id = model.getJointId(joint)
-        if model.joints[joint_id].nq != 1:
-            raise SettingsError(f"held joint {joint!r} has more than one axis")
-        configuration[model.joints[joint_id].idx_q] = position
-    to_lock = [model.getJointId(name) for name in others]
-    reduced, _ = pin.buildReducedModel(model, [pin.GeometryModel()], to_lock, configuration)
-    return reduced, {name: description.held.get(name, 0.0) for name in others}
-
-
-def _name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Chains by leg name, told by where the hips are: x forward, y left in the base frame."""
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    hips = np.array([np.array(data.oMi[chain[-2]].translation) for chain in chains])
-    side = hips - hips.mean(axis=0)
-    named = {
-        ("F" if x > 0 else "R") + ("L" if y > 0 else "R"): chain for (x, y, _), chain in zip(side, chains, strict=True)
-    }
-    if len(named) != 4:
-        positions = "; ".join(f"({x:.3f}, {y:.3f}, {z:.3f})" for x, y, z in hips)
-        raise ModelError(
-            f"the four hips are not front left, front right, rear left and rear right of each other in the base frame "
-            f"(x forward, y left): {positions}"
-        )
-    return named
-
-
-def _body_frame_of(model: pin.Model, joint: int) -> int:
-    """Id of the frame of the link that the joint moves."""
-    for index, frame in enumerate(model.frames):
-        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY:
-            return index
-    raise ModelError(f"joint {model.names[joint]!r} moves no link")

@@ -8,25 +8,16 @@ their own reader, so they share a file and no code.
 from __future__ import annotations
 
 import hashlib
-import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from equipoise.errors import ModelError
 from equipoise.robot.mjcf import clean_mjcf
+from equipoise.robot.urdf import clean_urdf
 
 ModelFormat = Literal["urdf", "mjcf"]
-
-# An inertial lighter than this fraction of the robot is a placeholder (1e-6 kg base links, 1e-5 kg camera frames): it
-# changes nothing that can be measured and fails engines' inertia checks.
-NEGLIGIBLE_MASS_FRACTION = 1e-6
-# A joint without limits may still be commanded only so far; two turns exceed any posture of a leg [rad].
-UNLIMITED_JOINT_RANGE = 2 * math.pi
 
 
 @dataclass(frozen=True)
@@ -76,7 +67,7 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
-        repairs = list(_clean_urdf(root, path, base_link))
+        repairs = list(clean_urdf(root, path, base_link))
         return ModelSource(path, "urdf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), {})
     if root.tag == "mujoco":
         try:
@@ -107,199 +98,3 @@ def _refuse_non_finite_numbers(root: ET.Element, path: Path) -> None:
                     raise ModelError(
                         f"robot model {str(path)!r}: <{element.tag}> has {key}={value!r}; every number must be finite"
                     )
-
-
-def _clean_urdf(root: ET.Element, path: Path, base_link: str | None) -> Iterator[str]:
-    """Clean a URDF in place; yields a sentence for each thing changed that a user should know."""
-    links = {link.get("name", ""): link for link in root.findall("link")}
-    if not links:
-        raise ModelError(f"robot model {str(path)!r} has no <link>")
-    for tag in ("transmission", "gazebo", "material", "sensor"):
-        for element in root.findall(tag):
-            root.remove(element)
-    yield from _strip_geometry(links)
-    yield from _repair_inertials(links, path)
-    yield from _prune_to_base(root, links, path, base_link)
-    for joint in root.findall("joint"):
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
-            limit = _child(joint, "limit")
-            limit.set("lower", str(-UNLIMITED_JOINT_RANGE))
-            limit.set("upper", str(UNLIMITED_JOINT_RANGE))
-        if joint.get("type") in ("revolute", "prismatic"):
-            limit = _child(joint, "limit")
-            for key, default in (("lower", 0.0), ("upper", 0.0), ("effort", 0.0), ("velocity", 0.0)):
-                limit.set(key, str(_number(limit.get(key), default, f"joint {joint.get('name')!r}: {key}", path)))
-        for tag in ("mimic", "safety_controller", "calibration"):
-            for element in joint.findall(tag):
-                joint.remove(element)
-
-
-def _strip_geometry(links: dict[str, ET.Element]) -> Iterator[str]:
-    """Drop visuals and mesh collisions. Primitive collisions stay: spheres tell where feet are."""
-    meshes = 0
-    for link in links.values():
-        for visual in link.findall("visual"):
-            link.remove(visual)
-        for collision in link.findall("collision"):
-            if collision.find("geometry/mesh") is not None or collision.find("geometry") is None:
-                link.remove(collision)
-                meshes += 1
-    if meshes:
-        yield f"{meshes} collision meshes are ignored: the feet are taken as spheres and nothing else touches the floor"
-
-
-def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]:
-    masses = {name: _link_mass(link, path) for name, link in links.items()}
-    total = sum(masses.values())
-    if total <= 0:
-        raise ModelError(f"robot model {str(path)!r} has no mass: no link has an <inertial> with a positive mass")
-    negligible: list[str] = []
-    for name, link in links.items():
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        if masses[name] <= NEGLIGIBLE_MASS_FRACTION * total:
-            link.remove(inertial)
-            negligible.append(name)
-            continue
-        element = inertial.find("inertia")
-        if element is None:
-            raise ModelError(f"robot model {str(path)!r}: link {name!r} has a mass and no <inertia>")
-        inertia = _read_inertia(element, name, path)
-        repaired = physical_inertia(inertia, masses[name])
-        if np.array_equal(repaired, inertia):
-            continue
-        if not _is_physical_but_for_rounding(inertia):
-            principal = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertia))
-            yield (
-                f"link {name!r} has an inertia that no body can have (principal moments {principal} kg m2); "
-                "it was moved to the nearest physical one"
-            )
-        for key, (row, column) in _INERTIA_KEYS.items():
-            element.set(key, repr(float(repaired[row, column])))
-    if negligible:
-        shown = ", ".join(negligible[:4]) + (", ..." if len(negligible) > 4 else "")
-        yield f"{len(negligible)} links with (almost) no mass are taken as massless: {shown}"
-
-
-_INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-
-
-def _read_inertia(element: ET.Element, link: str, path: Path) -> np.ndarray:
-    inertia = np.zeros((3, 3))
-    for key, (row, column) in _INERTIA_KEYS.items():
-        value = _number(element.get(key), 0.0, f"link {link!r}: {key}", path)
-        inertia[row, column] = inertia[column, row] = value
-    return inertia
-
-
-def physical_inertia(inertia: np.ndarray, mass: float) -> np.ndarray:
-    """The nearest inertia tensor [kg m2] that a rigid body of that mass can have, in the principal frame.
-
-    A body's second moments of mass S = tr(I)/2 - I are not negative, which is the triangle inequality of the principal
-    moments. Negative ones are lifted to a millimetre's radius of gyration, or, where they are negative only by the file's
-    rounding, by as little as engines need that allow no rounding.
-
-    Args:
-        inertia: (3, 3) about the centre of mass.
-        mass: [kg].
-    """
-    values, vectors = np.linalg.eigh(_second_moments(inertia))
-    if values.min() >= 1e-9 * values.max() and values.max() > 0:
-        return inertia
-    floor = 1e-6 * max(values.max(), 0.0 if _is_physical_but_for_rounding(inertia) else mass)
-    lifted = (vectors * np.maximum(values, floor)) @ vectors.T
-    return np.trace(lifted) * np.eye(3) - lifted
-
-
-def _second_moments(inertia: np.ndarray) -> np.ndarray:
-    return np.trace(inertia) / 2 * np.eye(3) - inertia
-
-
-def _is_physical_but_for_rounding(inertia: np.ndarray) -> bool:
-    """Whether it breaks the triangle inequality at most as a plate's does whose moments were rounded."""
-    values = np.linalg.eigvalsh(_second_moments(inertia))
-    return bool(values.min() >= -1e-3 * abs(values.max()) and np.linalg.eigvalsh(inertia).min() > 0)
-
-
-def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, base_link: str | None) -> Iterator[str]:
-    """Drop massless links above the base, as `world` or an `odom` that a file starts with."""
-    joints = root.findall("joint")
-    ends, top = _tree(joints, links, path)
-    if base_link is not None and base_link not in links:
-        raise ModelError(f"robot model {str(path)!r} has no link {base_link!r}; it has {', '.join(sorted(links))}")
-    while top != base_link:
-        below = [joint for joint in joints if ends[id(joint)][0] == top]
-        has_mass = links[top].find("inertial") is not None
-        may_be_dropped = len(below) == 1 and below[0].get("type") in ("fixed", "floating") and not has_mass
-        if not may_be_dropped:
-            if base_link is not None:
-                raise ModelError(
-                    f"base link {base_link!r} hangs below {top!r}, which has mass or more than one joint: "
-                    f"{top!r} is the base"
-                )
-            return
-        root.remove(below[0])
-        root.remove(links[top])
-        dropped, top = top, ends[id(below[0])][1]
-        yield f"massless link {dropped!r} above the base {top!r} is ignored"
-
-
-def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) -> tuple[dict[int, tuple[str, str]], str]:
-    """Parent and child link of each joint, by its `id`, and the root link; refuses what is no tree of all links."""
-    ends: dict[int, tuple[str, str]] = {}
-    joint_above: dict[str, str] = {}
-    for joint in joints:
-        parent, child = joint.find("parent"), joint.find("child")
-        name = joint.get("name", "")
-        if parent is None or child is None:
-            raise ModelError(f"robot model {str(path)!r}: joint {name!r} lacks a <parent> or a <child>")
-        above, below = ends[id(joint)] = parent.get("link", ""), child.get("link", "")
-        for end in (above, below):
-            if end not in links:
-                raise ModelError(f"robot model {str(path)!r}: joint {name!r} names a link {end!r} that does not exist")
-        if below in joint_above:
-            raise ModelError(
-                f"robot model {str(path)!r}: link {below!r} hangs at two joints, {joint_above[below]!r} and {name!r}; "
-                "a robot is one tree"
-            )
-        joint_above[below] = name
-    roots = [name for name in links if name not in joint_above]
-    if len(roots) != 1:
-        raise ModelError(
-            f"robot model {str(path)!r} has {len(roots)} root links ({', '.join(roots[:5])}); a robot is one tree"
-        )
-    reached = roots.copy()
-    for link in reached:  # grows as it goes
-        reached += [below for above, below in ends.values() if above == link]
-    if len(reached) < len(links):
-        loop = [name for name in links if name not in reached]
-        raise ModelError(
-            f"robot model {str(path)!r}: links {', '.join(loop[:5])} hang at each other; a robot is one tree"
-        )
-    return ends, roots[0]
-
-
-def _link_mass(link: ET.Element, path: Path) -> float:
-    element = link.find("inertial/mass")
-    if element is None:
-        return 0.0
-    mass = _number(element.get("value"), 0.0, f"link {link.get('name')!r}: mass", path)
-    if mass < 0:
-        raise ModelError(f"robot model {str(path)!r}: link {link.get('name')!r} has a negative mass, {mass} kg")
-    return mass
-
-
-def _number(text: str | None, default: float, what: str, path: Path) -> float:
-    if text is None:
-        return default
-    try:
-        return float(text)
-    except ValueError:
-        raise ModelError(f"robot model {str(path)!r}: {what} is {text!r}, which is not a number") from None
-
-
-def _child(element: ET.Element, tag: str) -> ET.Element:
-    found = element.find(tag)
-    return ET.SubElement(element, tag) if found is None else found

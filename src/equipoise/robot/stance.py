@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from equipoise.errors import ReachError, SettingsError
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
-from equipoise.robot.model import Leg, RobotModel, joint_axis
+from equipoise.robot.model import Leg, RobotModel
+from equipoise.robot.tree import joint_axis
 
 FloatArray = NDArray[np.float64]
 
