@@ -114,7 +114,7 @@ def made_sway(a1, inertia, damping, frequency=2.0, amplitude=0.6, rate=500, dura
 def test_inertia_and_damping_are_recovered_from_forces_made_of_them(a1):
     stance, com, recording = made_sway(a1, inertia=0.4, damping=0.7)
     fit = fit_axis(a1, recording, "pitch", com, stance.joint_position)
-    assert fit.inertia == pytest.approx(0.4, rel=3e-3)
+    assert fit.inertia == pytest.approx(0.4, rel=1e-3)
     assert fit.damping == pytest.approx(0.7, rel=0.02)
     assert fit.sinusoid.frequency == pytest.approx(2.0, abs=1e-3)
 

@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from equipoise.errors import RecordingError
 from equipoise.estimation.tilt import SupportPlane
@@ -23,7 +22,7 @@ AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 """Rotation axes x, y, z of the base, in this order."""
 
 # Torques are needed at the sway's frequency of a few Hz: this many samples a second are plenty.
-_TORQUE_RATE = 60.0
+_TORQUE_RATE = 40.0
 
 
 @dataclass(frozen=True)
@@ -130,6 +129,8 @@ def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
     peak = 1 + int(np.argmax(spectrum[1:]))
     if not spectrum[peak] > 0:
         raise RecordingError("the base did not oscillate")
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415 - a third of a second to import
+
     found = minimize_scalar(
         lambda frequency: _sine_fit(time, signal, frequency)[1],
         bounds=(bins[peak] - bins[1], bins[peak] + bins[1]),
@@ -171,7 +172,9 @@ def fit_axis(
     time, torque = torque_about_com(robot, steady, com_at_stance, stance)
     time, torque = _whole_periods(time - start, torque[:, index], sinusoid.frequency)
     torque = torque - torque.mean()
-    regressor = np.column_stack([sinusoid.derivative(time), sinusoid.value(time)])  # equation 5
+    # Torques are means over the time between them; the mean of a sinusoid over a time d is sinc(F d) of its middle.
+    smoothing = np.sinc(sinusoid.frequency * float(np.mean(np.diff(time))))
+    regressor = smoothing * np.column_stack([sinusoid.derivative(time), sinusoid.value(time)])  # equation 5
     solution = np.asarray(np.linalg.lstsq(regressor, torque, rcond=None)[0], dtype=float)
     inertia, damping = (float(value) for value in solution)
     measured = np.interp(time, steady.imu.time - start, angular_velocity)

@@ -159,8 +159,8 @@ def _replant(motion: Motion, home: FloatArray, diagonal: str, settings: LiftSett
     for standing in (DIAGONALS[diagonal], tuple(leg for leg in LEG_NAMES if leg not in DIAGONALS[diagonal])):
         raised = home.copy()
         raised[[leg not in standing for leg in LEG_NAMES], 2] += _STEP_RATIO * settings.height
-        motion.shift_load(standing, settings.unload_time).move_feet(raised, settings.step_time)
-        motion.move_feet(home, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
+        motion.shift_load(standing, settings.unload_time)
+        motion.step_feet(raised, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
 
 
 def _not_at_rest(planted: PlantedRobot, recording: Recording, settings: LiftSettings) -> str | None:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from equipoise.errors import ReachError
 from equipoise.platforms.platform import Trajectory
@@ -113,10 +112,12 @@ class Motion:
         Raises:
             ReachError: a point of the path is out of reach.
         """
-        start, end = self.target.feet_in_base, np.array(feet_in_base)
-        longest = float(np.linalg.norm(end - start, axis=1).max())
-        knots = 3 + math.ceil(longest / (_KNOT_SPACING_RATIO * self.robot.leg_length))
-        return self.follow(lambda s: start + s * (end - start), knots, smooth_step(self._count(duration)))
+        return self._move_along_lines(feet_in_base, smooth_step(self._count(duration)))
+
+    def step_feet(self, feet_in_base: FloatArray, duration: float) -> Motion:
+        """Move the feet as `move_feet` does, and back, each within the duration."""
+        there = smooth_step(self._count(duration))
+        return self._move_along_lines(feet_in_base, np.concatenate([there, 1 - there]))
 
     def follow(self, feet_at: Callable[[float], FloatArray], knots: int, parameter: FloatArray) -> Motion:
         """Move the feet along a one-parameter family of positions.
@@ -134,6 +135,8 @@ class Motion:
             for knot in order:
                 guess = solved[knot] = inverse_kinematics(self.robot, feet_at(float(grid[knot])), guess)
         torques = np.array([static_torques(self.robot, position, self.target.legs) for position in solved])
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415 - a third of a second to import
+
         path = np.asarray(CubicSpline(grid, np.hstack([solved, torques]))(parameter))
         self._append(*np.hsplit(path, 2))
         self.target = replace(self.target, feet_in_base=feet_at(float(parameter[-1])))
@@ -148,6 +151,12 @@ class Motion:
         position = np.concatenate(self._positions)
         self._check_speed(position)
         return Trajectory(position, torque=np.concatenate(self._torques), events=tuple(self._events))
+
+    def _move_along_lines(self, feet_in_base: FloatArray, parameter: FloatArray) -> Motion:
+        start, end = self.target.feet_in_base, np.array(feet_in_base)
+        longest = float(np.linalg.norm(end - start, axis=1).max())
+        knots = 3 + math.ceil(longest / (_KNOT_SPACING_RATIO * self.robot.leg_length))
+        return self.follow(lambda s: start + s * (end - start), knots, parameter)
 
     def _count(self, duration: float) -> int:
         return max(1, round(duration / self.control_period))

@@ -27,7 +27,7 @@ _RAMP_PERIODS = 1.5
 _LAG_PERIODS = 0.5  # after the ramp, until the base follows steadily
 _PERIODS = 6
 _SETTLE_TIME = 0.3  # [s]
-_PLANTED_STRIDE = 20  # samples between two looks at whether feet are planted
+_PLANTED_STRIDE = 40  # samples between two looks at whether feet are planted
 _LOAD_MARGIN = 0.2  # of a foot's static load must remain at the peak of a planned sway
 _SLIP_RATIO = 0.02  # of the stance's length: feet whose distance changes by more have slipped or lifted
 

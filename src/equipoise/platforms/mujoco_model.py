@@ -107,8 +107,8 @@ def _read(source: ModelSource) -> mujoco.MjSpec:
         for inertial in link.findall("inertial"):
             _straighten(inertial)
     spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
-    # Fixed links stay bodies of their own: MuJoCo 3.5 to 3.8 fuses those that are turned wrongly, and 3.3 loses them.
-    spec.compiler.fusestatic = False
+    # Fusing fixed links saves up to a third of the engine's time, but MuJoCo 3.5 to 3.8 fuses turned ones wrongly.
+    spec.compiler.fusestatic = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 17)
     return spec
 
 
