@@ -146,19 +146,25 @@ def robots_table() -> tuple[list[str], list[Row]]:
         try:
             row, loaded = run(name), run(name, payload=off_centre_payload(name))
         except MissingDependencyError:
-            lines.append(f"| {name} | not installed | | | | | | | | | | |")
+            lines.append(f"| {name} | not installed |" + " |" * 10)
             continue
         except EquipoiseError as error:
-            lines.append(f"| {name} | {type(error).__name__}: {error} | | | | | | | | | | |")
+            lines.append(f"| {name} | {type(error).__name__}: {error} |" + " |" * 10)
             continue
         rows += [row, loaded]
         allowed = 5 * max(1.0, row.leg_length / A1_LEG)
         moments = [row.moments.get(axis, {}).get("against_composite") for axis in PAPER_ERRORS]
-        lines.append(
-            f"| {name} | {row.error_x_mm:+.2f} mm | {row.error_y_mm:+.2f} mm | {row.error_mm:.2f} mm | {loaded.error_mm:.2f} mm | "
-            f"{allowed:.1f} mm | {verdict(max(row.error_mm, loaded.error_mm), allowed)} | {row.lifts} | {row.robot_time_s:.0f} s | "
-            + " | ".join("skipped" if value is None else f"{value:+.0%}" for value in moments) + " |"
-        )  # fmt: skip
+        cells = [
+            name,
+            *(f"{error:+.2f} mm" for error in (row.error_x_mm, row.error_y_mm)),
+            *(f"{length:.2f} mm" for length in (row.error_mm, loaded.error_mm)),
+            f"{allowed:.1f} mm",
+            verdict(max(row.error_mm, loaded.error_mm), allowed),
+            f"{row.lifts}",
+            f"{row.robot_time_s:.0f} s",
+            *("skipped" if value is None else f"{value:+.0%}" for value in moments),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
         print(lines[-1], flush=True)
     return lines, rows
 
