@@ -8,6 +8,7 @@ from platform_contract import PlatformContract, wave
 
 from equipoise import simulate
 from equipoise.errors import MotionError, SettingsError
+from equipoise.platforms.mujoco import PERIODS_BETWEEN_STOP_TESTS
 from equipoise.platforms.platform import JointCommand, TiltLimit, Trajectory, play_by_stepping
 
 # Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
@@ -18,7 +19,7 @@ TO_ROUNDING = dict.fromkeys(PlatformContract.tolerances, 1e-10)
 
 class SimulationContract(PlatformContract):
     interrupted_method = "_roll"
-    periods_between_stop_tests = 20
+    periods_between_stop_tests = PERIODS_BETWEEN_STOP_TESTS
     noise = "ideal"
 
     @pytest.fixture(autouse=True)

@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 _STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
 # Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
-_CHUNK_WITH_STOP, _CHUNK = 30, 500
+PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 30, 500
 # Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
 _LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
 
@@ -111,7 +111,7 @@ class MujocoPlatform:
         first = self._periods
         turned = np.zeros(3)
         try:
-            chunk = _CHUNK if stop is None else _CHUNK_WITH_STOP
+            chunk = _CHUNK if stop is None else PERIODS_BETWEEN_STOP_TESTS
             for begin in range(0, len(trajectory.position), chunk):
                 end = min(begin + chunk, len(trajectory.position))
                 samples.append(self._roll(control[begin * self._substeps : end * self._substeps]))
