@@ -63,7 +63,7 @@ $(RUN_STAMP): requirements/run.lock pyproject.toml | $(BIN)/python
 
 $(DEV_STAMP): requirements/dev.lock pyproject.toml | $(BIN)/python
 	$(PIP) --require-hashes -r requirements/dev.lock
-	$(PIP) --no-deps --no-build-isolation -e .
+	$(PIP) --no-deps -e .
 	touch $@
 
 $(ROBOTS_STAMP): requirements/robots.lock $(DEV_STAMP)

@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from equipoise import CalibrationSettings, ComSearchSettings, SwaySettings, calibrate, estimate, load_robot, simulate
-from equipoise.errors import MissingDependencyError, RecordingError, SettingsError
+from equipoise import (
+    CalibrationSettings,
+    ComSearchSettings,
+    RobotDescription,
+    SwaySettings,
+    calibrate,
+    estimate,
+    load_robot,
+    simulate,
+)
+from equipoise.errors import MissingDependencyError, MotionError, RecordingError, SettingsError
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import composite_parameters
 
@@ -111,6 +120,46 @@ def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):
     commanded = estimate(a1, ideal[1], CalibrationSettings(feet="commanded"))
     assert commanded.composite.com_in_base[:2] == pytest.approx(ideal[0].composite.com_in_base[:2], abs=5e-3)
     assert commanded.composite != ideal[0].composite
+
+
+def test_a_search_that_did_not_converge_is_no_result(ideal, a1):
+    lifts = [recording for recording in ideal[1] if recording.event("trial").data["kind"] == "lift"]
+    without_the_last = [recording for recording in lifts if recording is not lifts[4]]
+    with pytest.raises(RecordingError, match="no complete search on FL_RR"):
+        estimate(a1, without_the_last)
+
+
+def test_a_sway_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
+    result, recordings = ideal
+    roll = next(r for r in recordings if r.event("trial").data.get("axis") == "roll")
+    start = roll.phase("sway").joints.time[0]
+    broken = type(roll).concatenate([roll.between(0, start + 0.01), roll.phase("end")])
+    again = estimate(a1, [broken if recording is roll else recording for recording in recordings])
+    assert again.composite == result.composite
+    assert again.sways["roll"].moment is None
+    assert "too short" in again.sways["roll"].note
+
+
+def test_feet_that_do_not_rise_are_no_balance(a1):
+    stuck = load_robot("unitree_a1", RobotDescription(kd=1e9))
+    with simulate(stuck) as simulation, pytest.raises(MotionError):
+        calibrate(simulation.platform, stuck, QUICK)
+
+
+def test_a_payload_that_the_torques_betray_is_warned_of(a1):
+    with simulate(a1, payload="4,0.05,0,0.05") as simulation:
+        heavy = calibrate(simulation.platform, a1, QUICK)
+    assert heavy.warnings[0].startswith("by its joint torques the robot weighs about 16.")
+    with simulate(a1, "realistic", seed=1) as simulation:
+        assert not calibrate(simulation.platform, a1, QUICK).warnings
+
+
+def test_lifts_grow_to_a_bound(a1):
+    settings = CalibrationSettings(com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0))
+    with simulate(a1, "realistic", seed=1) as simulation:
+        result = calibrate(simulation.platform, a1, settings)
+    heights = [trial.lift_height for trial in result.trials if trial.kind == "lift"]
+    assert max(heights) <= 1.6**2 * heights[0] * 1.001
 
 
 def test_settings_that_are_unknown_are_refused():

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -152,6 +153,33 @@ def test_a_stance_out_of_reach(capsys):
     assert "stance" in fails(capsys, 4, "calibrate", "--stance-height", "0.99")
 
 
+@pytest.mark.parametrize(
+    "flags",
+    [
+        ("--lower=-inf",), ("--upper", "nan"), ("--speed", "1000"), ("--speed", "1e-9"), ("--t-thres", "1e9"),
+        ("--t-thres", "1e-9"), ("--tolerance", "1e-300"), ("--tolerance", "1"), ("--lift-height", "1e-6"),
+        ("--lift-height", "0.3"), ("--sway-frequency", "400"), ("--sway-amplitude", "3"), ("--sway-duration", "0.1"),
+        ("--sway-duration", "1e9"),
+    ],
+)  # fmt: skip
+def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_path, capsys):
+    fails(capsys, 2, "calibrate", *flags, "--out", str(tmp_path / "run"))
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_model_that_was_changed_after_the_run_is_refused(run, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    model = copy / "model.xml"
+    model.write_text(model.read_text(encoding="utf-8").replace("4.713", "9.713"), encoding="utf-8")
+    assert "is not the one that it was recorded with" in fails(capsys, 5, "estimate", str(copy))
+
+
+def test_a_wrong_flag_is_an_object_too_with_json(capsys):
+    assert main(["calibrate", "--json", "--bogus"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["exit_code"] == 2
+
+
 def test_a_seed_that_is_no_number(capsys):
     assert main(["calibrate", "--seed", "x"]) == 2
     assert "seed" in capsys.readouterr().err
@@ -204,7 +232,7 @@ def test_flags_of_a_robot_description_are_used(capsys):
 def test_ctrl_c_keeps_what_was_measured(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
-        [*COMMAND, "calibrate", "--tolerance", "0.0002", "--t-thres", "20", "--out", str(folder)],
+        [*COMMAND, "calibrate", "--tolerance", "0.0002", "--t-thres", "10", "--out", str(folder)],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,

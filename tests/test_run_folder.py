@@ -187,7 +187,7 @@ def test_an_interrupted_trial_is_passed_over(run, calibrated):
 def test_a_run_without_a_complete_search_says_what_it_lacks(run):
     for recording in (run / "recordings").glob("*FR_RL*"):
         recording.unlink()
-    with pytest.raises(RecordingError, match="the recordings hold no complete search on FR_RL: 0 trials tip forward"):
+    with pytest.raises(RecordingError, match="no complete search on FR_RL with a tolerance of 10 mm: of 0 lifts"):
         RunFolder.open(run).estimate()
 
 

@@ -18,7 +18,8 @@ def runner_on(simulation, robot, **settings):
     stance = nominal_stance(robot)
     planted, _ = stand_up(simulation.platform, robot, stance)
     recordings = []
-    return TrialRunner(planted, stance, ComSearchSettings(**settings), recordings.append, None), recordings
+    planted.keep = recordings.append
+    return TrialRunner(planted, stance, ComSearchSettings(**settings)), recordings
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,9 @@ def trials(a1):
         for diagonal in DIAGONALS:
             for offset in (-0.05, 0.03):
                 feet = shifted_feet(stance, offset)
-                found[diagonal, offset] = lift_trial(runner.planted, diagonal, offset, feet, runner.lift)
+                found[diagonal, offset] = lift_trial(
+                    runner.planted, diagonal, offset, feet, runner.settings.lift(stance)
+                )
         return found, simulation.truth
 
 
@@ -147,9 +150,9 @@ def test_bounds_out_of_reach_are_refused_before_the_robot_moves(a1):
 
 def test_a_lift_grows_only_when_no_tilt_is_seen(a1):
     with simulate(a1) as simulation:
-        runner, _ = runner_on(simulation, a1, lift_height=0.001)
+        runner, _ = runner_on(simulation, a1, lift_height=0.0035)
         trials = []
-        runner.tilt_at("FL_RR", -0.012, -0.06, 0.06, trials)  # near the balance, a millimetre is no tilt
+        runner.tilt_at("FL_RR", -0.009, -0.06, 0.06, trials)  # near the balance, a millimetre is no tilt
     heights = [trial.lift_height for trial in trials]
     assert len(heights) >= 2
     assert heights[1] == pytest.approx(1.6 * heights[0])

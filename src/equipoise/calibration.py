@@ -12,23 +12,35 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise._version import __version__
-from equipoise.errors import MotionError, RecordingError, SettingsError
+from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimation.paper import AXES, AxisFit, between, commanded_plane, find_intersection, fit_axis
 from equipoise.estimation.tilt import SupportPlane, support_plane_of, tilt_of
 from equipoise.experiments.com_search import find_com
 from equipoise.experiments.lift import TRIAL
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted, why_unreachable
-from equipoise.experiments.trial_runner import ComSearchSettings, SearchProgress, TrialRunner, shifted_feet
+from equipoise.experiments.trial_runner import (
+    ComSearchSettings,
+    SearchProgress,
+    TrialRunner,
+    check_search,
+    lift_heights,
+    shifted_feet,
+)
 from equipoise.platforms.platform import Platform
 from equipoise.recordings.recording import Recording
 from equipoise.result import BodyEstimate, Calibration, Evidence, SupportLine, SwayEstimate, Trial
 from equipoise.robot.inertial import nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.robot.statics import carried_mass
 
 FloatArray = NDArray[np.float64]
 Feet = Literal["measured", "commanded"]
+
+# Payloads of more than this fraction of the robot's mass were seen to cost several millimetres; joint friction alone makes
+# the torques of a `realistic` robot lie by up to half as much.
+_MASS_MISMATCH = 0.15
 
 
 @dataclass(frozen=True)
@@ -94,23 +106,38 @@ def calibrate(
         if keep is not None:
             keep(recording)
 
+    _check(robot, stance, settings)
     planted, feet_at_end = stand_up(platform, robot, stance)
+    planted.keep = store
     try:
         searching = None if report is None else _SearchReport(report, settings.com_search, stance)
-        find_com(TrialRunner(planted, stance, settings.com_search, store, searching))  # step 1
+        find_com(TrialRunner(planted, stance, settings.com_search, searching))  # step 1
         for index, axis in enumerate(AXES):  # step 2
             if report is not None:
                 report(Progress(f"sway about {axis}", len(recordings), len(recordings) + len(AXES) - index))
-            sway = sway_axis(planted, stance, axis, settings.sway)
-            if sway.recording is not None:
-                store(sway.recording)
+            sway_axis(planted, stance, axis, settings.sway)
         move_to(planted, feet_at_end)
-    except (KeyboardInterrupt, MotionError):
+    except BaseException:
         unfinished = planted.take()
         if unfinished is not None and keep is not None:
             keep(unfinished)
         raise
     return _estimate(robot, recordings, settings, stance)
+
+
+def check(robot: RobotModel, settings: CalibrationSettings) -> None:
+    """Refuse settings that do not fit a robot, before anything moves; `calibrate` begins with this.
+
+    Raises:
+        SettingsError: a setting does not fit the robot's size.
+        ReachError: a posture is out of reach or not safe.
+    """
+    _check(robot, nominal_stance(robot), settings)
+
+
+def _check(robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
+    check_search(robot, stance, settings.com_search)
+    settings.sway.duration_for(stance)
 
 
 def estimate(
@@ -159,10 +186,29 @@ def _estimate(
         settings=dataclasses.asdict(settings),
         nominal=nominal,
         provenance={"equipoise": __version__, "pinocchio": pin.__version__},
-        warnings=tuple(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
+        warnings=(
+            *_weight_warning(robot, recordings),
+            *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
+        ),
         evidence=Evidence(tuple(lift.plane for lift in lifts), fits, stance.feet_in_base),
         robot_model=robot,
     )
+
+
+def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[str]:
+    """What to say if the joint torques at rest carry another mass than the model's."""
+    masses: list[float] = []
+    for recording in recordings:
+        if _trial_event(recording, "lift") is not None and recording.has_phase("unload"):
+            rest = recording.phase("rest").joints
+            if rest.torque is not None:
+                masses.append(carried_mass(robot, rest.position.mean(axis=0), rest.torque.mean(axis=0)))
+    if not masses or abs(float(np.median(masses)) / robot.mass - 1) < _MASS_MISMATCH:
+        return []
+    return [
+        f"by its joint torques the robot weighs about {np.median(masses):.1f} kg, by the model {robot.mass:.1f} kg: legs sag "
+        "under what the model does not know, and the centre of mass may be off by several millimetres"
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,15 +242,13 @@ def _support_line(
     lifts: list[_Lift], diagonal: str, stance: Stance, settings: CalibrationSettings
 ) -> tuple[SupportLine, SupportPlane]:
     """Where a diagonal's search ended: between the last trial to tip forward and the last to tip backward."""
-    ends = {verdict: [lift for lift in lifts if lift.trial.verdict == verdict] for verdict in ("forward", "backward")}
-    if lifts and lifts[-1].trial.verdict == "balanced":
-        last = [lifts[-1], lifts[-1]]
-    elif ends["forward"] and ends["backward"]:
-        last = [ends["forward"][-1], ends["backward"][-1]]
-    else:
+    last = _last_bracket(lifts, settings.com_search, stance)
+    if last is None:
+        tips = [sum(lift.trial.verdict == verdict for lift in lifts) for verdict in ("forward", "backward", "balanced")]
         raise RecordingError(
-            f"the recordings hold no complete search on {diagonal}: {len(ends['forward'])} trials tip forward and "
-            f"{len(ends['backward'])} backward, and it takes one of each; was the run interrupted?"
+            f"the recordings hold no complete search on {diagonal} with a tolerance of "
+            f"{settings.com_search.tolerance * 1000:g} mm: of {len(lifts)} lifts {tips[0]} tip forward, {tips[1]} backward "
+            f"and {tips[2]} not; was the run interrupted, is a recording missing?"
         )
     lower, upper = (lift.trial.offset or 0.0 for lift in last)
     offset = (lower + upper) / 2
@@ -214,6 +258,21 @@ def _support_line(
         plane = commanded_plane(shifted_feet(stance, offset), diagonal)
     point, normal = (tuple(float(value) for value in vector) for vector in (plane.point, plane.normal))
     return SupportLine(offset, lower, upper, point, normal), plane  # pyright: ignore[reportArgumentType]
+
+
+def _last_bracket(lifts: list[_Lift], settings: ComSearchSettings, stance: Stance) -> list[_Lift] | None:
+    """The two trials between which a search ended, or the balanced one twice; None if it did not end."""
+    if not lifts:
+        return None
+    highest = lift_heights(settings.lift(stance))[-1]
+    final = lifts[-1].trial
+    if final.verdict == "balanced":
+        return [lifts[-1], lifts[-1]] if (final.lift_height or 0.0) > 0.999 * highest else None
+    ends = [[lift for lift in lifts if lift.trial.verdict == verdict][-1:] for verdict in ("forward", "backward")]
+    if not all(ends):
+        return None
+    lower, upper = (end[0].trial.offset or 0.0 for end in ends)
+    return [end[0] for end in ends] if 0 < upper - lower <= settings.tolerance else None
 
 
 def _estimate_sways(
@@ -243,9 +302,15 @@ def _estimate_sways(
         if recording.joints.torque is None:
             estimates[axis] = SwayEstimate(None, None, note="the robot reports no joint torques")
             continue
-        fit = fits[axis] = fit_axis(robot, recording, axis, com_at_stance, stance.joint_position)
+        try:
+            fit = fits[axis] = fit_axis(robot, recording, axis, com_at_stance, stance.joint_position)
+        except RecordingError as error:
+            estimates[axis] = SwayEstimate(None, None, note=str(error))
+            continue
         rotation = fit.sinusoid.amplitude / (2 * np.pi * fit.sinusoid.frequency)
         note = why_not_planted(robot, recording)
+        if fit.inertia <= 0:
+            note = f"no body has a moment of inertia of {fit.inertia:.3g} kg m2; are the joint torques plausible?"
         estimates[axis] = SwayEstimate(fit.inertia, fit.damping, fit.sinusoid.frequency, rotation, note)
     return estimates, fits, trials
 

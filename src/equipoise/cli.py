@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json as json_module
+import os
 import sys
 import traceback
 import warnings
@@ -17,7 +18,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from equipoise import _version
-from equipoise.errors import EquipoiseError
+from equipoise.errors import EquipoiseError, OutputError
 from equipoise.robot.description import RobotDescription
 
 INTERRUPTED = 130
@@ -82,12 +83,12 @@ def calibrate(
         sway_duration: Of the steady sway [s]; default six periods.
         description_file: TOML file with a robot description; flags win over it.
         out: Run folder; default runs/ROBOT-TIME.
-        pictures: Write search.png and sway.png.
+        pictures: search.png and sway.png are drawn unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
         quiet: No progress.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.calibration import CalibrationSettings
+    from equipoise.calibration import CalibrationSettings, check
     from equipoise.calibration import calibrate as run
     from equipoise.experiments.sway import SwaySettings
     from equipoise.experiments.trial_runner import ComSearchSettings
@@ -104,6 +105,7 @@ def calibrate(
     )
     loaded = Payload.parse(payload) if payload is not None else None
     model = _load(robot, description_file, description)
+    check(model, settings)
     now = datetime.now(timezone.utc)
     out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
     facts = {"time": now.isoformat(timespec="seconds"), "platform": "mujoco", "noise": noise, "payload": payload}
@@ -200,7 +202,7 @@ def audit(
         model = _load(robot, description_file, description)
     result = run(model)
     if json:
-        print(json_module.dumps(result.to_dict(), indent=2))
+        print(json_module.dumps({"schema": "equipoise.audit/1", **result.to_dict()}, indent=2))
     else:
         print_audit(result)
 
@@ -222,16 +224,23 @@ def main(argv: Sequence[str] | None = None) -> int:
                 description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
                 config=(OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
             )
-        except SystemExit as stop:  # tyro's own help and usage errors
-            return int(stop.code or 0)
+        except SystemExit as stop:  # tyro has printed its help, or what is wrong with the flags
+            code = int(stop.code or 0)
+            return _failed("UsageError", "the flags cannot be used; see stderr", code, arguments) if code else 0
         except EquipoiseError as error:
             if "--debug" in arguments:
                 traceback.print_exc()
-            _print_error(error, "--json" in arguments)
-            return error.exit_code
+            print(f"error: {error}", file=sys.stderr)
+            return _failed(type(error).__name__, str(error), error.exit_code, arguments)
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
-            return INTERRUPTED
+            return _failed("Interrupted", "interrupted", INTERRUPTED, arguments)
+        except BrokenPipeError:  # the reader, `head` say, has seen enough
+            sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - flushed when Python exits
+            return 0
+        except OSError as error:
+            print(f"error: cannot write: {error}", file=sys.stderr)
+            return OutputError.exit_code
     return 0
 
 
@@ -249,7 +258,8 @@ def _interruption_told(folder: Any) -> Generator[None]:
     try:
         yield
     except (KeyboardInterrupt, EquipoiseError):
-        print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
+        if folder.count:
+            print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
         raise
 
 
@@ -264,11 +274,12 @@ def _warnings_on_stderr() -> Generator[None]:
         yield
 
 
-def _print_error(error: EquipoiseError, as_json: bool) -> None:
-    print(f"error: {error}", file=sys.stderr)
-    if as_json:
-        table = {"type": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
+def _failed(kind: str, message: str, code: int, arguments: Sequence[str]) -> int:
+    """With --json an error is an object too. Returns the exit code."""
+    if "--json" in arguments:
+        table = {"type": kind, "message": message, "exit_code": code}
         print(json_module.dumps({"schema": "equipoise.error/1", "error": table}))
+    return code
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ calibration.json    the result
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import warnings
 from collections.abc import Mapping
@@ -39,12 +40,13 @@ class RunFolder:
 
     Attributes:
         path: the folder.
+        count: number of recordings.
     """
 
     def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
         self.path = path
         self._header = header
-        self._count = len(list((path / _RECORDINGS).glob("*.npz")))
+        self.count = len(list((path / _RECORDINGS).glob("*.npz")))
 
     @classmethod
     def create(
@@ -63,6 +65,7 @@ class RunFolder:
                 "format": robot.source.format,
                 "path": str(robot.source.path),
                 "sha256": robot.source.sha256,
+                "xml_sha256": _sha256(robot.source.xml),
                 "repairs": list(robot.source.repairs),
                 "effort_limits": robot.source.effort_limits,
             },
@@ -99,8 +102,8 @@ class RunFolder:
         """Write the next recording."""
         about = [event.data for event in recording.events if event.name == TRIAL]
         words = [str(about[0][key]) for key in ("kind", "diagonal", "axis") if key in about[0]] if about else ["motion"]
-        save_recording(recording, self.path / _RECORDINGS / f"{self._count:03d}-{'-'.join(words)}.npz")
-        self._count += 1
+        save_recording(recording, self.path / _RECORDINGS / f"{self.count:03d}-{'-'.join(words)}.npz")
+        self.count += 1
 
     def recordings(self) -> list[Recording]:
         """All recordings, in order."""
@@ -111,6 +114,8 @@ class RunFolder:
         model, description = self._header["model"], self._header["description"]
         try:
             xml = (self.path / _MODEL).read_text(encoding="utf-8")
+            if _sha256(xml) != model["xml_sha256"]:
+                raise RecordingError(f"{_MODEL} of the run {str(self.path)!r} is not the one that it was recorded with")
             source = ModelSource(
                 Path(model["path"]),
                 model["format"],
@@ -164,6 +169,10 @@ class RunFolder:
 def _told(error: Exception) -> str:
     """An error of ours says what is wrong; any other one needs its type for that."""
     return str(error) if isinstance(error, EquipoiseError) else repr(error)
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _read_json(path: Path, otherwise: str) -> dict[str, Any]:

@@ -215,7 +215,7 @@ def torque_about_com(
 def _whole_periods(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
     """The first whole number of periods, over which a mean is a mean and a sine is free of it."""
     step = float(np.mean(np.diff(time)))
-    periods = int((time[-1] - time[0] + step) * frequency)
+    periods = int((time[-1] - time[0] + step) * frequency + 0.1)  # a stride may be cut off the last one
     if periods < 1:
         raise RecordingError(f"the sway lasts less than one period of {frequency:.2f} Hz")
     count = min(len(time), round(periods / frequency / step))

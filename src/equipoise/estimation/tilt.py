@@ -34,11 +34,15 @@ class Tilt:
         about_line: rotation of the CoM about l [rad]; positive: the robot tipped forward.
         across_line: size of the base's rotation about the normal [rad]; a robot on a line hardly turns that way.
         verdict: "forward" or "backward", or "balanced" if it turned by less than the threshold.
+        rise: how far the encoders say that the lifted feet rose above the standing ones [m].
+        lifted: whether that is at least half of what they were sent; a robot whose feet stay down is not balanced.
     """
 
     about_line: float
     across_line: float
     verdict: Verdict
+    rise: float
+    lifted: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +122,9 @@ def tilt_of(robot: RobotModel, recording: Recording, diagonal: str, threshold: f
     verdict: Verdict = "balanced"
     if abs(about_line) >= threshold:
         verdict = "forward" if about_line > 0 else "backward"
-    return Tilt(about_line, abs(float(turned @ normal)), verdict)
+    rise = _rise(robot, rest.joint_position, end, rest.up_in_base, diagonal)
+    wanted = float(recording.event("trial").data["lift_height"])
+    return Tilt(about_line, abs(float(turned @ normal)), verdict, rise, rise >= 0.5 * wanted)
 
 
 def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, stance: FloatArray) -> SupportPlane:
@@ -137,6 +143,13 @@ def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, sta
     _, normal, point = line_axes(robot, rest.joint_position, rest.up_in_base, diagonal)
     moved = composite_parameters(robot, stance).com - composite_parameters(robot, rest.joint_position).com
     return SupportPlane(point + moved, normal)
+
+
+def _rise(robot: RobotModel, before: FloatArray, after: FloatArray, up_in_base: FloatArray, diagonal: str) -> float:
+    """How far the feet off the diagonal rose above those on it [m]."""
+    rose = (foot_positions(robot, after) - foot_positions(robot, before)) @ up_in_base
+    standing = np.array([leg in DIAGONALS[diagonal] for leg in LEG_NAMES])
+    return float(rose[~standing].mean() - rose[standing].mean())
 
 
 def _lean(robot: RobotModel, joint_position: FloatArray, up_in_base: FloatArray, diagonal: str) -> tuple[float, float]:

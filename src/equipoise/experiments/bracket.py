@@ -6,7 +6,7 @@ from typing import NoReturn
 
 from equipoise.errors import BracketError, ImuMountingError, ReachError
 from equipoise.experiments.lift import LiftTrial
-from equipoise.experiments.trial_runner import TrialRunner
+from equipoise.experiments.trial_runner import TrialRunner, check_offset
 
 
 def check_end(
@@ -79,7 +79,7 @@ def _reachable_end(runner: TrialRunner, near: float, far: float) -> float:
     for fraction in (1.0, 0.75, 0.5, 0.25):
         candidate = near + fraction * (far - near)
         try:
-            runner.check_reach(candidate)
+            check_offset(runner.planted.robot, runner.stance, candidate, runner.heights[0])
         except ReachError:
             continue
         return candidate

@@ -13,7 +13,7 @@ import numpy as np
 from equipoise.errors import SettingsError
 from equipoise.experiments.bracket import check_end
 from equipoise.experiments.lift import LiftTrial
-from equipoise.experiments.trial_runner import TrialRunner
+from equipoise.experiments.trial_runner import TrialRunner, check_search
 from equipoise.robot.model import DIAGONALS
 
 
@@ -41,12 +41,7 @@ class SupportVector:
 def find_com(runner: TrialRunner) -> tuple[SupportVector, SupportVector]:
     """Algorithm 2, FindCOM: one support line per diagonal. Where they cross is `estimation.paper`'s line 5."""
     x_l, x_u = runner.settings.bounds(runner.stance)  # Algorithm 2, line 1
-    if not runner.settings.tolerance < (x_u - x_l) / 2:
-        raise SettingsError(
-            f"the tolerance of {runner.settings.tolerance} m leaves nothing to search between {x_l:.4f} and {x_u:.4f} m"
-        )
-    for x in (x_l, x_u):
-        runner.check_reach(x)
+    check_search(runner.planted.robot, runner.stance, runner.settings)
     first = find_support_vector(runner, "FL_RR", x_u, x_l)  # line 3
     second = find_support_vector(runner, "FR_RL", x_u, x_l)  # line 4
     return first, second

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,15 +110,9 @@ def lift_trial(
     planted.play(up, limit)
     down = planted.motion().phase("lower").move_feet(feet_in_base, settings.lower_time)
     planted.play(down.shift_load(LEG_NAMES, settings.unload_time))
-    recording = planted.take()
-    assert recording is not None
+    recording = planted.finish()
     tilt = tilt_of(planted.robot, recording, diagonal, settings.tilt_threshold)
     return LiftTrial(diagonal, offset, settings.height, recording, tilt)
-
-
-def grown(settings: LiftSettings) -> LiftSettings:
-    """The settings for a higher lift."""
-    return replace(settings, height=settings.height * settings.growth)
 
 
 def _move_over(

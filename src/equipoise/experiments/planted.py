@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,11 +22,15 @@ _PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit 
 class PlantedRobot:
     """A robot on four feet under command: the platform, where it was last sent, and its feet in the nominal stance.
 
-    What was recorded since the last `take` is kept, so that an interruption loses none of it.
+    What was recorded since the last `take` is held, so that an interruption loses none of it.
+
+    Attributes:
+        keep: called with every recording as soon as its motion is complete, before anybody judges it.
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
         self.platform, self.robot, self.target, self.home = platform, robot, target, home
+        self.keep: Callable[[Recording], None] = lambda recording: None
         self._recorded: list[Recording] = []
 
     def motion(self) -> Motion:
@@ -52,6 +58,13 @@ class PlantedRobot:
             position = trajectory.position[played - 1]
             feet = foot_positions(self.robot, position)
             self.target = Target(position, feet, trajectory.torque[played - 1], motion.target.legs)
+        return recording
+
+    def finish(self) -> Recording:
+        """Keep what was recorded since the last call as one recording, and return it."""
+        recording = Recording.concatenate(self._recorded)
+        self.keep(recording)
+        self._recorded = []
         return recording
 
     def take(self) -> Recording | None:

@@ -26,6 +26,7 @@ _KNOTS = 9
 _RAMP_PERIODS = 1.5
 _LAG_PERIODS = 0.5  # after the ramp, until the base follows steadily
 _PERIODS = 6
+_FEWEST_PERIODS = 1.2
 _SETTLE_TIME = 0.3  # [s]
 _PLANTED_STRIDE = 40  # samples between two looks at whether feet are planted
 _LOAD_MARGIN = 0.2  # of a foot's static load must remain at the peak of a planned sway
@@ -47,10 +48,21 @@ class SwaySettings:
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("amplitude", "frequency", "duration"):
+        for name, least, most in (("amplitude", 0.005, 0.5), ("frequency", 0.2, 10.0), ("duration", 0.1, 120.0)):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise SettingsError(f"sway {name} is {value}; it must be positive")
+            if value is not None and not least <= value <= most:
+                raise SettingsError(f"sway {name} is {value}; it must be from {least} to {most}")
+
+    def duration_for(self, stance: Stance) -> float:
+        """[s]; raises SettingsError if it is too short for a frequency."""
+        frequency = self.frequency_for(stance)
+        duration = self.duration or _PERIODS / frequency
+        if duration * frequency < _FEWEST_PERIODS:
+            raise SettingsError(
+                f"a sway of {duration} s at {frequency:.2f} Hz is {duration * frequency:.1f} periods long; it takes "
+                f"{_FEWEST_PERIODS} at least"
+            )
+        return duration
 
     def frequency_for(self, stance: Stance) -> float:
         """[Hz]."""
@@ -118,7 +130,7 @@ def _feet_during_sway(robot: RobotModel, stance: Stance, axis: Axis) -> Callable
 def _play_sway(
     planted: PlantedRobot, stance: Stance, axis: Axis, amplitude: float, frequency: float, settings: SwaySettings
 ) -> Recording:
-    duration = settings.duration or _PERIODS / frequency
+    duration = settings.duration_for(stance)
     ramp, lag = _RAMP_PERIODS / frequency, _LAG_PERIODS / frequency
     total = duration + lag + 2 * ramp
     time = np.arange(round(total / planted.platform.control_period)) * planted.platform.control_period
@@ -131,9 +143,7 @@ def _play_sway(
     motion.phase("ramp").follow(_feet_during_sway(planted.robot, stance, axis), _KNOTS, angle)
     motion.phase_at("sway", begin + ramp + lag).phase_at("end", begin + ramp + lag + duration)
     planted.play(motion.move_feet(stance.feet_in_base, _SETTLE_TIME))
-    recording = planted.take()
-    assert recording is not None
-    return recording
+    return planted.finish()
 
 
 def axis_rotation(axis: Axis, angle: float) -> FloatArray:

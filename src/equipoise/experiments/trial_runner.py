@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import ImuMountingError, ReachError, SettingsError
+from equipoise.errors import ImuMountingError, MotionError, ReachError, SettingsError
 from equipoise.estimation.paper import commanded_plane
 from equipoise.estimation.tilt import Verdict
-from equipoise.experiments.lift import LiftSettings, LiftTrial, grown, lift_trial
+from equipoise.experiments.lift import LiftSettings, LiftTrial, lift_trial
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
-from equipoise.robot.model import DIAGONALS
+from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +27,16 @@ _BOUND = 0.06
 # the speed that it has by then would carry it.
 _TIP_OVER_FACTOR = 1.5
 _LIFT_RATIO = 0.05
+_SMALLEST_LIFT_RATIO, _LARGEST_LIFT_RATIO = 0.01, 0.3
+# What settings may be: less or more than this is a slip of the finger.
+_ALLOWED = (
+    ("lower", -2.0, 2.0),
+    ("upper", -2.0, 2.0),
+    ("tolerance", 1e-4, 1.0),
+    ("lift_height", 1e-3, 1.0),
+    ("t_thres", 0.2, 10.0),  # shorter, no robot tips far enough to be seen
+    ("speed", 0.1, 3.0),
+)
 
 
 @dataclass(frozen=True)
@@ -50,24 +59,22 @@ class ComSearchSettings:
     speed: float = 1.0
 
     def __post_init__(self) -> None:
-        lower, upper = self.lower, self.upper
-        if lower is not None and upper is not None and not upper > lower:
-            raise SettingsError(
-                f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m"
-            )
-        for name in ("tolerance", "lift_height", "t_thres", "speed"):
+        for name, least, most in _ALLOWED:
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise SettingsError(f"{name} is {value}; it must be positive")
+            if value is not None and not least <= value <= most:
+                raise SettingsError(f"{name} is {value}; it must be from {least} to {most}")
+        if self.lower is not None and self.upper is not None:
+            _check_order(self.lower, self.upper)
 
     def bounds(self, stance: Stance) -> tuple[float, float]:
-        """x_l and x_u for a robot of this size [m]."""
+        """x_l and x_u for a robot of this size [m]; raises SettingsError if there is nothing to search between them."""
         default = _BOUND * stance.hip_height / _REFERENCE_HEIGHT
         lower = -default if self.lower is None else self.lower
         upper = default if self.upper is None else self.upper
-        if not upper > lower:
+        _check_order(lower, upper)
+        if not self.tolerance < (upper - lower) / 2:
             raise SettingsError(
-                f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m"
+                f"the tolerance of {self.tolerance} m leaves nothing to search between {lower:.4f} and {upper:.4f} m"
             )
         return lower, upper
 
@@ -75,8 +82,14 @@ class ComSearchSettings:
         """The lift trial for a robot of this size."""
         clock = float(np.sqrt(stance.hip_height / _REFERENCE_HEIGHT))
         usual = LiftSettings(height=0.0)
+        height = self.lift_height or _LIFT_RATIO * stance.hip_height
+        if not _SMALLEST_LIFT_RATIO <= height / stance.hip_height <= _LARGEST_LIFT_RATIO:
+            raise SettingsError(
+                f"lift_height is {height} m; for hips {stance.hip_height:.3f} m high it must be from "
+                f"{_SMALLEST_LIFT_RATIO * stance.hip_height:.4f} to {_LARGEST_LIFT_RATIO * stance.hip_height:.3f} m"
+            )
         return LiftSettings(
-            height=self.lift_height or _LIFT_RATIO * stance.hip_height,
+            height=height,
             move_time=usual.move_time * clock / self.speed,
             settle_time=usual.settle_time * clock / self.speed,
             rest_time=usual.rest_time * clock,
@@ -101,18 +114,18 @@ class SearchProgress:
 
 
 Report = Callable[[SearchProgress], None]
-Keep = Callable[[Recording], None]
 
 
 class TrialRunner:
     """Does lift trials for a search: inverse kinematics, motion, and higher lifts where no tilt is seen."""
 
     def __init__(
-        self, planted: PlantedRobot, stance: Stance, settings: ComSearchSettings, keep: Keep, report: Report | None
+        self, planted: PlantedRobot, stance: Stance, settings: ComSearchSettings, report: Report | None = None
     ) -> None:
         self.planted, self.stance, self.settings = planted, stance, settings
-        self.lift = settings.lift(stance)
-        self._keep, self._report = keep, report
+        self.heights = lift_heights(settings.lift(stance))
+        self._rung = 0
+        self._report = report
 
     def tilt_at(self, diagonal: str, x_m: float, x_l: float, x_u: float, trials: list[LiftTrial]) -> Verdict:
         """Stand on a diagonal whose line is offset by x_m, lift the other feet, and tell which way the robot tips.
@@ -125,46 +138,81 @@ class TrialRunner:
             x_m: offset of the support lines [m].
             x_l, x_u: the bracket that it lies in, for the progress report [m].
             trials: to append to.
+
+        Raises:
+            MotionError: no tilt was seen because the feet hardly left the floor.
         """
         if self._report is not None:
             left = max(0, int(np.ceil(np.log2(max(1.0, (x_u - x_l) / self.settings.tolerance)))))
             self._report(SearchProgress(diagonal, x_m, x_l, x_u, len(trials), len(trials) + max(1, left)))
         r_hat = shifted_feet(self.stance, x_m)  # Algorithm 1, lines 3 and 4
-        lift = self.lift
-        for _ in range(lift.max_lifts):
-            trial = lift_trial(self.planted, diagonal, x_m, r_hat, lift)  # lines 5 to 12
-            trials.append(trial)
-            self._keep(trial.recording)
-            _check_direction(trial)
-            if trial.tilt.verdict != "balanced":
-                self.lift = lift
-                break
-            lift = grown(lift)
-        return trials[-1].tilt.verdict
+        for rung in range(self._rung, len(self.heights)):
+            lift = replace(self.settings.lift(self.stance), height=self.heights[rung])
+            trials.append(lift_trial(self.planted, diagonal, x_m, r_hat, lift))  # lines 5 to 12
+            _check_direction(trials[-1])
+            if trials[-1].tilt.verdict != "balanced":
+                self._rung = rung
+                return trials[-1].tilt.verdict
+        tilt = trials[-1].tilt
+        if not tilt.lifted:
+            raise MotionError(
+                f"no tilt was seen on {diagonal}, but the feet rose by only {tilt.rise * 1000:.1f} mm of the "
+                f"{trials[-1].lift_height * 1000:.1f} mm that they were lifted: are they held, are the gains plausible?",
+                tuple(trial.recording for trial in trials),
+            )
+        return "balanced"
 
-    def check_reach(self, x_m: float) -> None:
-        """Raise ReachError if the legs do not reach an offset, or the robot could tip over its own four feet there.
 
-        By the model: a CoM at a distance d from the line falls through an angle a (the lift over the lifted foot's
-        distance) and gains the speed sqrt(2 g d a), with which an inverted pendulum of height h travels up to
-        sqrt(2 h d a) against gravity. There must be room for that between the CoM and the feet's front or rear edge.
-        """
-        robot, stance = self.planted.robot, self.stance
-        feet = shifted_feet(stance, x_m)
-        inverse_kinematics(robot, feet, stance.joint_position)
-        com = composite_parameters(robot, stance.joint_position).com
-        room = min(float(feet[:, 0].max() - com[0]), float(com[0] - feet[:, 0].min()))
-        height = float(com[2] - feet[:, 2].mean())
-        for diagonal in DIAGONALS:
-            plane = commanded_plane(feet, diagonal)
-            arm = max(abs(plane.distance_to(foot)) for foot in feet)
-            travel = float(np.sqrt(2 * height * abs(plane.distance_to(com)) * self.lift.height / arm))
-            if room < _TIP_OVER_FACTOR * travel:
-                raise ReachError(
-                    f"with the support lines at {x_m * 1000:.0f} mm the robot could tip over its own feet: by the model its "
-                    f"centre of mass is {room * 1000:.0f} mm inside them, and {_TIP_OVER_FACTOR * travel * 1000:.0f} mm are "
-                    "safe; ask for narrower bounds"
-                )
+def check_search(robot: RobotModel, stance: Stance, settings: ComSearchSettings) -> None:
+    """Refuse a search that cannot be done or is not safe, before anything moves.
+
+    Raises:
+        SettingsError: bounds, tolerance or lift height do not fit the robot.
+        ReachError: a bound is out of reach, or the robot could tip over its own feet there.
+    """
+    height = settings.lift(stance).height
+    for x in settings.bounds(stance):
+        check_offset(robot, stance, x, height)
+
+
+def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: float) -> None:
+    """Raise ReachError if the legs do not reach an offset, or the robot could tip over its own four feet there.
+
+    By the model: a CoM at a distance d from the line falls through an angle a (the lift over the lifted foot's distance)
+    and gains the speed sqrt(2 g d a), with which an inverted pendulum of height h travels up to sqrt(2 h d a) against
+    gravity. There must be room for that between the CoM and the feet's front or rear edge.
+
+    Args:
+        robot: the robot.
+        stance: its nominal stance.
+        x_m: offset of the support lines [m].
+        lift_height: of the lifted feet [m].
+    """
+    feet = shifted_feet(stance, x_m)
+    inverse_kinematics(robot, feet, stance.joint_position)
+    com = composite_parameters(robot, stance.joint_position).com
+    room = min(float(feet[:, 0].max() - com[0]), float(com[0] - feet[:, 0].min()))
+    height = float(com[2] - feet[:, 2].mean())
+    for diagonal in DIAGONALS:
+        plane = commanded_plane(feet, diagonal)
+        arm = max(abs(plane.distance_to(foot)) for foot in feet)
+        travel = float(np.sqrt(2 * height * abs(plane.distance_to(com)) * lift_height / arm))
+        if room < _TIP_OVER_FACTOR * travel:
+            raise ReachError(
+                f"with the support lines at {x_m * 1000:.0f} mm and a lift of {lift_height * 1000:.0f} mm the robot could "
+                f"tip over its own feet: by the model its centre of mass is {room * 1000:.0f} mm inside them, and "
+                f"{_TIP_OVER_FACTOR * travel * 1000:.0f} mm are safe; ask for narrower bounds or a lower lift"
+            )
+
+
+def lift_heights(settings: LiftSettings) -> list[float]:
+    """Heights tried one after the other until a tilt is seen [m]; the robot that stands the last is balanced."""
+    return [settings.height * settings.growth**rung for rung in range(settings.max_lifts)]
+
+
+def _check_order(lower: float, upper: float) -> None:
+    if not upper > lower:
+        raise SettingsError(f"the search bounds are the wrong way round: upper {upper} m is not above lower {lower} m")
 
 
 def shifted_feet(stance: Stance, offset: float) -> FloatArray:

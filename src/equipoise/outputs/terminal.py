@@ -110,11 +110,13 @@ def print_robots(rows: Sequence[CatalogRow]) -> None:
     for column in ("name", "mass [kg]", "legs", "leg [m]", "source", "what"):
         table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
     for row in rows:
-        what = row.note if row.install is None else f"{row.note}; not installed: {row.install}"
+        what = row.note if row.install is None else "not installed"
         mass, leg = _number(row.mass, 1, ".3f"), _number(row.leg_length, 1, ".3f")
         table.add_row(row.name, mass, row.legs or "-", leg, row.source, escape(what))
     console = Console()
     console.print(table)
+    for install in dict.fromkeys(row.install for row in rows if row.install is not None):
+        console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
     console.print("Any URDF or MJCF file works too, by its path; so does robot_descriptions:NAME with that package.")
 
 

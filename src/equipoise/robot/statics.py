@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.robot.kinematics import foot_jacobians, foot_positions
+from equipoise.robot.kinematics import foot_forces_from_torques, foot_jacobians, foot_positions
 from equipoise.robot.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -46,3 +46,17 @@ def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collecti
     joints = np.array([leg.joints for leg in robot.legs.values()])
     torques[joints] -= np.einsum("lcj,lc->lj", foot_jacobians(robot, joint_position), forces)
     return torques
+
+
+def carried_mass(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> float:
+    """The mass that a level robot at rest weighs by its joint torques, with the legs' own weight by the model [kg].
+
+    Args:
+        robot: the robot, on four feet.
+        joint_position: (nj,) [rad].
+        joint_torque: (nj,) [Nm].
+    """
+    configuration = robot.configuration(joint_position)
+    of_legs = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration)[6:])
+    forces = foot_forces_from_torques(robot, joint_position, joint_torque - of_legs)
+    return float(forces[:, 2].sum() / np.linalg.norm(robot.pinocchio.gravity.linear))
