@@ -69,44 +69,23 @@ class SwaySettings:
         return self.frequency or 2.0 * float(np.sqrt(_REFERENCE_HEIGHT / stance.hip_height))
 
 
-@dataclass(frozen=True, eq=False)
-class Sway:
-    """One axis's sway, or why there is none.
-
-    Attributes:
-        axis: "roll", "pitch" or "yaw".
-        recording: with phases "settle", "ramp", "sway", "end"; None if the axis was skipped.
-        amplitude: commanded [rad].
-        skipped: why the axis was skipped, or None.
-    """
-
-    axis: Axis
-    recording: Recording | None
-    amplitude: float
-    skipped: str | None = None
-
-
-def sway_axis(planted: PlantedRobot, stance: Stance, axis: Axis, settings: SwaySettings) -> Sway:
+def sway_axis(planted: PlantedRobot, stance: Stance, axis: Axis, settings: SwaySettings) -> None:
     """Oscillate the base about one axis through the model's CoM, feet planted.
 
-    If the feet move it is done again with half the amplitude. An axis that planted feet do not allow is skipped, with the
-    reason.
+    If the feet move it is done again with half the amplitude. An axis that planted feet do not allow is skipped:
+    `why_unreachable` tells why. The recordings have the phases "settle", "ramp", "sway" and "end".
     """
-    robot = planted.robot
-    frequency = settings.frequency_for(stance)
-    amplitude = min(settings.amplitude, _largest_amplitude(robot, stance, axis, frequency))
-    if (reason := why_unreachable(robot, stance, axis, settings)) is not None:
-        return Sway(axis, None, amplitude, skipped=reason)
-    recording = _play_sway(planted, stance, axis, amplitude, frequency, settings)
-    if why_not_planted(robot, recording) is not None:
-        amplitude /= 2
-        recording = _play_sway(planted, stance, axis, amplitude, frequency, settings)
-    return Sway(axis, recording, amplitude)
+    if why_unreachable(planted.robot, stance, axis, settings) is not None:
+        return
+    amplitude = _amplitude_for(planted.robot, stance, axis, settings)
+    recording = _play_sway(planted, stance, axis, amplitude, settings)
+    if why_not_planted(planted.robot, recording) is not None:
+        _play_sway(planted, stance, axis, amplitude / 2, settings)
 
 
 def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: SwaySettings) -> str | None:
     """Why planted feet do not allow a sway about an axis, or None if they do."""
-    amplitude = min(settings.amplitude, _largest_amplitude(robot, stance, axis, settings.frequency_for(stance)))
+    amplitude = _amplitude_for(robot, stance, axis, settings)
     feet_at = _feet_during_sway(robot, stance, axis)
     for angle in (amplitude, -amplitude):
         try:
@@ -128,8 +107,9 @@ def _feet_during_sway(robot: RobotModel, stance: Stance, axis: Axis) -> Callable
 
 
 def _play_sway(
-    planted: PlantedRobot, stance: Stance, axis: Axis, amplitude: float, frequency: float, settings: SwaySettings
+    planted: PlantedRobot, stance: Stance, axis: Axis, amplitude: float, settings: SwaySettings
 ) -> Recording:
+    frequency = settings.frequency_for(stance)
     duration = settings.duration_for(stance)
     ramp, lag = _RAMP_PERIODS / frequency, _LAG_PERIODS / frequency
     total = duration + lag + 2 * ramp
@@ -153,8 +133,8 @@ def axis_rotation(axis: Axis, angle: float) -> FloatArray:
     return np.array(pin.exp3(vector))
 
 
-def _largest_amplitude(robot: RobotModel, stance: Stance, axis: Axis, frequency: float) -> float:
-    """The amplitude at which the lightest foot keeps a margin of its static load, by the model."""
+def _amplitude_for(robot: RobotModel, stance: Stance, axis: Axis, settings: SwaySettings) -> float:
+    """The amplitude asked for, or the largest at which every foot keeps a margin of its static load, by the model."""
     composite = composite_parameters(robot, stance.joint_position)
     feet = stance.feet_in_base[:, :2] - composite.com[:2]
     index = AXES.index(axis)
@@ -163,7 +143,8 @@ def _largest_amplitude(robot: RobotModel, stance: Stance, axis: Axis, frequency:
     else:  # a torque T about an axis takes T / (4 arm) from each foot on one side
         arm = float(np.abs(feet[:, 1 - index]).mean())
         torque = (1 - _LOAD_MARGIN) * composite.mass * 9.81 * arm
-    return torque / (composite.inertia[index, index] * (2 * np.pi * frequency) ** 2)
+    largest = torque / (composite.inertia[index, index] * (2 * np.pi * settings.frequency_for(stance)) ** 2)
+    return min(settings.amplitude, largest)
 
 
 def why_not_planted(robot: RobotModel, recording: Recording) -> str | None:
