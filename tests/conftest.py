@@ -1,12 +1,20 @@
 """Fixtures that many tests share."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
+from robots import load_text, quadruped_urdf
 
 import equipoise
-from equipoise import load_robot
+from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance, simulate
+from equipoise.experiments.posture import BodyPosture
+from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
+from equipoise.experiments.stand import stand_up
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.inertial import composite_parameters
 
 # A loaded machine is slow now and then, and the same commit passes or fails always.
 settings.register_profile("equipoise", deadline=None, derandomize=True)
@@ -23,3 +31,52 @@ def a1():
 def a1_urdf():
     """Text of the built-in A1's URDF."""
     return (Path(equipoise.__file__).parent / "robot" / "models" / "a1.urdf").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="session")
+def skewed(tmp_path_factory):
+    """Three joints a leg, no symmetry, the joints in another order than the legs, an arm, and an IMU mounted askew."""
+    order = {"RR": "a", "FL": "b", "RL": "c", "FR": "d"}
+    text = quadruped_urdf(arm_joints=2, joint_name=lambda leg, joint: f"{order[leg]}_{joint}")
+    imu = RobotDescription(imu_position=(0.05, -0.03, 0.04), imu_rpy=(0.4, -0.3, 1.2))
+    return load_text(tmp_path_factory.mktemp("skewed"), text, imu)
+
+
+@pytest.fixture(scope="session")
+def two_jointed(tmp_path_factory):
+    """Legs without abduction, as Solo8's; its CoM is not in the middle of its feet."""
+    return load_text(tmp_path_factory.mktemp("two_jointed"), quadruped_urdf(joints_per_leg=2))
+
+
+@pytest.fixture(scope="session")
+def ideal_motions(a1):
+    """A move of a perfect simulated A1 into a tilted posture, and a lift in it with the body turning."""
+    stance = nominal_stance(a1)
+    com = composite_parameters(a1, stance.joint_position).com
+    posture = BodyPosture(roll=0.15, yaw=0.2, crouch=0.1)
+    with simulate(a1) as simulation:
+        planted, _ = stand_up(simulation.platform, a1, stance)
+        trials = PreciseTrials(planted, stance, com)
+        return SimpleNamespace(
+            stance=stance,
+            posture=posture,
+            move=trials.take_posture(posture),
+            lift=trials.lift(LiftDesign(posture, "FL_RR", 1, "roll")),
+        )
+
+
+@pytest.fixture(scope="session")
+def precise_run(a1):
+    """A short run of the precise method on a realistic A1 with a payload: settings, recordings, result and truth."""
+    recordings = []
+    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=40, sway=False))
+    with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06") as simulation:
+        result = calibrate(simulation.platform, a1, settings, keep=recordings.append)
+        return SimpleNamespace(
+            stance=nominal_stance(a1),
+            settings=settings.precise,
+            recordings=recordings,
+            result=result,
+            truth=simulation.truth,
+            seed=4,
+        )

@@ -18,6 +18,7 @@ FLOORS = [
     ["platforms", "estimation"],
     ["experiments"],
     ["result"],
+    ["methods"],
     ["calibration"],
     ["run_folder"],
     ["outputs"],

@@ -17,7 +17,8 @@ from equipoise.errors import MissingDependencyError, MotionError, RecordingError
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import composite_parameters
 
-QUICK = CalibrationSettings(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+PAPER = CalibrationSettings("paper")
+QUICK = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
 
 
 def planar_error_mm(result):
@@ -29,7 +30,7 @@ def planar_error_mm(result):
 def ideal(a1):
     recordings = []
     with simulate(a1) as simulation:
-        result = calibrate(simulation.platform, a1, keep=recordings.append).with_truth(simulation.truth)
+        result = calibrate(simulation.platform, a1, PAPER, keep=recordings.append).with_truth(simulation.truth)
     return result, recordings
 
 
@@ -41,7 +42,9 @@ def test_the_com_of_an_a1_is_found_within_five_millimetres_in_at_most_six_halvin
 
 
 def test_a_finer_tolerance_finds_it_within_two_millimetres(a1):
-    settings = CalibrationSettings(com_search=ComSearchSettings(tolerance=0.001), sway=SwaySettings(duration=1.0))
+    settings = CalibrationSettings(
+        "paper", com_search=ComSearchSettings(tolerance=0.001), sway=SwaySettings(duration=1.0)
+    )
     with simulate(a1) as simulation:
         result = calibrate(simulation.platform, a1, settings).with_truth(simulation.truth)
     x, y, _ = result.errors()["composite"]["com_in_base"]
@@ -64,13 +67,13 @@ def test_what_the_paper_does_not_estimate_is_none(ideal):
 
 def test_estimating_again_from_the_recordings_gives_the_same_numbers(ideal, a1):
     result, recordings = ideal
-    again = estimate(a1, recordings).with_truth(result.truth)
+    again = estimate(a1, recordings, PAPER).with_truth(result.truth)
     assert again.to_dict() == result.to_dict()
 
 
 def test_a_payload_moves_the_estimate_as_it_moves_the_truth(ideal, a1):
     with simulate(a1, payload="1.5,0.12,-0.06,0.05") as simulation:
-        loaded = calibrate(simulation.platform, a1).with_truth(simulation.truth)
+        loaded = calibrate(simulation.platform, a1, PAPER).with_truth(simulation.truth)
     assert planar_error_mm(loaded) < 5
     moved = np.array(loaded.composite.com_in_base[:2]) - np.array(ideal[0].composite.com_in_base[:2])
     truly = (loaded.truth.composite.com - ideal[0].truth.composite.com)[:2]
@@ -105,7 +108,7 @@ def test_a_robot_that_lay_lies_again_at_the_end(a1):
 def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
     result, recordings = ideal
     broken = recordings[-1].between(0, recordings[-1].joints.time[50])
-    partial = estimate(a1, [*recordings[:-1], broken])
+    partial = estimate(a1, [*recordings[:-1], broken], PAPER)
     assert partial.composite == result.composite
     assert partial.sways["yaw"].moment is None
     assert partial.sways["yaw"].note == "there is no recording of it"
@@ -113,11 +116,11 @@ def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
 
 def test_a_run_without_a_complete_search_is_refused(ideal, a1):
     with pytest.raises(RecordingError, match="no complete search on FR_RL"):
-        estimate(a1, ideal[1][:5])
+        estimate(a1, [recording for recording in ideal[1] if recording.trial.get("diagonal") != "FR_RL"], PAPER)
 
 
 def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):
-    commanded = estimate(a1, ideal[1], CalibrationSettings(feet="commanded"))
+    commanded = estimate(a1, ideal[1], CalibrationSettings("paper", feet="commanded"))
     assert commanded.composite.com_in_base[:2] == pytest.approx(ideal[0].composite.com_in_base[:2], abs=5e-3)
     assert commanded.composite != ideal[0].composite
 
@@ -126,7 +129,7 @@ def test_a_search_that_did_not_converge_is_no_result(ideal, a1):
     lifts = [recording for recording in ideal[1] if recording.event("trial").data["kind"] == "lift"]
     without_the_last = [recording for recording in lifts if recording is not lifts[4]]
     with pytest.raises(RecordingError, match="no complete search on FL_RR"):
-        estimate(a1, without_the_last)
+        estimate(a1, without_the_last, PAPER)
 
 
 def test_a_sway_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
@@ -134,7 +137,7 @@ def test_a_sway_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
     roll = next(r for r in recordings if r.event("trial").data.get("axis") == "roll")
     start = roll.phase("sway").joints.time[0]
     broken = type(roll).concatenate([roll.between(0, start + 0.01), roll.phase("end")])
-    again = estimate(a1, [broken if recording is roll else recording for recording in recordings])
+    again = estimate(a1, [broken if recording is roll else recording for recording in recordings], PAPER)
     assert again.composite == result.composite
     assert again.sways["roll"].moment is None
     assert "too short" in again.sways["roll"].note
@@ -155,7 +158,9 @@ def test_a_payload_that_the_torques_betray_is_warned_of(a1):
 
 
 def test_lifts_grow_to_a_bound(a1):
-    settings = CalibrationSettings(com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0))
+    settings = CalibrationSettings(
+        "paper", com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0)
+    )
     with simulate(a1, "realistic", seed=1) as simulation:
         result = calibrate(simulation.platform, a1, settings)
     heights = [trial.lift_height for trial in result.trials if trial.kind == "lift"]

@@ -11,7 +11,7 @@ import pytest
 
 from equipoise.cli import main
 
-QUICK = ["--quiet", "--no-pictures", "--tolerance", "0.02", "--sway-duration", "1.0"]
+QUICK = ["--method", "paper", "--quiet", "--no-pictures", "--tolerance", "0.02", "--sway-duration", "1.0"]
 COMMAND = [sys.executable, "-m", "equipoise"]
 
 
@@ -104,7 +104,7 @@ def test_audit_says_what_the_composite_is_over_the_base(capsys):
     assert json.loads(capsys.readouterr().out)["ratio_composite_over_base"][0] > 5
 
 
-@pytest.mark.parametrize("verb", ["calibrate", "estimate", "robots", "audit"])
+@pytest.mark.parametrize("verb", ["calibrate", "plan", "estimate", "robots", "audit"])
 def test_every_verbs_help_shows_an_example(verb, capsys):
     assert main([verb, "--help"]) == 0
     assert f"equipoise {verb}" in capsys.readouterr().out.split("Example:")[1]
@@ -141,11 +141,15 @@ def test_a_payload_that_is_not_physical(capsys):
 
 
 def test_a_bracket_the_wrong_way_round(capsys):
-    assert "wrong way round" in fails(capsys, 2, "calibrate", "--lower", "0.02", "--upper", "-0.02")
+    assert "wrong way round" in fails(
+        capsys, 2, "calibrate", "--method", "paper", "--lower", "0.02", "--upper", "-0.02"
+    )
 
 
 def test_bounds_out_of_reach(tmp_path, capsys):
-    message = fails(capsys, 4, "calibrate", "--upper", "0.4", "--quiet", "--out", str(tmp_path / "run"))
+    message = fails(
+        capsys, 4, "calibrate", "--method", "paper", "--upper", "0.4", "--quiet", "--out", str(tmp_path / "run")
+    )
     assert "foot misses its place" in message or "tip over" in message
 
 
@@ -232,7 +236,7 @@ def test_flags_of_a_robot_description_are_used(capsys):
 def test_ctrl_c_keeps_what_was_measured(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
-        [*COMMAND, "calibrate", "--tolerance", "0.0002", "--t-thres", "10", "--out", str(folder)],
+        [*COMMAND, "calibrate", "--method", "paper", "--tolerance", "0.0002", "--t-thres", "10", "--out", str(folder)],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,

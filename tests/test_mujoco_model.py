@@ -6,15 +6,17 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from platform_contract import turning, wave
+from platform_contract import wave
 from robots import FOUR_LEGS, load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import RobotDescription, SensorErrors, Trajectory, nominal_stance, simulate
 from equipoise.errors import FallError, ModelError, SettingsError
+from equipoise.platforms.mujoco import MujocoPlatform
 from equipoise.platforms.mujoco_model import FLOOR
 from equipoise.platforms.sensors import REALISTIC
 from equipoise.recordings.recording import JointStream
 from equipoise.robot.inertial import nominal_inertia
+from equipoise.robot.kinematics import inverse_kinematics
 
 HEAD = '<compiler angle="radian"/>'
 HELD = RobotDescription(held={"arm_0": 0.7, "arm_1": -0.4})
@@ -280,6 +282,18 @@ def test_the_truth_knows_the_leg_errors(robots):
 # --- the IMU
 
 
+def rocking(robot, period, duration=0.6, size=0.03):
+    """Roll, pitch and yaw over planted feet, smoothly, at different speeds: joint targets."""
+    stance = nominal_stance(robot)
+    position, solved = stance.joint_position, []
+    for phase in np.arange(0.0, 1.0, period / duration):
+        roll, pitch, yaw = size * np.sin(np.pi * phase) ** 2 * np.sin(2 * np.pi * phase * np.array([2, 3, 4]))
+        feet = stance.feet_in_base @ pin.rpy.rpyToMatrix(roll, pitch, yaw)
+        position = inverse_kinematics(robot, feet, position)
+        solved.append(position)
+    return Trajectory(np.array(solved))
+
+
 def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
     rotation = pin.rpy.rpyToMatrix(0.3, -0.5, 2.0)
     straight = load_text(tmp_path, a1_urdf)
@@ -287,16 +301,22 @@ def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
     recordings = []
     for robot in (straight, mounted):
         with simulate(robot) as simulation:
-            recordings.append(simulation.platform.play(turning(simulation.platform, 150)))
+            simulated, stance = simulation.platform._simulated, nominal_stance(robot)
+            step = simulated.model.opt.timestep
+            # A new command at every engine step: accelerations jump at commands that come more rarely.
+            with MujocoPlatform(robot, simulated, stance, control_period=step) as smooth:
+                recordings.append(smooth.play(rocking(straight, step)))
     (base, imu), time = (recording.imu for recording in recordings), recordings[0].imu.time
     assert np.allclose(imu.angular_velocity, base.angular_velocity @ rotation, atol=1e-9)
-    omega, arm = base.angular_velocity, np.array([0.1, 0.02, 0.05]) - straight.imu_in_base.translation
-    lever = np.cross(np.gradient(omega, time, axis=0), arm) + np.cross(omega, np.cross(omega, arm))
+    omega, alpha = base.angular_velocity, np.gradient(base.angular_velocity, time, axis=0)
     felt = imu.acceleration @ rotation.T - base.acceleration
-    assert np.abs(lever).max() > 0.5
-    for axis in range(3):
-        assert np.corrcoef(felt[5:-5, axis], lever[5:-5, axis])[0, 1] > 0.95
-    assert np.linalg.norm(felt) == pytest.approx(np.linalg.norm(lever), rel=0.2)
+    # What an IMU on an arm of 1 m along each axis would feel more; how much of each this one feels is its arm.
+    unit = np.array([np.cross(alpha, axis) + np.cross(omega, np.cross(omega, axis)) for axis in np.eye(3)])
+    lever, felt = unit[:, 5:-5].reshape(3, -1).T, felt[5:-5].ravel()
+    arm = np.linalg.lstsq(lever, felt, rcond=None)[0]
+    # The engine's accelerometer does not know of the joints' implicit damping: that is worth 5 mm of the arm here.
+    assert np.allclose(arm, np.array([0.1, 0.02, 0.05]) - straight.imu_in_base.translation, atol=8e-3)
+    assert np.linalg.norm(felt - lever @ arm) < 0.1 * np.linalg.norm(felt)
 
 
 # --- what goes wrong

@@ -23,7 +23,7 @@ from equipoise.errors import NotEstimatedError, OutputError, RecordingError
 from equipoise.result import BodyEstimate, inertia_from_dict, inertia_to_dict
 from equipoise.robot.inertial import nominal_inertia
 
-SETTINGS = CalibrationSettings(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
 BASE = InertialParameters(
     6.2, np.array([0.02, -0.003, 0.03]), np.array([[0.03, 1e-3, 2e-3], [1e-3, 0.07, -1e-3], [2e-3, -1e-3, 0.08]])
 )
@@ -64,10 +64,11 @@ def test_a_result_without_a_truth_is_kept_too(without_truth, path):
 def test_the_json_keys_are_those_that_others_rely_on(calibration):
     table = json.loads(calibration.to_json())
     assert list(table) == [
-        "schema", "robot", "method", "feet", "model", "stance", "composite", "base", "sways", "support_lines", "trials",
+        "schema", "robot", "method", "feet", "model", "stance", "composite", "base", "stance_effective", "uncertainty",
+        "sensors", "checks", "sways", "support_lines", "trials",
         "settings", "provenance", "warnings", "nominal", "truth", "errors",
     ]  # fmt: skip
-    assert table["schema"] == "equipoise.calibration/1"
+    assert table["schema"] == "equipoise.calibration/2"
     assert table["robot"] == "unitree_a1"
     assert table["method"] == "paper"
     assert list(table["model"]) == ["format", "sha256", "base_link"]
@@ -81,7 +82,7 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     assert list(table["sways"]["yaw"]) == ["moment", "damping", "frequency", "amplitude", "note"]
     assert list(table["support_lines"]) == ["FL_RR", "FR_RL"]
     assert list(table["support_lines"]["FL_RR"]) == ["offset", "lower", "upper", "point", "normal"]
-    trial = ["kind", "about", "offset", "lift_height", "tilt", "verdict", "duration"]
+    trial = ["kind", "about", "offset", "lift_height", "tilt", "verdict", "duration", "misfit", "note"]
     assert all(list(each) == trial for each in table["trials"])
 
 
@@ -112,10 +113,10 @@ def test_the_json_is_strict(calibration):
         (b"", "is not JSON"),
         (b"{", "is not JSON"),
         (b"\xff\xfe\x00", "is not JSON"),
-        (b"[]", "has the schema 'list'; this version reads 'equipoise.calibration/1'"),
+        (b"[]", "has the schema 'list'; this version reads 'equipoise.calibration/2'"),
         (b"{}", "has the schema None; this version reads"),
-        (b'{"schema": "equipoise.calibration/2"}', "has the schema 'equipoise.calibration/2'; this version reads"),
-        (b'{"schema": "equipoise.calibration/1"}', "is damaged: KeyError"),
+        (b'{"schema": "equipoise.calibration/1"}', "has the schema 'equipoise.calibration/1'; this version reads"),
+        (b'{"schema": "equipoise.calibration/2"}', "is damaged: KeyError"),
     ],
 )
 def test_another_file_is_no_result(path, content, message):

@@ -24,10 +24,13 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import OutputError, RecordingError
+from equipoise.estimation.parameters import Priors
+from equipoise.experiments.plan import Goals
+from equipoise.experiments.precise_routine import PreciseSettings
 from equipoise.recordings.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recordings.storage import save_recording
 
-SETTINGS = CalibrationSettings(com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
+SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
 PROVENANCE = {
     "seed": 2,
     "noise": "realistic",
@@ -128,9 +131,11 @@ def test_recordings_are_numbered_on_after_a_run_is_opened(tmp_path, a1):
 
 def test_settings_come_back(tmp_path, a1):
     settings = CalibrationSettings(
+        "paper",
         feet="commanded",
         com_search=ComSearchSettings(-0.04, 0.05, 0.003, 0.02, 0.7, 0.5),
         sway=SwaySettings(0.03, 1.5, 2.0),
+        precise=PreciseSettings(60.0, 13.4, 0.05, False, Goals(com_planar=1e-3), Priors(joint_zero=2e-3)),
     )
     path = RunFolder.create(tmp_path / "run", a1, settings, {}).path
     assert RunFolder.open(path).settings() == settings
@@ -287,7 +292,7 @@ def test_a_damaged_header_is_told(run, content, message):
         ("settings", {"com_search": 3, "sway": {}}, "settings of run .* are damaged"),
         (
             "settings",
-            {"method": "best", "com_search": {}, "sway": {}},
+            {"method": "best", "com_search": {}, "sway": {}, "precise": {"goals": {}, "priors": {}}},
             "settings of run .* are damaged: method 'best' is",
         ),
     ],

@@ -149,10 +149,11 @@ def test_bounds_out_of_reach_are_refused_before_the_robot_moves(a1):
 
 
 def test_a_lift_grows_only_when_no_tilt_is_seen(a1):
-    grown = 0
+    grown, offsets = 0, np.linspace(-0.012, -0.002, 6)
     with simulate(a1) as simulation:
-        for offset in np.linspace(-0.012, -0.006, 7):  # near the balance a few millimetres show no tilt
-            runner, _ = runner_on(simulation, a1, lift_height=0.0035)
+        # A quarter of a second is too short to tip far near the balance (at -7 to -6 mm), and long enough beyond.
+        for offset in offsets:
+            runner, _ = runner_on(simulation, a1, lift_height=0.0035, t_thres=0.25)
             trials = []
             verdict = runner.tilt_at("FL_RR", float(offset), -0.06, 0.06, trials)
             heights = [trial.lift_height for trial in trials]
@@ -161,4 +162,4 @@ def test_a_lift_grows_only_when_no_tilt_is_seen(a1):
             assert verdict == trials[-1].tilt.verdict
             assert verdict != "balanced" or len(trials) == 3
             grown += len(trials) > 1
-    assert grown > 0
+    assert 0 < grown < len(offsets)

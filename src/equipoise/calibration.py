@@ -2,78 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
 
-import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
-
-from equipoise._version import __version__
-from equipoise.errors import RecordingError, SettingsError
-from equipoise.estimation.paper import AXES, AxisFit, between, commanded_plane, find_intersection, fit_axis
-from equipoise.estimation.tilt import SupportPlane, support_plane_of, tilt_of
-from equipoise.experiments.com_search import find_com
-from equipoise.experiments.lift import TRIAL
 from equipoise.experiments.stand import move_to, stand_up
-from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted, why_unreachable
-from equipoise.experiments.trial_runner import (
-    ComSearchSettings,
-    SearchProgress,
-    TrialRunner,
-    check_search,
-    lift_heights,
-    shifted_feet,
-)
+from equipoise.methods import paper, precise, static
+from equipoise.methods.settings import CalibrationSettings, Progress
 from equipoise.platforms.platform import Platform
 from equipoise.recordings.recording import Recording
-from equipoise.result import BodyEstimate, Calibration, Evidence, SupportLine, SwayEstimate, Trial
-from equipoise.robot.inertial import nominal_inertia
-from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.result import Calibration
+from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
-from equipoise.robot.statics import carried_mass
 
-FloatArray = NDArray[np.float64]
-Feet = Literal["measured", "commanded"]
+__all__ = ["CalibrationSettings", "Progress", "calibrate", "check", "estimate"]
 
-# Payloads of more than this fraction of the robot's mass were seen to cost several millimetres; joint friction alone makes
-# the torques of a `realistic` robot lie by up to half as much.
-_MASS_MISMATCH = 0.15
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """What a calibration does and how.
-
-    Attributes:
-        method: "paper": Algorithms 1 and 2, then equations 2 to 5.
-        feet: where support lines are taken to be: "measured" by the encoders and the accelerometer at rest, or
-            "commanded", as printed in the paper.
-        com_search: step 1.
-        sway: step 2.
-    """
-
-    method: Literal["paper"] = "paper"
-    feet: Feet = "measured"
-    com_search: ComSearchSettings = field(default_factory=ComSearchSettings)
-    sway: SwaySettings = field(default_factory=SwaySettings)
-
-    def __post_init__(self) -> None:
-        if self.method != "paper":
-            raise SettingsError(f"method {self.method!r} is not known; it is 'paper'")
-        if self.feet not in ("measured", "commanded"):
-            raise SettingsError(f"feet are 'measured' or 'commanded', not {self.feet!r}")
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What a calibration is doing: in words, and how many trials are done of how many expected."""
-
-    doing: str
-    done: int
-    expected: int
+_RUN = {"precise": precise.run, "paper": paper.run, "static": static.run}
+_ESTIMATE = {"precise": precise.estimate, "paper": paper.estimate, "static": static.estimate}
 
 
 def calibrate(
@@ -83,14 +26,14 @@ def calibrate(
     keep: Callable[[Recording], None] | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> Calibration:
-    """Run the two-step routine on a robot and estimate from what it felt.
+    """Run a calibration on a robot and estimate from what it felt.
 
     The robot may stand or lie when it begins; it ends where it began.
 
     Args:
         platform: the robot, real or simulated.
         robot: what is known about it.
-        settings: what to do; default: the paper's method with measured feet.
+        settings: what to do; default: the precise method.
         keep: called with every recording as soon as it is complete, also with the last, broken one on Ctrl-C.
         report: called before every trial.
 
@@ -110,19 +53,14 @@ def calibrate(
     planted, feet_at_end = stand_up(platform, robot, stance)
     planted.keep = store
     try:
-        searching = None if report is None else _SearchReport(report, settings.com_search, stance)
-        find_com(TrialRunner(planted, stance, settings.com_search, searching))  # step 1
-        for index, axis in enumerate(AXES):  # step 2
-            if report is not None:
-                report(Progress(f"sway about {axis}", len(recordings), len(recordings) + len(AXES) - index))
-            sway_axis(planted, stance, axis, settings.sway)
+        _RUN[settings.method](planted, stance, settings, recordings, report)
         move_to(planted, feet_at_end)
     except BaseException:
         unfinished = planted.take()
         if unfinished is not None and keep is not None:
             keep(unfinished)
         raise
-    return _estimate(robot, recordings, settings, stance)
+    return _ESTIMATE[settings.method](robot, recordings, settings, stance)
 
 
 def check(robot: RobotModel, settings: CalibrationSettings) -> None:
@@ -136,8 +74,10 @@ def check(robot: RobotModel, settings: CalibrationSettings) -> None:
 
 
 def _check(robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
-    check_search(robot, stance, settings.com_search)
-    settings.sway.duration_for(stance)
+    if settings.method == "paper":
+        paper.check(robot, stance, settings)
+    elif settings.method == "precise":
+        precise.check(robot, stance, settings)
 
 
 def estimate(
@@ -151,184 +91,7 @@ def estimate(
         settings: those of the run.
 
     Raises:
-        RecordingError: they do not hold a complete search on both diagonals.
+        RecordingError: they do not hold what the method needs.
     """
-    return _estimate(robot, recordings, settings or CalibrationSettings(), nominal_stance(robot))
-
-
-def _estimate(
-    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings, stance: Stance
-) -> Calibration:
-    lifts = [lift for recording in recordings if (lift := _read_lift(robot, recording, stance)) is not None]
-    lines: dict[str, SupportLine] = {}
-    planes: list[SupportPlane] = []
-    for diagonal in DIAGONALS:
-        line, plane = _support_line(
-            [lift for lift in lifts if lift.trial.about == diagonal], diagonal, stance, settings
-        )
-        lines[diagonal] = line
-        planes.append(plane)
-    nominal = nominal_inertia(robot, stance.joint_position)
-    x_c, y_c = find_intersection(planes, float(nominal.composite.com[2]))  # Algorithm 2, line 5
-    com = np.array([x_c, y_c, nominal.composite.com[2]])
-    sways, fits, trials = _estimate_sways(robot, recordings, com, stance, settings)
-    return Calibration(
-        robot=robot.name,
-        method=settings.method,
-        feet=settings.feet,
-        joint_position={name: float(q) for name, q in zip(robot.joint_names, stance.joint_position, strict=True)},
-        model={"format": robot.source.format, "sha256": robot.source.sha256, "base_link": robot.base_link},
-        composite=BodyEstimate(com_in_base=(float(x_c), float(y_c), None)),
-        base=BodyEstimate(),
-        sways=sways,
-        support_lines=lines,
-        trials=(*(lift.trial for lift in lifts), *trials),
-        settings=dataclasses.asdict(settings),
-        nominal=nominal,
-        provenance={"equipoise": __version__, "pinocchio": pin.__version__},
-        warnings=(
-            *_weight_warning(robot, recordings),
-            *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
-        ),
-        evidence=Evidence(tuple(lift.plane for lift in lifts), fits, stance.feet_in_base),
-        robot_model=robot,
-    )
-
-
-def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[str]:
-    """What to say if the joint torques at rest carry another mass than the model's."""
-    masses: list[float] = []
-    for recording in recordings:
-        if _trial_event(recording, "lift") is not None and recording.has_phase("unload"):
-            rest = recording.phase("rest").joints
-            if rest.torque is not None:
-                masses.append(carried_mass(robot, rest.position.mean(axis=0), rest.torque.mean(axis=0)))
-    if not masses or abs(float(np.median(masses)) / robot.mass - 1) < _MASS_MISMATCH:
-        return []
-    return [
-        f"by its joint torques the robot weighs about {np.median(masses):.1f} kg, by the model {robot.mass:.1f} kg: legs sag "
-        "under what the model does not know, and the centre of mass may be off by several millimetres"
-    ]
-
-
-@dataclass(frozen=True, eq=False)
-class _Lift:
-    """A lift trial as its recording tells it."""
-
-    trial: Trial
-    plane: SupportPlane
-
-
-def _read_lift(robot: RobotModel, recording: Recording, stance: Stance) -> _Lift | None:
-    """The lift trial in a recording, or None if it holds none or was interrupted."""
-    about = _trial_event(recording, "lift")
-    if about is None or not recording.has_phase("lower"):
-        return None
-    diagonal = str(about["diagonal"])
-    tilt = tilt_of(robot, recording, diagonal, float(about["tilt_threshold"]))
-    trial = Trial(
-        "lift", diagonal, float(about["offset"]), float(about["lift_height"]), tilt.about_line, tilt.verdict,
-        recording.duration,
-    )  # fmt: skip
-    return _Lift(trial, support_plane_of(robot, recording, diagonal, stance.joint_position))
-
-
-def _trial_event(recording: Recording, kind: str) -> Mapping[str, Any] | None:
-    events = [event.data for event in recording.events if event.name == TRIAL]
-    return events[0] if events and events[0].get("kind") == kind else None
-
-
-def _support_line(
-    lifts: list[_Lift], diagonal: str, stance: Stance, settings: CalibrationSettings
-) -> tuple[SupportLine, SupportPlane]:
-    """Where a diagonal's search ended: between the last trial to tip forward and the last to tip backward."""
-    last = _last_bracket(lifts, settings.com_search, stance)
-    if last is None:
-        tips = [sum(lift.trial.verdict == verdict for lift in lifts) for verdict in ("forward", "backward", "balanced")]
-        raise RecordingError(
-            f"the recordings hold no complete search on {diagonal} with a tolerance of "
-            f"{settings.com_search.tolerance * 1000:g} mm: of {len(lifts)} lifts {tips[0]} tip forward, {tips[1]} backward "
-            f"and {tips[2]} not; was the run interrupted, is a recording missing?"
-        )
-    lower, upper = (lift.trial.offset or 0.0 for lift in last)
-    offset = (lower + upper) / 2
-    if settings.feet == "measured":
-        plane = between([lift.plane for lift in last])
-    else:
-        plane = commanded_plane(shifted_feet(stance, offset), diagonal)
-    point, normal = (tuple(float(value) for value in vector) for vector in (plane.point, plane.normal))
-    return SupportLine(offset, lower, upper, point, normal), plane  # pyright: ignore[reportArgumentType]
-
-
-def _last_bracket(lifts: list[_Lift], settings: ComSearchSettings, stance: Stance) -> list[_Lift] | None:
-    """The two trials between which a search ended, or the balanced one twice; None if it did not end."""
-    if not lifts:
-        return None
-    highest = lift_heights(settings.lift(stance))[-1]
-    final = lifts[-1].trial
-    if final.verdict == "balanced":
-        return [lifts[-1], lifts[-1]] if (final.lift_height or 0.0) > 0.999 * highest else None
-    ends = [[lift for lift in lifts if lift.trial.verdict == verdict][-1:] for verdict in ("forward", "backward")]
-    if not all(ends):
-        return None
-    lower, upper = (end[0].trial.offset or 0.0 for end in ends)
-    return [end[0] for end in ends] if 0 < upper - lower <= settings.tolerance else None
-
-
-def _estimate_sways(
-    robot: RobotModel,
-    recordings: Sequence[Recording],
-    com_at_stance: FloatArray,
-    stance: Stance,
-    settings: CalibrationSettings,
-) -> tuple[dict[str, SwayEstimate], dict[str, AxisFit], list[Trial]]:
-    """I and C by axis; of an axis that swayed twice, the second, gentler one."""
-    estimates: dict[str, SwayEstimate] = {}
-    fits: dict[str, AxisFit] = {}
-    trials: list[Trial] = []
-    by_axis = {
-        str(about["axis"]): recording
-        for recording in recordings
-        if (about := _trial_event(recording, "sway")) is not None and recording.has_phase("end")
-    }
-    for axis in AXES:
-        recording = by_axis.get(axis)
-        if recording is None:
-            reason = why_unreachable(robot, stance, axis, settings.sway)
-            note = f"skipped, planted feet do not allow it: {reason}" if reason else "there is no recording of it"
-            estimates[axis] = SwayEstimate(None, None, note=note)
-            continue
-        trials.append(Trial("sway", axis, None, None, None, None, recording.duration))
-        if recording.joints.torque is None:
-            estimates[axis] = SwayEstimate(None, None, note="the robot reports no joint torques")
-            continue
-        try:
-            fit = fits[axis] = fit_axis(robot, recording, axis, com_at_stance, stance.joint_position)
-        except RecordingError as error:
-            estimates[axis] = SwayEstimate(None, None, note=str(error))
-            continue
-        rotation = fit.sinusoid.amplitude / (2 * np.pi * fit.sinusoid.frequency)
-        note = why_not_planted(robot, recording)
-        if fit.inertia <= 0:
-            note = f"no body has a moment of inertia of {fit.inertia:.3g} kg m2; are the joint torques plausible?"
-        estimates[axis] = SwayEstimate(fit.inertia, fit.damping, fit.sinusoid.frequency, rotation, note)
-    return estimates, fits, trials
-
-
-class _SearchReport:
-    """Turns a search's progress into the routine's."""
-
-    def __init__(self, report: Callable[[Progress], None], settings: ComSearchSettings, stance: Stance) -> None:
-        lower, upper = settings.bounds(stance)
-        self._report = report
-        self._per_diagonal = int(np.ceil(np.log2(max(1.0, (upper - lower) / settings.tolerance))))
-
-    def __call__(self, progress: SearchProgress) -> None:
-        first = progress.diagonal == next(iter(DIAGONALS))
-        done = progress.trials_done + (0 if first else self._per_diagonal)
-        expected = progress.trials_expected + self._per_diagonal + len(AXES)
-        doing = (
-            f"lift on {progress.diagonal}: offset {progress.offset * 1000:+.1f} mm, "
-            f"bracket {progress.lower * 1000:+.1f} to {progress.upper * 1000:+.1f} mm"
-        )
-        self._report(Progress(doing, done, expected))
+    settings = settings or CalibrationSettings()
+    return _ESTIMATE[settings.method](robot, recordings, settings, nominal_stance(robot))

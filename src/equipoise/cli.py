@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json as json_module
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -18,7 +19,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from equipoise import _version
-from equipoise.errors import EquipoiseError, OutputError
+from equipoise.errors import EquipoiseError, OutputError, SettingsError
 from equipoise.robot.description import RobotDescription
 
 INTERRUPTED = 130
@@ -29,13 +30,20 @@ Described = Annotated[RobotDescription, arg(name="", help="What the model file l
 Metres = Annotated[float | None, arg(metavar="METRES", help_behavior_hint="")]
 Seconds = Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")]
 Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
+Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
+Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
+Verbose = Annotated[bool, arg(aliases=["-v"])]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 
 
 def calibrate(
     robot: Robot = "unitree_a1",
     *,
-    method: Literal["paper"] = "paper",
+    method: Literal["precise", "paper", "static"] = "precise",
+    budget: Duration = None,
+    mass: Kilograms = None,
+    mass_sd: Kilograms = None,
+    sway: bool = True,
     feet: Literal["measured", "commanded"] = "measured",
     noise: Literal["ideal", "realistic"] = "ideal",
     payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
@@ -56,40 +64,49 @@ def calibrate(
     pictures: bool = True,
     json: bool = False,
     quiet: bool = False,
+    verbose: Verbose = False,
     debug: bool = False,
 ) -> None:
-    """Find a quadruped's centre of mass and moments of inertia, in simulation.
+    """Find a quadruped's mass, centre of mass and inertia, in simulation.
 
-    The robot lifts two diagonal feet, feels which way it tips, moves its body and repeats (Algorithms 1 and 2 of the
-    paper); then it sways about each axis (equations 2 to 5). The run folder keeps every recording.
+    precise: the robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips; its
+    sensors are calibrated on the way. paper: a bisection finds the planar centre of mass (Algorithms 1 and 2), sways give
+    moments of inertia (equations 2 to 5). static: what the joint torques of the standing robot say.
+    The run folder keeps every recording.
 
     Example: equipoise calibrate go2 --noise realistic --payload 1.5,0.1,0,0.08 --seed 3 --out runs/go2
 
     Args:
         method: What to do.
-        feet: Support lines through the feet as the encoders measure them, or as they were commanded.
+        budget: precise: robot time, as 60s, 120s or 2min; default 120 s on an A1, more on larger robots.
+        mass: precise: of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
+        mass_sd: precise: how sure the scale is [kg]; default 0.5 %.
+        sway: precise: sway about all axes at the end unless this is given.
+        feet: paper: support lines through the feet as the encoders measure them, or as they were commanded.
         noise: Sensor and actuator errors of the simulated robot.
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         start: How the simulated robot begins (and ends).
         seed: Of everything drawn.
-        tolerance: The search ends when the bounds of the offset are this close [m].
-        lower: Lower search bound of the offset [m]; default by the robot's size.
-        upper: Upper search bound of the offset [m]; default by the robot's size.
-        t_thres: How long two feet stay up [s]; default by the robot's size.
-        lift_height: Of the first lift [m]; default 5 % of the hip height.
-        speed: Factor on the speed between trials.
-        sway_amplitude: Of the sway [rad].
-        sway_frequency: Of the sway [Hz]; default by the robot's size.
-        sway_duration: Of the steady sway [s]; default six periods.
+        tolerance: paper: the search ends when the bounds of the offset are this close [m].
+        lower: paper: lower search bound of the offset [m]; default by the robot's size.
+        upper: paper: upper search bound of the offset [m]; default by the robot's size.
+        t_thres: paper: how long two feet stay up [s]; default by the robot's size.
+        lift_height: paper: of the first lift [m]; default 5 % of the hip height.
+        speed: paper: factor on the speed between trials.
+        sway_amplitude: paper: of the sway [rad].
+        sway_frequency: paper: of the sway [Hz]; default by the robot's size.
+        sway_duration: paper: of the steady sway [s]; default six periods.
         description_file: TOML file with a robot description; flags win over it.
         out: Run folder; default runs/ROBOT-TIME.
-        pictures: search.png and sway.png are drawn unless this is given.
+        pictures: PNG pictures are drawn unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
         quiet: No progress.
+        verbose: Show how long each stage of the estimate took.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.calibration import CalibrationSettings, check
     from equipoise.calibration import calibrate as run
+    from equipoise.experiments.precise_routine import PreciseSettings
     from equipoise.experiments.sway import SwaySettings
     from equipoise.experiments.trial_runner import ComSearchSettings
     from equipoise.outputs.terminal import TrialProgress, print_calibration
@@ -97,11 +114,24 @@ def calibrate(
     from equipoise.platforms.simulation import simulate
     from equipoise.run_folder import RunFolder
 
+    _refuse_flags_of_other_methods(
+        method,
+        precise={"budget": budget, "mass": mass, "mass-sd": mass_sd, "no-sway": None if sway else True},
+        paper={
+            "feet": None if feet == "measured" else feet,
+            "tolerance": None if tolerance == 0.005 else tolerance,
+            "lower": lower, "upper": upper, "t-thres": t_thres, "lift-height": lift_height,
+            "speed": None if speed == 1.0 else speed,
+            "sway-amplitude": None if sway_amplitude == 0.05 else sway_amplitude,
+            "sway-frequency": sway_frequency, "sway-duration": sway_duration,
+        },
+    )  # fmt: skip
     settings = CalibrationSettings(
         method,
         feet,
         ComSearchSettings(lower, upper, tolerance, lift_height, t_thres, speed),
         SwaySettings(sway_amplitude, sway_frequency, sway_duration),
+        PreciseSettings(seconds(budget), mass, mass_sd, sway),
     )
     loaded = Payload.parse(payload) if payload is not None else None
     model = _load(robot, description_file, description)
@@ -125,23 +155,62 @@ def calibrate(
     if json:
         print(result.to_json(), end="")
     else:
-        print_calibration(result, files)
+        print_calibration(result, files, verbose)
+
+
+def plan(
+    robot: Robot = "unitree_a1",
+    *,
+    budget: Duration = None,
+    sway: bool = True,
+    description_file: File = None,
+    description: Described = RobotDescription(),  # noqa: B008
+    json: bool = False,
+    debug: bool = False,
+) -> None:
+    """Show what 'calibrate --method precise' would do, and how accurate it would be. Moves nothing, needs no simulator.
+
+    Example: equipoise plan go2 --budget 60s
+
+    Args:
+        budget: Robot time, as 60s, 120s or 2min; default 120 s on an A1, more on larger robots.
+        sway: As in 'calibrate'.
+        description_file: TOML file with a robot description; flags win over it.
+        json: Print one JSON object and nothing else on stdout.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
+    from equipoise.outputs.terminal import print_plan
+    from equipoise.robot.stance import nominal_stance
+
+    model = _load(robot, description_file, description)
+    result = plan_ahead(model, nominal_stance(model), PreciseSettings(seconds(budget), sway=sway))
+    if json:
+        print(json_module.dumps({"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict()}, indent=2))
+    else:
+        print_plan(model.name, result)
 
 
 def estimate(
     run: Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration.")],
     *,
     feet: Annotated[Literal["measured", "commanded"] | None, arg(help_behavior_hint="")] = None,
+    mass: Kilograms = None,
+    mass_sd: Kilograms = None,
     json: bool = False,
+    verbose: Verbose = False,
     debug: bool = False,
 ) -> None:
     """Estimate again from a run's recordings, without a robot or a simulator.
 
-    Example: equipoise estimate runs/go2 --feet commanded
+    Example: equipoise estimate runs/go2 --mass 16.2 --mass-sd 0.05
 
     Args:
         feet: As in 'calibrate'; default as in the run.
+        mass: As in 'calibrate'; default as in the run.
+        mass_sd: As in 'calibrate'; default as in the run.
         json: Print the result as one JSON object and nothing else on stdout.
+        verbose: Show how long each stage of the estimate took.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.outputs.terminal import print_calibration
@@ -149,11 +218,14 @@ def estimate(
 
     folder = RunFolder.open(run)
     settings = folder.settings()
-    result = folder.estimate(dataclasses.replace(settings, feet=feet or settings.feet))
+    precise = settings.precise
+    if mass is not None or mass_sd is not None:
+        precise = dataclasses.replace(precise, mass=mass or precise.mass, mass_sd=mass_sd)
+    result = folder.estimate(dataclasses.replace(settings, feet=feet or settings.feet, precise=precise))
     if json:
         print(result.to_json(), end="")
     else:
-        print_calibration(result, [])
+        print_calibration(result, [], verbose)
 
 
 def robots(*, json: bool = False, debug: bool = False) -> None:
@@ -214,7 +286,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"equipoise {_version.__version__}")
         return 0
     app = tyro.extras.SubcommandApp()
-    for verb in (calibrate, estimate, robots, audit):
+    for verb in (calibrate, plan, estimate, robots, audit):
         app.command(verb)
     with _warnings_on_stderr():
         try:
@@ -242,6 +314,24 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"error: cannot write: {error}", file=sys.stderr)
             return OutputError.exit_code
     return 0
+
+
+def _refuse_flags_of_other_methods(method: str, **flags: dict[str, object]) -> None:
+    """A flag that a method does not know would be ignored without a word."""
+    for owner, given in flags.items():
+        for name, value in given.items():
+            if owner != method and value is not None:
+                raise SettingsError(f"--{name} belongs to --method {owner}; this is --method {method}")
+
+
+def seconds(text: str | None) -> float | None:
+    """[s] from 60, 60s, 1.5min or 2m; raises SettingsError for anything else."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(s|sec|m|min)?\s*", text)
+    if match is None:
+        raise SettingsError(f"{text!r} is no time; give it as 60s or 2min")
+    return float(match[1]) * (60.0 if (match[2] or "s").startswith("m") else 1.0)
 
 
 def _load(robot: str, description_file: Path | None, description: RobotDescription) -> Any:

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from equipoise._version import __version__
 from equipoise.errors import NotEstimatedError, OutputError, RecordingError
 from equipoise.estimation.paper import AXES, AxisFit
 from equipoise.estimation.tilt import SupportPlane
@@ -25,7 +26,7 @@ from equipoise.robot.model import RobotModel
 FloatArray = NDArray[np.float64]
 Maybe = float | None
 
-SCHEMA = "equipoise.calibration/1"
+SCHEMA = "equipoise.calibration/2"
 
 
 @dataclass(frozen=True)
@@ -100,17 +101,93 @@ class SwayEstimate:
 
 
 @dataclass(frozen=True)
+class Interval:
+    """How sure a quantity is.
+
+    Attributes:
+        deviation: posterior standard deviation.
+        lower, upper: 95 % interval.
+        verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before.
+    """
+
+    deviation: float
+    lower: float
+    upper: float
+    verdict: str
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How sure one body's parameters are.
+
+    Attributes:
+        intervals: by name: mass, com_x, com_y, com_z, Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
+        covariance: 10 rows of 10 in that order.
+    """
+
+    intervals: Mapping[str, Interval]
+    covariance: tuple[tuple[float, ...], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        intervals = {name: dataclasses.asdict(interval) for name, interval in self.intervals.items()}
+        return {"intervals": intervals, "covariance": [list(row) for row in self.covariance]}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> Uncertainty:
+        """From the JSON form."""
+        intervals = {name: Interval(**interval) for name, interval in table["intervals"].items()}
+        return cls(intervals, tuple(tuple(row) for row in table["covariance"]))
+
+
+@dataclass(frozen=True)
+class SensorFinding:
+    """What a sensor, a joint or the floor was found to be off by.
+
+    Attributes:
+        name: what, as "FL_thigh_joint zero".
+        value: in SI units.
+        deviation: posterior standard deviation.
+        sentence: for people; says what can be done where something can.
+        notable: whether it is large enough to be worth fixing, and sure.
+    """
+
+    name: str
+    value: float
+    deviation: float
+    sentence: str
+    notable: bool
+
+
+@dataclass(frozen=True)
+class Check:
+    """One question to the result about itself.
+
+    Attributes:
+        name: of the check.
+        passed: whether nothing speaks against the result.
+        message: what was looked at, and what speaks against it.
+    """
+
+    name: str
+    passed: bool
+    message: str
+
+
+@dataclass(frozen=True)
 class Trial:
     """One motion and what it showed.
 
     Attributes:
-        kind: "lift" or "sway".
-        about: the diagonal of a lift, the axis of a sway.
+        kind: "lift", "sway", "posture" or "stand".
+        about: the diagonal of a lift, the axis of a sway, a posture in words.
         offset: of the support line, for a lift [m].
         lift_height: commanded [m].
         tilt: of the CoM about the line, positive forward [rad].
         verdict: "forward", "backward" or "balanced".
         duration: [s].
+        misfit: root mean square of its residual over what its noise explains.
+        note: why it was left out, or None.
     """
 
     kind: str
@@ -120,6 +197,8 @@ class Trial:
     tilt: Maybe
     verdict: str | None
     duration: float
+    misfit: Maybe = None
+    note: str | None = None
 
 
 @dataclass(frozen=True)
@@ -170,14 +249,18 @@ class Calibration:
 
     Attributes:
         robot: its name.
-        method: "paper".
+        method: "precise", "paper" or "static".
         feet: "measured" or "commanded".
         joint_position: the nominal stance that all refers to, by joint name [rad].
         model: format, hash and base link of the model file.
         composite: the whole robot at the stance.
         base: the base link with all that is fixed to it.
         sways: the paper's I and C, by axis.
-        support_lines: by diagonal.
+        support_lines: by diagonal; `paper` only.
+        stance_effective: the paper's body: base, hips and thighs about their own CoM.
+        uncertainty: of "composite", "base" and "stance_effective"; `precise` only.
+        sensors: what was found wrong with the sensors; `precise` only.
+        checks: what the result says about itself, failed ones first.
         trials: every motion, in order.
         settings: as JSON values.
         provenance: version, time, and in simulation seed, noise and payload.
@@ -186,6 +269,7 @@ class Calibration:
         nominal: what the model file says.
         evidence: not in the JSON form.
         robot_model: the model that was used; not in the JSON form.
+        timings: seconds that each stage of the estimate took; not in the JSON form.
     """
 
     robot: str
@@ -205,6 +289,16 @@ class Calibration:
     truth: RobotInertia | None = None
     evidence: Evidence | None = None
     robot_model: RobotModel | None = None
+    stance_effective: BodyEstimate = field(default_factory=BodyEstimate)
+    uncertainty: Mapping[str, Uncertainty] = field(default_factory=dict[str, Uncertainty])
+    sensors: tuple[SensorFinding, ...] = ()
+    checks: tuple[Check, ...] = ()
+    timings: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    @property
+    def trustworthy(self) -> bool:
+        """Whether every check passed."""
+        return all(check.passed for check in self.checks)
 
     def with_truth(self, truth: RobotInertia) -> Calibration:
         """The same with the truth joined to it."""
@@ -235,7 +329,7 @@ class Calibration:
             return {}
         errors: dict[str, dict[str, float]] = {}
         for index, axis in enumerate(AXES):
-            moment = self.sways[axis].moment
+            moment = self.sways[axis].moment if axis in self.sways else None
             if moment is not None:
                 errors[axis] = {
                     "against_stance_effective": moment / self.truth.stance_effective.inertia[index, index] - 1,
@@ -250,6 +344,7 @@ class Calibration:
         return {
             "composite": self.composite.minus(BodyEstimate.known(self.truth.composite)).to_dict(),
             "base": self.base.minus(BodyEstimate.known(self.truth.base)).to_dict(),
+            "stance_effective": self.stance_effective.minus(BodyEstimate.known(self.truth.stance_effective)).to_dict(),
             "moments_relative": self.moment_errors(),
         }
 
@@ -264,6 +359,10 @@ class Calibration:
             "stance": {"joint_position": dict(self.joint_position)},
             "composite": self.composite.to_dict(),
             "base": self.base.to_dict(),
+            "stance_effective": self.stance_effective.to_dict(),
+            "uncertainty": {body: uncertainty.to_dict() for body, uncertainty in self.uncertainty.items()},
+            "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
+            "checks": [dataclasses.asdict(check) for check in self.checks],
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
             "trials": [dataclasses.asdict(trial) for trial in self.trials],
@@ -326,7 +425,27 @@ class Calibration:
             provenance=table["provenance"],
             warnings=tuple(table["warnings"]),
             truth=None if truth is None else inertia_from_dict(truth),
+            stance_effective=BodyEstimate.from_dict(table["stance_effective"]),
+            uncertainty={body: Uncertainty.from_dict(value) for body, value in table["uncertainty"].items()},
+            sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
+            checks=tuple(Check(**check) for check in table["checks"]),
         )
+
+
+def library_versions() -> dict[str, str]:
+    """What an estimate was made with."""
+    return {"equipoise": __version__, "pinocchio": pin.__version__}
+
+
+def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]:
+    """What every result says of the model and the stance it refers to: arguments of `Calibration`."""
+    return {
+        "robot": robot.name,
+        "joint_position": {name: float(q) for name, q in zip(robot.joint_names, joint_position, strict=True)},
+        "model": {"format": robot.source.format, "sha256": robot.source.sha256, "base_link": robot.base_link},
+        "robot_model": robot,
+        "provenance": library_versions(),
+    }
 
 
 def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:

@@ -19,7 +19,9 @@ from typing import Any, cast
 
 from equipoise.calibration import CalibrationSettings, estimate
 from equipoise.errors import EquipoiseError, ModelWarning, OutputError, RecordingError, SettingsError
-from equipoise.experiments.lift import TRIAL
+from equipoise.estimation.parameters import Priors
+from equipoise.experiments.plan import Goals
+from equipoise.experiments.precise_routine import PreciseSettings
 from equipoise.experiments.sway import SwaySettings
 from equipoise.experiments.trial_runner import ComSearchSettings
 from equipoise.recordings.recording import Recording
@@ -100,8 +102,9 @@ class RunFolder:
 
     def keep(self, recording: Recording) -> None:
         """Write the next recording."""
-        about = [event.data for event in recording.events if event.name == TRIAL]
-        words = [str(about[0][key]) for key in ("kind", "diagonal", "axis") if key in about[0]] if about else ["motion"]
+        words = [str(recording.trial[key]) for key in ("kind", "diagonal", "axis") if key in recording.trial] or [
+            "motion"
+        ]
         save_recording(recording, self.path / _RECORDINGS / f"{self.count:03d}-{'-'.join(words)}.npz")
         self.count += 1
 
@@ -135,7 +138,14 @@ class RunFolder:
         table = dict(self._header["settings"])
         try:
             searching, swaying = ComSearchSettings(**table.pop("com_search")), SwaySettings(**table.pop("sway"))
-            return CalibrationSettings(**table, com_search=searching, sway=swaying)
+            precise = dict(table.pop("precise"))
+            goals, priors = Goals(**precise.pop("goals")), Priors(**precise.pop("priors"))
+            return CalibrationSettings(
+                **table,
+                com_search=searching,
+                sway=swaying,
+                precise=PreciseSettings(**precise, goals=goals, priors=priors),
+            )
         except (KeyError, TypeError, SettingsError) as error:
             raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {_told(error)}") from error
 

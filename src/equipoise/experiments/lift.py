@@ -12,7 +12,7 @@ from equipoise.estimation.tilt import Tilt, line_axes, rest_of, tilt_of
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.platforms.platform import TiltLimit
-from equipoise.recordings.recording import Recording
+from equipoise.recordings.recording import TRIAL, Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 FloatArray = NDArray[np.float64]
@@ -20,9 +20,6 @@ FloatArray = NDArray[np.float64]
 _STEP_RATIO = 0.6  # height of a replanting step over that of a lift
 _STILL_PARTS = 5
 _UPRIGHT = float(np.cos(np.radians(25)))  # a planted robot leans less, also on a slope
-
-TRIAL = "trial"
-"""Name of the event that says what a recording is; data: kind, and what belongs to the kind."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +89,26 @@ def lift_trial(
         TrackingError: the joints did not come to rest near their targets.
     """
     before = _move_over(planted, diagonal, offset, feet_in_base, settings)
+    limit = tilt_limit(planted, before, diagonal, settings)
     stance_legs = DIAGONALS[diagonal]
     lifted = np.array(feet_in_base)
     lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
+    up = planted.motion().phase("unload").shift_load(stance_legs, settings.unload_time)
+    up.phase("lift").move_feet(lifted, settings.lift_time).phase("watch").hold(settings.watch_time)
+    planted.play(up, limit)
+    down = planted.motion().phase("lower").move_feet(feet_in_base, settings.lower_time)
+    planted.play(down.shift_load(LEG_NAMES, settings.unload_time))
+    recording = planted.finish()
+    tilt = tilt_of(planted.robot, recording, diagonal, settings.tilt_threshold)
+    return LiftTrial(diagonal, offset, settings.height, recording, tilt)
+
+
+def tilt_limit(planted: PlantedRobot, before: Recording, diagonal: str, settings: LiftSettings) -> TiltLimit:
+    """When a lift ends, given the rest before it.
+
+    Raises:
+        FallError: the robot does not stand upright.
+    """
     rest = rest_of(planted.robot, before)
     if rest.up_in_base[2] < _UPRIGHT:
         raise FallError(
@@ -104,15 +118,7 @@ def lift_trial(
         )
     left, _, _ = line_axes(planted.robot, rest.joint_position, rest.up_in_base, diagonal)
     left_x, left_y, left_z = left @ np.array(planted.robot.imu_in_base.rotation)
-    limit = TiltLimit(settings.tilt_limit, (float(left_x), float(left_y), float(left_z)))
-    up = planted.motion().phase("unload").shift_load(stance_legs, settings.unload_time)
-    up.phase("lift").move_feet(lifted, settings.lift_time).phase("watch").hold(settings.watch_time)
-    planted.play(up, limit)
-    down = planted.motion().phase("lower").move_feet(feet_in_base, settings.lower_time)
-    planted.play(down.shift_load(LEG_NAMES, settings.unload_time))
-    recording = planted.finish()
-    tilt = tilt_of(planted.robot, recording, diagonal, settings.tilt_threshold)
-    return LiftTrial(diagonal, offset, settings.height, recording, tilt)
+    return TiltLimit(settings.tilt_limit, (float(left_x), float(left_y), float(left_z)))
 
 
 def _move_over(
@@ -125,25 +131,39 @@ def _move_over(
     )  # fmt: skip
     home = planted.home
     motion.phase("replant").move_feet(home, planted.move_time(home, motion.target.feet_in_base, settings.move_time))
-    _replant(motion, home, diagonal, settings)
+    replant(motion, home, diagonal, settings)
     motion.phase("move").move_feet(feet_in_base, planted.move_time(feet_in_base, home, settings.move_time))
-    motion.phase("settle").hold(settings.settle_time)
-    parts = [planted.play(motion)]
+    return come_to_rest(planted, motion, settings, f"before a lift on {diagonal}")
+
+
+def come_to_rest(
+    planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = "rest"
+) -> Recording:
+    """Play a motion, settle until the joints are near their targets and the base is still, and rest.
+
+    Args:
+        motion: its recording gets phases "settle" and a rest appended.
+        when: this is, in words, for the error.
+        rest_phase: name of the rest.
+
+    Raises:
+        TrackingError: the robot did not come to rest near its targets.
+    """
+    parts = [planted.play(motion.phase("settle").hold(settings.settle_time))]
     problem: str | None = None
     for _ in range(settings.max_settling):
         problem = _not_at_rest(planted, Recording.concatenate(parts), settings)
         if problem is None:
-            parts.append(planted.play(planted.motion().phase("rest").hold(settings.rest_time)))
+            parts.append(planted.play(planted.motion().phase(rest_phase).hold(settings.rest_time)))
             return Recording.concatenate(parts)
         parts.append(planted.play(planted.motion().hold(settings.settle_time)))
     raise TrackingError(
-        f"the robot did not come to rest before a lift on {diagonal}: {problem}; is something in its way, are the "
-        "gains too low?",
+        f"the robot did not come to rest {when}: {problem}; is something in its way, are the gains too low?",
         (Recording.concatenate(parts),),
     )
 
 
-def _replant(motion: Motion, home: FloatArray, diagonal: str, settings: LiftSettings) -> None:
+def replant(motion: Motion, home: FloatArray, diagonal: str, settings: LiftSettings) -> None:
     """Step with each pair of feet once, in the nominal stance, so that feet stand where they are sent.
 
     A robot that has tipped onto its lifted feet drags them; friction then holds the legs away from their targets, by

@@ -37,10 +37,12 @@ class PlantedRobot:
         """A new motion from where the robot was last sent."""
         return Motion(self.robot, self.platform.control_period, self.target)
 
-    def move_time(self, feet_in_base: FloatArray, start: FloatArray, least: float) -> float:
+    def move_time(
+        self, feet_in_base: FloatArray, start: FloatArray, least: float, acceleration: float = _PLANTED_ACCELERATION
+    ) -> float:
         """How long to take for a move over planted feet, so that it does not tip the robot over [s]."""
         distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())
-        return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / _PLANTED_ACCELERATION)))
+        return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / acceleration)))
 
     def play(self, motion: Motion, stop: TiltLimit | None = None) -> Recording:
         """Play a motion; the next one starts where this one ended or was stopped."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,9 +12,8 @@ from numpy.typing import NDArray
 
 from equipoise.errors import ReachError, SettingsError
 from equipoise.estimation.paper import AXES, Axis
-from equipoise.experiments.lift import TRIAL
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.recordings.recording import Recording
+from equipoise.recordings.recording import TRIAL, Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import feet_under_base, foot_forces_from_torques, foot_positions, inverse_kinematics
 from equipoise.robot.model import RobotModel
@@ -166,3 +166,62 @@ def why_not_planted(robot: RobotModel, recording: Recording) -> str | None:
         if loads.min() < 0.05 * loads.mean():
             return f"a foot carries only {loads.min():.1f} N of {loads.mean():.1f} N at the lightest"
     return None
+
+
+# Sways about all axes at once: each axis has its own frequency, so that the dominant sinusoid of its angular velocity is its
+# own; friction's direction then changes at many moments of the motion.
+_ALL_AXES_FREQUENCIES = (2.3, 1.9, 1.5)  # [Hz] of roll, pitch and yaw on an A1
+_ALL_AXES_AMPLITUDE = 0.04  # [rad]
+_ALL_AXES_PERIODS = 8  # of the slowest
+_KNOTS_PER_PERIOD = 12
+
+
+def sway_all_axes(planted: PlantedRobot, stance: Stance, com: FloatArray) -> None:
+    """Oscillate the base about all axes that planted feet allow, at once, through the CoM.
+
+    The recording has the phases "settle", "ramp", "sway" and "end".
+
+    Args:
+        com: (3,) CoM in the base frame, as far as it is known [m].
+    """
+    robot = planted.robot
+    settings = SwaySettings(amplitude=_ALL_AXES_AMPLITUDE)
+    axes: list[Axis] = [axis for axis in AXES if why_unreachable(robot, stance, axis, settings) is None]
+    if not axes:
+        return
+    slow = np.sqrt(_REFERENCE_HEIGHT / stance.hip_height)
+    frequencies: dict[Axis, float] = {
+        axis: slow * f for axis, f in zip(AXES, _ALL_AXES_FREQUENCIES, strict=True) if axis in axes
+    }
+    amplitudes = {
+        axis: _amplitude_for(robot, stance, axis, replace(settings, frequency=frequency)) / np.sqrt(len(axes))
+        for axis, frequency in frequencies.items()
+    }
+    slowest = min(frequencies.values())
+    ramp, duration = _RAMP_PERIODS / slowest, _ALL_AXES_PERIODS / slowest
+    total = duration + 2 * ramp
+
+    def feet_at(time: float) -> FloatArray:
+        envelope = float(np.clip(min(time, total - time) / ramp, 0, 1))
+        rotation = np.eye(3)
+        for axis, frequency in frequencies.items():
+            angle = amplitudes[axis] * envelope * np.sin(2 * np.pi * frequency * time)
+            rotation = rotation @ axis_rotation(axis, float(angle))
+        return feet_under_base(stance.feet_in_base, com - rotation @ com, rotation)
+
+    period = planted.platform.control_period
+    time: FloatArray = np.arange(1.0, round(total / period) + 1) * period
+    motion = planted.motion().event(TRIAL, kind="sway", axis="all", frequencies=frequencies)
+    motion.phase("settle").move_feet(stance.feet_in_base, _SETTLE_TIME).hold(_SETTLE_TIME)
+    begin = motion.time
+    knots = math.ceil(_KNOTS_PER_PERIOD * total * max(frequencies.values()))
+    motion.phase("ramp").follow(feet_at, knots, time)
+    motion.phase_at("sway", begin + ramp).phase_at("end", begin + ramp + duration)
+    planted.play(motion.move_feet(stance.feet_in_base, _SETTLE_TIME))
+    planted.finish()
+
+
+def sway_time(stance: Stance) -> float:
+    """Robot time of `sway_all_axes` [s]."""
+    slowest = min(_ALL_AXES_FREQUENCIES) * float(np.sqrt(_REFERENCE_HEIGHT / stance.hip_height))
+    return (_ALL_AXES_PERIODS + 2 * _RAMP_PERIODS) / slowest + 3 * _SETTLE_TIME

@@ -15,19 +15,26 @@ from matplotlib.figure import Figure
 
 from equipoise.errors import OutputError
 from equipoise.outputs.figure import DPI
+from equipoise.outputs.precise_picture import draw_precise
 from equipoise.outputs.search_picture import draw_search
 from equipoise.outputs.sway_picture import draw_sways
 from equipoise.result import Calibration
 
 
 def save_pictures(calibration: Calibration, folder: str | Path) -> list[Path]:
-    """Write search.png and sway.png; the folder is made if it is not there.
+    """Write precise.png, or search.png, and sway.png, whatever belongs to the method; the folder is made if need be.
 
     Raises:
         OutputError: they cannot be written.
         NotEstimatedError: the calibration came from a JSON file, which does not hold what the pictures show.
     """
-    figures = {"search.png": draw_search(calibration), "sway.png": draw_sways(calibration)}
+    figures: dict[str, Figure] = {}
+    if calibration.uncertainty:
+        figures["precise.png"] = draw_precise(calibration)
+    elif calibration.support_lines:
+        figures["search.png"] = draw_search(calibration)
+    if any(sway.moment is not None for sway in calibration.sways.values()) or calibration.support_lines:
+        figures["sway.png"] = draw_sways(calibration)
     paths = [Path(folder) / name for name in figures]
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)

@@ -14,9 +14,12 @@ from rich.table import Table
 
 from equipoise.calibration import Progress as RoutineProgress
 from equipoise.estimation.paper import AXES
-from equipoise.result import Calibration
+from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.experiments.plan import Plan, describe
+from equipoise.result import BodyEstimate, Calibration
 from equipoise.robot.audit import Audit
 from equipoise.robot.catalog import CatalogRow
+from equipoise.robot.model import DIAGONALS
 
 
 class TrialProgress:
@@ -53,14 +56,94 @@ class TrialProgress:
         self._live.stop()
 
 
-def print_calibration(result: Calibration, files: Sequence[Path]) -> None:
-    """The closing table: parameter, estimate, truth, error."""
+def print_calibration(result: Calibration, files: Sequence[Path], verbose: bool = False) -> None:
+    """What was found, beside the truth where that is known; what speaks against it comes first."""
     console = Console()
-    truth = result.truth
-    title = f"{result.robot}: method {result.method}, {result.feet} feet"
+    for check in result.checks:
+        if not check.passed:
+            console.print(f"[red]check failed:[/red] {escape(f'{check.name}: {check.message}')}")
+    if result.uncertainty:
+        _print_precise(console, result)
+    else:
+        _print_paper(console, result)
+    for warning in () if result.checks else result.warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    if verbose:
+        for stage, seconds in result.timings.items():
+            console.print(f"{stage}: {seconds:.2f} s")
+    if files:
+        console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
+        console.print(f"estimate again: equipoise estimate {escape(str(files[0].parent))}", soft_wrap=True)
+
+
+_ROWS = (
+    ("mass", "mass [kg]", 1.0, ".3f"),
+    ("com_x", "CoM x in base [mm]", 1000.0, ".2f"),
+    ("com_y", "CoM y in base [mm]", 1000.0, ".2f"),
+    ("com_z", "CoM z in base [mm]", 1000.0, ".2f"),
+    *((name, f"{name} [kg m2]", 1.0, ".4f") for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
+)
+
+
+def _print_precise(console: Console, result: Calibration) -> None:
+    estimate, truth = _by_name(result.composite), None
+    if result.truth is not None:
+        truth = _by_name(BodyEstimate.known(result.truth.composite))
+    title = f"{result.robot}: method {result.method}; the whole robot at its stance"
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if truth else []), "model"]
+    for column in columns:
+        table.add_column(column, justify="left" if column in ("parameter", "") else "right")
+    model = _by_name(BodyEstimate.known(result.nominal.composite))
+    for name, label, factor, form in _ROWS:
+        interval = result.uncertainty["composite"].intervals[name]
+        value = estimate[name]
+        half = (interval.upper - interval.lower) / 2
+        cells = [escape(label), format(value * factor, form), format(half * factor, form), interval.verdict]
+        if truth:
+            error = value - truth[name]
+            inside = "" if abs(error) <= half else " (!)"
+            cells += [format(truth[name] * factor, form), format(error * factor, "+" + form) + inside]
+        table.add_row(*cells, format(model[name] * factor, form))
+    console.print(table)
+    base = result.base.com_in_base
+    if result.base.mass is not None and None not in base:
+        console.print(
+            f"Base link alone: {result.base.mass:.3f} kg, CoM {' '.join(f'{1000 * (c or 0):.2f}' for c in base)} mm; its "
+            "inertia, covariances and the paper's stance-effective body are in calibration.json."
+        )
+    paper = [f"{axis} {sway.moment:.3f}, C {sway.damping:.1f}" for axis, sway in result.sways.items() if sway.moment]
+    if paper:
+        effective = result.stance_effective.inertia or ()
+        moments = " ".join(f"{effective[i][i]:.3f}" for i in range(len(effective)))
+        console.print(
+            f"The paper's I and C by sways: {'; '.join(paper)} (kg m2, Nm s/rad). The body that they are of has {moments}: "
+            "motor torques hold friction too, and the reading takes legs to have no mass."
+        )
+    notable = [finding.sentence for finding in result.sensors if finding.notable]
+    if notable:
+        console.print("Worth fixing: " + escape("; ".join(notable)) + ".")
+    lifts = [trial for trial in result.trials if trial.kind == "lift"]
+    time = sum(trial.duration for trial in result.trials)
+    failed = sum(not check.passed for check in result.checks)
+    verdict = "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"
+    console.print(f"{len(lifts)} lifts in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
+
+
+def _by_name(body: BodyEstimate) -> dict[str, float]:
+    return dict(zip(COMPONENTS, components(body.parameters()).tolist(), strict=True))
+
+
+def _print_paper(console: Console, result: Calibration) -> None:
+    truth = result.truth
+    feet = f", {result.feet} feet" if result.method == "paper" else ""
+    table = Table(title=f"{result.robot}: method {result.method}{feet}", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("parameter", "estimate", "truth", "error"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
+    if result.composite.mass is not None:
+        true = None if truth is None else truth.composite.mass
+        error = "-" if true is None else f"{result.composite.mass / true - 1:+.1%}"
+        table.add_row(escape("mass [kg]"), f"{result.composite.mass:.3f}", _number(true, 1, ".3f"), error)
     for index, axis in enumerate("xy"):
         value = result.composite.com_in_base[index]
         true = None if truth is None else float(truth.composite.com[index])
@@ -72,7 +155,9 @@ def print_calibration(result: Calibration, files: Sequence[Path]) -> None:
         )
     errors = result.moment_errors()
     for index, axis in enumerate(AXES):
-        sway = result.sways[axis]
+        sway = result.sways.get(axis)
+        if sway is None:
+            continue
         name = f"I_{'xyz'[index]} ({axis}) [kg m2]"
         effective = None if truth is None else float(truth.stance_effective.inertia[index, index])
         composite = None if truth is None else float(truth.composite.inertia[index, index])
@@ -93,15 +178,36 @@ def print_calibration(result: Calibration, files: Sequence[Path]) -> None:
     console.print(table)
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     time = sum(trial.duration for trial in result.trials)
+    missing = "CoM height, inertia" if result.method == "static" else "mass, CoM height, products of inertia"
     console.print(
-        f"{len(lifts)} lifts and {len(result.trials) - len(lifts)} sways, {time:.0f} s of robot time. "
-        "Not estimated by this method: mass, CoM height, products of inertia."
+        f"{len(lifts)} lifts and {len(result.trials) - len(lifts)} other motions, {time:.0f} s of robot time. "
+        f"Not estimated by this method: {missing}."
     )
-    for warning in result.warnings:
-        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
-    if files:
-        console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
-        console.print(f"estimate again: equipoise estimate {escape(str(files[0].parent))}", soft_wrap=True)
+
+
+def print_plan(robot: str, plan: Plan) -> None:
+    """What would be done, and how accurate it would be."""
+    console = Console()
+    table = Table(title=f"{robot}: {plan.robot_time:.0f} s of robot time", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("posture", *DIAGONALS):
+        table.add_column(column)
+    table.add_row("search, nominal", *(["passive x 2"] * len(DIAGONALS)))
+    for visit in plan.visits:
+        turns = {d: [lift.turn or "passive" for lift in visit.lifts if lift.diagonal == d] for d in DIAGONALS}
+        table.add_row(describe(visit.posture), *(", ".join(turns[d]) or "-" for d in DIAGONALS))
+    console.print(table)
+    accuracy = Table(title="Predicted, for ordinary sensors and a scale", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("parameter", "model", "95 % +-"):
+        accuracy.add_column(column, justify="left" if column == "parameter" else "right")
+    for (_, label, factor, form), value, deviation in zip(_ROWS, plan.body, plan.deviation, strict=True):
+        accuracy.add_row(escape(label), format(value * factor, form), format(1.96 * deviation * factor, form))
+    console.print(accuracy)
+    console.print(
+        "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over"
+    )
+    console.print("planted feet, from which joint zeros follow.")
+    for reason in plan.left_out:
+        console.print(f"left out: {escape(reason)}")
 
 
 def print_robots(rows: Sequence[CatalogRow]) -> None:

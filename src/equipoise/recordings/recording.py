@@ -90,6 +90,9 @@ class Event:
 PHASE = "phase"
 """Name of the events that mark where a phase of a motion begins; data: {"name": ...}."""
 
+TRIAL = "trial"
+"""Name of the event that says what a recording is; data: kind, and what belongs to the kind."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -127,6 +130,14 @@ class Recording:
             if event.name == name:
                 return event
         raise RecordingError(f"the recording has no event {name!r}; it has {sorted({e.name for e in self.events})}")
+
+    @property
+    def trial(self) -> Mapping[str, Any]:
+        """What the recording says that it is: kind, and what belongs to the kind; empty if it does not say."""
+        for event in self.events:
+            if event.name == TRIAL:
+                return event.data
+        return {}
 
     def has_phase(self, name: str) -> bool:
         """Whether a phase of that name began."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
@@ -124,6 +125,19 @@ class RobotModel:
         """
         source = read_model_source(path, description.base_link if description else None)
         return cls(source, name, description)
+
+    def with_base(self, base: pin.Inertia) -> RobotModel:
+        """The same robot with another base, as a plan or a feed-forward torque takes it to be.
+
+        Args:
+            base: of the base link with everything fixed to it, in its own frame.
+        """
+        other = copy.copy(self)
+        other.pinocchio = self.pinocchio.copy()
+        other.pinocchio.inertias[1] = base
+        other.pinocchio_data = other.pinocchio.createData()
+        other.mass = float(pin.computeTotalMass(other.pinocchio))
+        return other
 
     @cached_property
     def leg_length(self) -> float:

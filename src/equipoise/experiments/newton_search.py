@@ -1,0 +1,121 @@
+"""Where the CoM is, roughly and fast: a momentum Newton step per lift, about two lifts a diagonal.
+
+Where a Newton step cannot be taken (the feet hardly leave the floor, the steps do not settle) Algorithm 1's bisection does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.errors import MotionError
+from equipoise.estimation.evidence import read_evidence
+from equipoise.estimation.line_distance import CentreShift, centre_shift
+from equipoise.estimation.tilt import support_plane_of
+from equipoise.experiments.com_search import find_support_vector
+from equipoise.experiments.posture import BodyPosture
+from equipoise.experiments.precise_trials import REFERENCE_HEIGHT, LiftDesign, PreciseTrials
+from equipoise.experiments.trial_runner import ComSearchSettings, TrialRunner
+from equipoise.recordings.recording import Recording
+from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.statics import carried_mass
+
+FloatArray = NDArray[np.float64]
+
+_MOST_LIFTS = 4  # per diagonal
+_SETTLED = 0.003  # [m] on an A1: a step this small places the rest of the lifts well enough
+_FARTHEST = 0.08  # [m] on an A1: a CoM farther off than this is no Newton step
+_MASS_KNOWN = 0.04  # what joint torques at rest say of the mass counts beyond this fraction: gains and friction
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """What the search found.
+
+    Attributes:
+        robot: the robot with a base whose CoM, and mass as the torques have it, are as found: for plans and feed-forward.
+        com: (3,) CoM at the nominal stance in the base frame; z by the model [m].
+        lifts: number of lifts done.
+        bisected: diagonals on which bisection had to do it.
+    """
+
+    robot: RobotModel
+    com: FloatArray
+    lifts: int
+    bisected: tuple[str, ...]
+
+
+def find_com_fast(trials: PreciseTrials, report: Callable[[str, int], None] | None = None) -> SearchResult:
+    """The planar CoM by lifts on both diagonals; `trials.com` and the robot under command follow as it is found."""
+    model = trials.planted.robot
+    stance = trials.stance
+    size = stance.hip_height / REFERENCE_HEIGHT
+    count = 0
+    bisected: list[str] = []
+    for diagonal in DIAGONALS:
+        for attempt in range(_MOST_LIFTS):
+            if report is not None:
+                report(diagonal, count)
+            side = 0 if attempt == 0 else 1
+            recording = trials.lift(LiftDesign(BodyPosture(), diagonal, side))
+            count += 1
+            shift = _newton_step(trials, recording)
+            if shift is None or abs(shift.distance) > _FARTHEST * size:
+                bisected.append(diagonal)
+                count += _bisect(trials, diagonal)
+                break
+            _follow(trials, model, recording, shift)
+            if attempt > 0 and abs(shift.distance) < _SETTLED * size:
+                break
+    return SearchResult(trials.planted.robot, trials.com, count, tuple(bisected))
+
+
+def _newton_step(trials: PreciseTrials, recording: Recording) -> CentreShift | None:
+    robot, stance = trials.planted.robot, trials.stance
+    lift = read_evidence(robot, stance, [recording]).motions[0].lift
+    return None if lift is None else centre_shift(robot, lift)
+
+
+def _follow(trials: PreciseTrials, model: RobotModel, recording: Recording, shift: CentreShift) -> None:
+    """Move the CoM that is commanded with to where the lift says, and take the mass that the torques carry."""
+    horizontal = shift.normal * [1, 1, 0]
+    # Only what lies across the line was measured: the shift goes along its horizontal normal.
+    trials.com = trials.com + shift.distance * horizontal / float(horizontal @ horizontal)
+    trials.planted.robot = loaded_robot(model, trials, _carried(model, recording))
+
+
+def _carried(model: RobotModel, recording: Recording) -> float:
+    rest = recording.phase("rest").joints
+    if rest.torque is None:
+        return model.mass
+    mass = carried_mass(model, rest.position.mean(axis=0), rest.torque.mean(axis=0))
+    return mass if abs(mass / model.mass - 1) > _MASS_KNOWN and mass > 0.5 * model.mass else model.mass
+
+
+def loaded_robot(model: RobotModel, trials: PreciseTrials, mass: float) -> RobotModel:
+    """The model with a base that gives the whole robot a mass and, at the nominal stance, a CoM."""
+    base = base_parameters(model)
+    whole = composite_parameters(model, trials.stance.joint_position)
+    base_mass = base.mass + mass - whole.mass
+    moment = mass * trials.com - (whole.mass * whole.com - base.mass * base.com)
+    loaded = InertialParameters(base_mass, moment / base_mass, base.inertia * base_mass / base.mass)
+    return model.with_base(loaded.to_pinocchio())
+
+
+def _bisect(trials: PreciseTrials, diagonal: str) -> int:
+    """Algorithm 1 on one diagonal; the CoM moves to the plane that it finds."""
+    settings = ComSearchSettings()
+    runner = TrialRunner(trials.planted, trials.stance, settings)
+    lower, upper = settings.bounds(trials.stance)
+    vector = find_support_vector(runner, diagonal, upper, lower)
+    if not vector.trials:
+        raise MotionError(f"the search on {diagonal} found nothing")
+    plane = support_plane_of(trials.planted.robot, vector.trials[-1].recording, diagonal, trials.stance.joint_position)
+    distance = plane.distance_to(trials.com)
+    horizontal = plane.normal * [1, 1, 0]
+    trials.com = trials.com - distance * horizontal / float(horizontal @ horizontal)
+    return len(vector.trials)

@@ -1,0 +1,124 @@
+"""Postures of a planted robot: where the base is over four feet that stay where they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.errors import ReachError
+from equipoise.robot.kinematics import feet_under_base, foot_positions, inverse_kinematics
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.robot.statics import static_torques
+
+FloatArray = NDArray[np.float64]
+
+_LONGEST_LEG = 0.95  # hip to foot over thigh plus shank: beyond, inverse kinematics and control are at a loss
+_SHORTEST_LEG = 0.35
+_LIMIT_MARGIN = 0.03  # [rad]
+_TORQUE_MARGIN = 0.9  # of the effort limit
+_INSIDE = 0.15  # of the stance's half width and length: the CoM of a planted robot stays that far inside its feet
+
+
+@dataclass(frozen=True)
+class BodyPosture:
+    """Where the base is, compared with the nominal stance.
+
+    Attributes:
+        roll, pitch, yaw: of the base; intrinsic z-y'-x'' angles [rad].
+        crouch: by how much the CoM is lower, over the hip height.
+        ahead, aside: of the CoM, forward from over the feet's middle, and to the left of the nominal stance's, over the
+            hip height.
+    """
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+    crouch: float = 0.0
+    ahead: float = 0.0
+    aside: float = 0.0
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) of the base."""
+        return np.array(pin.rpy.rpyToMatrix(np.array([self.roll, self.pitch, self.yaw])))
+
+
+def feet_in_posture(
+    stance: Stance, com: FloatArray, posture: BodyPosture, diagonal: str | None = None, offset: float = 0.0
+) -> FloatArray:
+    """(4, 3) the nominal stance's feet in the base frame of a posture [m].
+
+    Args:
+        com: (3,) CoM in the base frame, as far as it is known [m].
+        posture: where the base is.
+        diagonal: with one, the CoM is moved along x to that support line; `posture.ahead` and `aside` do not count.
+        offset: how far the line is then ahead of the CoM, along the line's normal [m].
+    """
+    feet = stance.feet_in_base
+    # Sideways the base stays where it is: legs of two joints cannot move it.
+    over = np.array([feet[:, 0].mean(), com[1]]) + stance.hip_height * np.array([posture.ahead, posture.aside])
+    if diagonal is not None:
+        _, normal, point = stance_line(stance, diagonal)
+        over = com[:2].copy()
+        over[0] -= (offset + float(normal[:2] @ (com[:2] - point[:2]))) / normal[0]
+    target = np.array([*over, com[2] - posture.crouch * stance.hip_height])
+    return feet_under_base(feet, target - posture.rotation @ com, posture.rotation)
+
+
+def stance_line(stance: Stance, diagonal: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Left direction, forward normal and midpoint of a support line of the nominal stance, in the base frame."""
+    right, left = sorted(DIAGONALS[diagonal], key=lambda leg: leg[1], reverse=True)
+    a, b = stance.feet_in_base[LEG_NAMES.index(left)], stance.feet_in_base[LEG_NAMES.index(right)]
+    direction = (a - b) / np.linalg.norm(a - b)
+    normal = np.cross(direction, [0.0, 0.0, 1.0])
+    return direction, normal / np.linalg.norm(normal), (a + b) / 2
+
+
+def check_posture(
+    robot: RobotModel, stance: Stance, feet_in_base: FloatArray, standing: tuple[str, ...] = LEG_NAMES
+) -> FloatArray:
+    """Joint positions of a posture that is within reach, limits and torques.
+
+    Args:
+        feet_in_base: (4, 3) [m].
+        standing: legs that carry the robot there.
+
+    Raises:
+        ReachError: a leg is too long or too short, a joint too near its limit, or a motor too weak.
+    """
+    position = inverse_kinematics(robot, feet_in_base, stance.joint_position)
+    margin = np.minimum(position - robot.lower_limit, robot.upper_limit - position)
+    worst = int(np.argmin(margin))
+    if margin[worst] < _LIMIT_MARGIN:
+        raise ReachError(f"joint {robot.joint_names[worst]!r} would be {max(margin[worst], 0):.3f} rad from its limit")
+    feet = foot_positions(robot, position)
+    for leg, foot in zip(robot.legs.values(), feet, strict=True):
+        hip = robot.pinocchio_data.oMi[leg.joint_ids[-2]].translation
+        ratio = float(np.linalg.norm(foot - hip)) / robot.leg_length
+        if not _SHORTEST_LEG < ratio < _LONGEST_LEG:
+            raise ReachError(f"the {leg.name} leg would be {ratio:.0%} of its length")
+    com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(position)))
+    _check_inside(stance, feet_in_base, com)
+    torque = np.abs(static_torques(robot, position, standing)) / robot.effort_limit
+    worst = int(np.argmax(torque))
+    if torque[worst] > _TORQUE_MARGIN:
+        raise ReachError(f"joint {robot.joint_names[worst]!r} would need {torque[worst]:.0%} of its torque limit")
+    return position
+
+
+def _check_inside(stance: Stance, feet_in_base: FloatArray, com: FloatArray) -> None:
+    """A CoM near the edge of the feet tips the robot over."""
+    # Where the CoM is over the nominal stance's feet: the feet in the posture are those, moved rigidly.
+    before, after = stance.feet_in_base, feet_in_base
+    left, _, right = np.linalg.svd((after - after.mean(axis=0)).T @ (before - before.mean(axis=0)))
+    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    over = (com - after.mean(axis=0)) @ turn + before.mean(axis=0)
+    for axis, name in ((0, "front or rear"), (1, "left or right")):
+        half = float(np.ptp(before[:, axis])) / 2
+        room = min(before[:, axis].max() - over[axis], over[axis] - before[:, axis].min())
+        if room < _INSIDE * half:
+            raise ReachError(f"the centre of mass would be {room * 1000:.0f} mm inside the {name} feet")

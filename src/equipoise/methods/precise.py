@@ -1,0 +1,176 @@
+"""The precise method: 3-D CoM, mass and the whole inertia, with the sensors calibrated on the way."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.estimation.checks import judge
+from equipoise.estimation.evidence import Motion, read_evidence
+from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.estimation.posterior import Posterior, estimate_posterior
+from equipoise.estimation.screening import screen
+from equipoise.estimation.sensor_findings import sensor_findings
+from equipoise.experiments.plan import describe
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.posture import BodyPosture
+from equipoise.experiments.precise_routine import PreciseRoutine, Step, plan_ahead
+from equipoise.methods.paper import estimate_sways
+from equipoise.methods.settings import CalibrationSettings, Progress
+from equipoise.recordings.recording import Recording
+from equipoise.result import (
+    BodyEstimate,
+    Calibration,
+    Check,
+    Evidence,
+    Interval,
+    SensorFinding,
+    SwayEstimate,
+    Trial,
+    Uncertainty,
+    model_facts,
+)
+from equipoise.robot.inertial import InertialParameters, nominal_inertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+FloatArray = NDArray[np.float64]
+
+# Posterior over prior standard deviation up to which a parameter counts as identified, and as weak.
+_IDENTIFIED, _WEAK = 0.1, 0.5
+_NORMAL_95 = 1.96
+_PAPER_BIAS = (
+    "the paper's I leaves out the shanks and takes legs to have no mass, and joint friction in the motor torques adds to I "
+    "and to C; compare with stance_effective"
+)
+
+
+def check(robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
+    """Refuse settings that do not fit a robot, before anything moves.
+
+    Raises:
+        SettingsError: the budget is too small.
+        ReachError: no lift is within reach.
+    """
+    plan_ahead(robot, stance, settings.precise)
+
+
+def run(
+    planted: PlantedRobot,
+    stance: Stance,
+    settings: CalibrationSettings,
+    recordings: Sequence[Recording],
+    report: Callable[[Progress], None] | None = None,
+) -> None:
+    """Search, planned trials, sway; recordings go where `planted.keep` takes them."""
+
+    def told(step: Step) -> None:
+        if report is not None:
+            report(Progress(step.doing, step.done, step.expected))
+
+    PreciseRoutine(planted, planted.robot, stance, settings.precise, recordings, told).run()
+
+
+def estimate(
+    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings, stance: Stance
+) -> Calibration:
+    """What the recordings of a run of this method say.
+
+    Raises:
+        RecordingError: they hold nothing that can be used, or sensors that cannot be believed.
+    """
+    timings: dict[str, float] = {}
+    with _Timed(timings, "screen the sensors"):
+        screen(robot, recordings)
+    with _Timed(timings, "read the recordings"):
+        evidence = read_evidence(robot, stance, recordings)
+    with _Timed(timings, "estimate"):
+        posterior = estimate_posterior(robot, stance, evidence, settings.precise.priors, settings.precise.scale)
+    with _Timed(timings, "check"):
+        judgement = judge(robot, evidence, posterior)
+        findings = sensor_findings(robot, posterior)
+    with _Timed(timings, "the paper's I and C"):
+        sways, fits, _ = estimate_sways(robot, recordings, posterior.robot_body.com, stance, settings.sway)
+        sways = {axis: _explained(sway) for axis, sway in sways.items()}
+    bodies = {
+        "composite": (posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation),
+        "base": (posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation),
+        "stance_effective": (
+            posterior.stance_effective_body, posterior.stance_effective_covariance, posterior.prior_deviation,
+        ),
+    }  # fmt: skip
+    checks = tuple(
+        Check(check.name, bool(check.passed), check.message)
+        for check in sorted(judgement, key=lambda check: check.passed)
+    )
+    return Calibration(
+        **model_facts(robot, stance.joint_position),
+        method=settings.method,
+        feet=settings.feet,
+        composite=BodyEstimate.known(posterior.robot_body),
+        base=BodyEstimate.known(posterior.base_body),
+        stance_effective=BodyEstimate.known(posterior.stance_effective_body),
+        uncertainty={name: _uncertainty(*body) for name, body in bodies.items()},
+        sensors=tuple(SensorFinding(**dataclasses.asdict(finding)) for finding in findings),
+        checks=checks,
+        sways=sways,
+        support_lines={},
+        trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
+        settings=dataclasses.asdict(settings),
+        nominal=nominal_inertia(robot, stance.joint_position),
+        warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
+        evidence=Evidence((), fits, stance.feet_in_base),
+        timings=timings,
+    )
+
+
+def _uncertainty(body: InertialParameters, covariance: FloatArray, prior: FloatArray) -> Uncertainty:
+    deviations = np.sqrt(np.diag(covariance))
+    values = components(body)
+    intervals: dict[str, Interval] = {}
+    for name, value, deviation, before in zip(COMPONENTS, values, deviations, prior, strict=True):
+        ratio = deviation / before
+        verdict = "identified" if ratio <= _IDENTIFIED else "weak" if ratio <= _WEAK else "not identified"
+        half = _NORMAL_95 * deviation
+        intervals[name] = Interval(float(deviation), float(value - half), float(value + half), verdict)
+    return Uncertainty(intervals, tuple(tuple(float(value) for value in row) for row in covariance))
+
+
+def _trial(motion: Motion, posterior: Posterior) -> Trial:
+    misfits = {misfit.motion: misfit for misfit in (*posterior.lifts, *posterior.moves)}
+    misfit = misfits.get(motion.index)
+    about: Mapping[str, object] = motion.about
+    kind = str(about.get("kind", "motion"))
+    place = {name: about[name] for name in BodyPosture.__dataclass_fields__ if name in about} or about.get("posture")
+    what = describe(BodyPosture(**place)) if isinstance(place, dict) else str(about.get("axis", ""))  # pyright: ignore
+    words = [str(about[key]) for key in ("diagonal", "turn") if about.get(key)]
+    note = motion.left_out
+    if misfit is not None and not misfit.used:
+        note = "left out: it does not fit the others"
+    return Trial(
+        kind, ", ".join([*words, what]), None, about.get("lift_height") if kind == "lift" else None,  # pyright: ignore
+        None, None, motion.duration, None if misfit is None else misfit.chi, note,
+    )  # fmt: skip
+
+
+def _explained(sway: SwayEstimate) -> SwayEstimate:
+    if sway.moment is None:
+        return sway
+    return dataclasses.replace(sway, note="; ".join(note for note in (sway.note, _PAPER_BIAS) if note))
+
+
+class _Timed:
+    """Measures a stage."""
+
+    def __init__(self, timings: dict[str, float], stage: str) -> None:
+        self._timings, self._stage = timings, stage
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter()
+
+    def __exit__(self, *exception: object) -> None:
+        self._timings[self._stage] = time.perf_counter() - self._start

@@ -1,0 +1,6 @@
+import numpy as np
+from numpy.typing import NDArray
+
+def cumulative_simpson(
+    y: NDArray[np.float64], *, dx: float, axis: int = -1, initial: float | None = None
+) -> NDArray[np.float64]: ...
