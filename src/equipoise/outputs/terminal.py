@@ -78,9 +78,9 @@ def print_calibration(result: Calibration, files: Sequence[Path], verbose: bool 
 
 _ROWS = (
     ("mass", "mass [kg]", 1.0, ".3f"),
-    ("com_x", "CoM x in base [mm]", 1000.0, ".2f"),
-    ("com_y", "CoM y in base [mm]", 1000.0, ".2f"),
-    ("com_z", "CoM z in base [mm]", 1000.0, ".2f"),
+    ("com_x", "CoM x [mm]", 1000.0, ".2f"),
+    ("com_y", "CoM y [mm]", 1000.0, ".2f"),
+    ("com_z", "CoM z [mm]", 1000.0, ".2f"),
     *((name, f"{name} [kg m2]", 1.0, ".4f") for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
 )
 
