@@ -11,7 +11,7 @@ from tilting import GRAVITY, lift_samples, pendulum, sides, wandering
 from equipoise import nominal_stance
 from equipoise.estimation.evidence import read_evidence
 from equipoise.estimation.leg_motion import LegChains
-from equipoise.estimation.line_distance import centre_shift
+from equipoise.estimation.support_planes import centre_shift
 from equipoise.estimation.tilt_equation import SensorBiases, TiltEquation
 from equipoise.experiments.posture import BodyPosture, feet_in_posture
 from equipoise.robot.inertial import base_parameters, composite_parameters

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from equipoise.estimation.evidence import Evidence
 from equipoise.estimation.parameters import COMPONENTS
 from equipoise.estimation.posterior import Misfit, Posterior, body_jacobian, prior_rows
+from equipoise.estimation.support_planes import com_by_planes
+from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +29,8 @@ _SMALL_SHIFT = 0.1  # of a posterior standard deviation: first order is not sure
 _IMPLAUSIBLE = 4.0  # prior standard deviations: some sixty sensor errors are looked at
 _TORQUE_MISFIT = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
 _LEGS_DIFFER = 4.0
+# [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
+_PLANES_AGREE = (7e-3, 25e-3)
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,7 @@ def judge(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> list[J
         _no_motion_outweighs(evidence, posterior),
         _biases_plausible(robot, posterior),
         _left_and_right_agree(robot, posterior),
+        _planes_agree(robot, evidence, posterior),
     ]
 
 
@@ -256,3 +261,21 @@ def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Judgement:
                 worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
     message = f"left and right legs differ most in the mass of {name or 'no link'}: {worst:.1f} times what is usual"
     return Judgement("left and right", worst < _LEGS_DIFFER, message)
+
+
+def _planes_agree(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> Judgement:
+    """The same lifts read another way: where their support planes meet."""
+    stance = posterior.unknowns.stance
+    lifts = [motion.lift for motion in evidence.motions if motion.lift is not None]
+    reading = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
+    if reading is None:
+        return Judgement("support planes", True, "too few lifts to tell where their support planes meet")
+    off = reading.com - posterior.robot_body.com
+    size = stance.hip_height / 0.312
+    x, y, z = 1000 * off
+    passed = np.hypot(*off[:2]) < size * _PLANES_AGREE[0] and abs(off[2]) < size * _PLANES_AGREE[1]
+    message = (
+        f"the support planes of {len(lifts)} lifts, read without sensor biases, meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the "
+        "centre of mass found"
+    )
+    return Judgement("support planes", bool(passed), message)

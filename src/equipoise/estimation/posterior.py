@@ -31,7 +31,7 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-_ITERATIONS = 6
+_ITERATIONS = 8
 _RENEWED = 2  # iteration of the first round at which the biases' columns are differentiated anew
 _CONVERGED = 1e-2  # largest change of an unknown, in units of its posterior standard deviation
 _NEARLY = 0.5  # of that: a step that large at the end is no end
@@ -161,25 +161,30 @@ class _Problem:
         return information, gradient
 
     def solve(self, x: FloatArray, first_round: bool) -> FloatArray:
-        cost, step, deviation = self.cost(x), np.full(len(x), np.inf), np.ones(len(x))
+        """Gauss-Newton with halved steps; where no part of a step helps, the biases' columns are out of date."""
+        cost, full, deviation = self.cost(x), np.full(len(x), np.inf), np.ones(len(x))
+        renew = True
         for iteration in range(_ITERATIONS):
-            if iteration == 0 or (first_round and iteration == _RENEWED):
+            renewed = renew or (first_round and iteration == _RENEWED)
+            if renewed:
                 for block in self.blocks:
                     block.differentiate(x)
+            renew = False
             information, gradient = self.normal_equations(x)
-            step = -np.linalg.solve(information, gradient)
+            full = -np.linalg.solve(information, gradient)
             deviation = np.sqrt(np.diag(np.linalg.inv(information)))
-            for _ in range(8):
-                tried = self.cost(x + step)
+            for part in 0.5 ** np.arange(8):
+                tried = self.cost(x + part * full)
                 if tried <= cost * (1 + 1e-9):
+                    x, cost = x + part * full, tried
                     break
-                step = step / 2
             else:
+                if renewed:
+                    break
+                renew = True
+            if (np.abs(full) < _CONVERGED * deviation).all():
                 break
-            x, cost = x + step, tried
-            if (np.abs(step) < _CONVERGED * deviation).all():
-                break
-        self.converged = bool((np.abs(step) < _NEARLY * deviation).all())
+        self.converged = bool((np.abs(full) < _NEARLY * deviation).all())
         return x
 
     def posterior(self, x: FloatArray) -> Posterior:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from equipoise.errors import MotionError
 from equipoise.estimation.evidence import read_evidence
-from equipoise.estimation.line_distance import CentreShift, centre_shift
+from equipoise.estimation.support_planes import CentreShift, centre_shift
 from equipoise.estimation.tilt import support_plane_of
 from equipoise.experiments.com_search import find_support_vector
 from equipoise.experiments.posture import BodyPosture

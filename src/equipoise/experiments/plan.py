@@ -325,7 +325,7 @@ def make_plan(
     if not any(visited.values()) and not searched:
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
         raise SettingsError(
-            f"a budget of {budget:.0f} s allows no lift after the search; it takes {least:.0f} s at least"
+            f"{budget:.0f} s (the sway not counted) allow no lift after the search; it takes {least:.0f} s at least"
         )
     covariance = to_body @ np.linalg.inv(information) @ to_body.T
     before = to_body @ np.linalg.inv(prior) @ to_body.T

@@ -185,6 +185,9 @@ def _print_paper(console: Console, result: Calibration) -> None:
     )
 
 
+_REASONS = 4
+
+
 def print_plan(robot: str, plan: Plan) -> None:
     """What would be done, and how accurate it would be."""
     console = Console()
@@ -206,8 +209,10 @@ def print_plan(robot: str, plan: Plan) -> None:
         "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over"
     )
     console.print("planted feet, from which joint zeros follow.")
-    for reason in plan.left_out:
+    for reason in plan.left_out[:_REASONS]:
         console.print(f"left out: {escape(reason)}")
+    if len(plan.left_out) > _REASONS:
+        console.print(f"and {len(plan.left_out) - _REASONS} more postures and lifts that this robot cannot do")
 
 
 def print_robots(rows: Sequence[CatalogRow]) -> None:

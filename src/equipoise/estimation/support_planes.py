@@ -1,7 +1,13 @@
-"""How far the CoM is from where it is thought to be, by one lift: a Newton step of the search, from momentum alone."""
+"""The geometric reading: every lift puts the CoM at a distance from a support plane, and three planes meet in a point.
+
+One lift gives a Newton step of the search. Lifts in tilted postures have planes that lean, so that all of them together give
+the CoM in three dimensions: without sensor biases and with the model's inertia, so to a few millimetres only, but
+independent of the posterior that does better.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +21,8 @@ from equipoise.robot.model import RobotModel
 
 FloatArray = NDArray[np.float64]
 
+_FEWEST_PLANES = 6
+
 
 @dataclass(frozen=True, eq=False)
 class CentreShift:
@@ -27,6 +35,41 @@ class CentreShift:
 
     normal: FloatArray
     distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneReading:
+    """The CoM by support planes.
+
+    Attributes:
+        com: (3,) at the nominal stance, in the base frame [m].
+        deviation: (3,) standard deviations, from how well the planes meet [m].
+        misses: (n,) by how much each plane misses it [m].
+    """
+
+    com: FloatArray
+    deviation: FloatArray
+    misses: FloatArray
+
+
+def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSamples]) -> PlaneReading | None:
+    """The point nearest to all support planes (least squares); None if there are fewer than six lifts.
+
+    Args:
+        robot: its base is what the CoM is thought to be.
+        com: (3,) CoM of that model at the nominal stance, in the base frame [m].
+        lifts: in postures that lean.
+    """
+    shifts = [centre_shift(robot, lift) for lift in lifts]
+    if len(shifts) < _FEWEST_PLANES:
+        return None
+    normals = np.array([shift.normal for shift in shifts])
+    distances = np.array([shift.distance for shift in shifts])
+    solution = np.linalg.lstsq(normals, distances, rcond=None)[0]
+    misses = distances - normals @ solution
+    variance = float(misses @ misses) / max(1, len(misses) - 3)
+    covariance = variance * np.linalg.pinv(normals.T @ normals)
+    return PlaneReading(com + solution, np.sqrt(np.diag(covariance)), misses)
 
 
 def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
