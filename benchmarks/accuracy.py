@@ -16,6 +16,7 @@ import dataclasses
 import json
 import os
 import platform as machine
+import shutil
 import time
 import warnings
 from collections.abc import Iterable
@@ -160,6 +161,7 @@ def run(case: Case, keep: Path | None, again: bool) -> dict[str, object]:
             else:
                 result = calibrate(simulation.platform, robot, settings, recordings.append)
                 if folder is not None:
+                    shutil.rmtree(folder, ignore_errors=True)  # of a run that was cut short
                     store = RunFolder.create(folder, robot, settings, {})
                     store.save_truth(truth)
                     for recording in recordings:

@@ -47,7 +47,8 @@ def draw_sways(calibration: Calibration) -> Figure:
     heights = [1.0 if axis in fits else 0.45 for axis in AXES]
     figure = new_figure(11.5, 1.0 + 2.8 * sum(heights))
     figure.set_layout_engine(ConstrainedLayoutEngine(h_pad=0.08, rect=(0.01, 0.01, 0.98, 0.98)))
-    title = f"Sways of {calibration.robot}: method {calibration.method}, feet {calibration.feet}"
+    feet = f", feet {calibration.feet}" if calibration.method == "paper" else ""
+    title = f"Sways of {calibration.robot}: method {calibration.method}{feet}"
     figure.suptitle(textwrap.fill(title, 95), fontsize=13)
     grid = figure.add_gridspec(len(AXES), 2, height_ratios=heights)
     for row, axis in enumerate(AXES):
