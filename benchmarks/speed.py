@@ -45,7 +45,7 @@ def one_round() -> tuple[float, float, float, int, list[Recording]]:
     roll = platform._roll
     platform._roll = lambda control: controls.append(control) or roll(control)
     recordings: list[Recording] = []
-    routine = timed(lambda: calibrate(platform, robot, keep=recordings.append))
+    routine = timed(lambda: calibrate(platform, robot, CalibrationSettings("paper"), keep=recordings.append))
     played = np.concatenate(controls)
     steps = len(played)
 
@@ -67,7 +67,7 @@ def storage(recordings: list[Recording]) -> tuple[float, float]:
     """Wall seconds and megabytes of writing a run's recordings."""
     robot = load_robot("unitree_a1")
     with tempfile.TemporaryDirectory() as folder:
-        run = RunFolder.create(Path(folder) / "run", robot, CalibrationSettings(), {})
+        run = RunFolder.create(Path(folder) / "run", robot, CalibrationSettings("paper"), {})
         start = time.perf_counter()
         for recording in recordings:
             run.keep(recording)
@@ -102,7 +102,7 @@ def main() -> None:
         "",
         "| what | CPU s | over `mj_step` |",
         "|---|---|---|",
-        f"| the whole calibration ({steps} steps of 1 ms) | {routine:.3f} | {statistics.median(ratios):.2f} "
+        f"| the whole calibration ({steps} engine steps) | {routine:.3f} | {statistics.median(ratios):.2f} "
         f"({ratios[0]:.2f} to {ratios[-1]:.2f}) |",
         f"| `mj_step` alone, as many steps, the robot standing | {alone:.3f} | 1 |",
         f"| `mj_step` with the calibration's own commands | {replay:.3f} | {replay / alone:.2f} |",
