@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from equipoise import Calibration, CalibrationSettings, estimate
-from equipoise.cli import main, seconds
+from equipoise.cli import main
+from equipoise.cli.flags import seconds
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimation.parameters import COMPONENTS
 from equipoise.experiments.precise_routine import PreciseSettings

@@ -1,0 +1,56 @@
+"""What the verbs share: the types of their flags, and loading what the flags name."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import Positional, arg
+
+from equipoise.errors import EquipoiseError, SettingsError
+from equipoise.robot.description import RobotDescription
+
+Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
+Described = Annotated[RobotDescription, arg(name="", help="What the model file leaves out or gets wrong.")]
+# An option whose default is found at run time: its help says how.
+Metres = Annotated[float | None, arg(metavar="METRES", help_behavior_hint="")]
+Seconds = Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")]
+Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
+Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
+Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
+Verbose = Annotated[bool, arg(aliases=["-v"])]
+File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
+
+
+def seconds(text: str | None) -> float | None:
+    """[s] from 60, 60s, 1.5min or 2m; raises SettingsError for anything else."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(s|sec|m|min)?\s*", text)
+    if match is None:
+        raise SettingsError(f"{text!r} is no time; give it as 60s or 2min")
+    return float(match[1]) * (60.0 if (match[2] or "s").startswith("m") else 1.0)
+
+
+def load(robot: str, description_file: Path | None, description: RobotDescription) -> Any:
+    """The robot model that the flags name and describe."""
+    from equipoise.robot.catalog import load_robot
+
+    if description_file is not None:
+        description = RobotDescription.from_toml(description_file).overridden_by(description)
+    return load_robot(robot, description)
+
+
+@contextmanager
+def interruption_told(folder: Any) -> Generator[None]:
+    """Say where the recordings are if the routine does not come to its end."""
+    try:
+        yield
+    except (KeyboardInterrupt, EquipoiseError):
+        if folder.count:
+            print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
+        raise
