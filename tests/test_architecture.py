@@ -21,6 +21,7 @@ FLOORS = [
     ["methods"],
     ["calibration"],
     ["run_folder"],
+    ["monte_carlo"],
     ["outputs"],
     ["cli", "__init__"],
     ["__main__"],

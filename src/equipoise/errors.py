@@ -85,5 +85,11 @@ class NotEstimatedError(EquipoiseError, ValueError):
     exit_code = 8
 
 
+class WorkerError(EquipoiseError, RuntimeError):
+    """Processes or machines that should do the work are not there, or died."""
+
+    exit_code = 9
+
+
 class ModelWarning(UserWarning):
     """Something in a robot model was repaired or ignored; the text says what."""

@@ -2,6 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 class OptimizeResult:
     x: float
 
@@ -12,3 +15,4 @@ def minimize_scalar(
     method: str,
     options: Mapping[str, float] | None = None,
 ) -> OptimizeResult: ...
+def nnls(A: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]: ...

@@ -17,10 +17,11 @@ from tyro.conf import OmitArgPrefixes
 from equipoise import _version
 from equipoise.cli.calibrate import calibrate
 from equipoise.cli.inspect import audit, estimate, plan, robots
+from equipoise.cli.monte_carlo import monte_carlo
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
-VERBS = (calibrate, plan, estimate, robots, audit)
+VERBS = (calibrate, plan, estimate, robots, audit, monte_carlo)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

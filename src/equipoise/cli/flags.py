@@ -40,9 +40,14 @@ def load(robot: str, description_file: Path | None, description: RobotDescriptio
     """The robot model that the flags name and describe."""
     from equipoise.robot.catalog import load_robot
 
-    if description_file is not None:
-        description = RobotDescription.from_toml(description_file).overridden_by(description)
-    return load_robot(robot, description)
+    return load_robot(robot, described(description_file, description))
+
+
+def described(description_file: Path | None, description: RobotDescription) -> RobotDescription:
+    """What a file and the flags say together; flags win."""
+    if description_file is None:
+        return description
+    return RobotDescription.from_toml(description_file).overridden_by(description)
 
 
 @contextmanager

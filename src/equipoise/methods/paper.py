@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import RecordingError
+from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.estimation.paper import AXES, AxisFit, between, commanded_plane, find_intersection, fit_axis
 from equipoise.estimation.tilt import SupportPlane, support_plane_of, tilt_of
 from equipoise.experiments.com_search import find_com
@@ -171,6 +171,58 @@ def _support_line(
         plane = commanded_plane(shifted_feet(stance, offset), diagonal)
     point, normal = (tuple(float(value) for value in vector) for vector in (plane.point, plane.normal))
     return SupportLine(offset, lower, upper, point, normal), plane  # pyright: ignore[reportArgumentType]
+
+
+def com_by_iteration(calibration: Calibration, bounds: tuple[float, float]) -> FloatArray:
+    """(n, 2) the planar CoM [m] as it would have been found after each halving of both brackets (Fig. 3).
+
+    While a bracket's end has not been tried, the plane in its middle is the nearest one tried, shifted along x.
+
+    Args:
+        calibration: by this method, with its evidence.
+        bounds: x_l and x_u that the search began with [m].
+
+    Raises:
+        NotEstimatedError: the calibration came from a JSON file, which holds no planes.
+    """
+    if calibration.evidence is None:
+        raise NotEstimatedError("the support planes are not at hand: open the run folder instead of its JSON file")
+    lifts = [trial for trial in calibration.trials if trial.kind == "lift"]
+    by_diagonal: list[list[SupportPlane]] = []
+    for diagonal in DIAGONALS:
+        tried = [
+            (trial, plane)
+            for trial, plane in zip(lifts, calibration.evidence.trial_planes, strict=True)
+            if trial.about == diagonal
+        ]
+        by_diagonal.append(_planes_by_iteration(tried, bounds))
+    count = max(len(planes) for planes in by_diagonal)
+    height = float(calibration.nominal.composite.com[2])
+    return np.array(
+        [
+            find_intersection([planes[min(index, len(planes) - 1)] for planes in by_diagonal], height)
+            for index in range(count)
+        ]
+    )
+
+
+def _planes_by_iteration(tried: list[tuple[Trial, SupportPlane]], bounds: tuple[float, float]) -> list[SupportPlane]:
+    """The plane in the middle of a diagonal's bracket after each offset tried; the last height at an offset counts."""
+    ends: dict[str, tuple[float, SupportPlane | None]] = {"forward": (bounds[0], None), "backward": (bounds[1], None)}
+    planes: list[SupportPlane] = []
+    for index, (trial, plane) in enumerate(tried):
+        offset = trial.offset or 0.0
+        if index + 1 < len(tried) and tried[index + 1][0].offset == trial.offset:
+            continue
+        if trial.verdict == "balanced":
+            ends = dict.fromkeys(ends, (offset, plane))
+        elif trial.verdict is not None:
+            ends[trial.verdict] = (offset, plane)
+        middle = sum(end for end, _ in ends.values()) / 2
+        both = [end for _, end in ends.values() if end is not None]
+        shifted = SupportPlane(plane.point + [middle - offset, 0.0, 0.0], plane.normal)
+        planes.append(between(both) if len(both) == 2 else shifted)
+    return planes
 
 
 def _last_bracket(lifts: list[_Lift], settings: ComSearchSettings, stance: Stance) -> list[_Lift] | None:

@@ -9,6 +9,7 @@ Only Matplotlib's objects are used, never pyplot, so that drawing changes nothin
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -35,6 +36,11 @@ def save_pictures(calibration: Calibration, folder: str | Path) -> list[Path]:
         figures["search.png"] = draw_search(calibration)
     if any(sway.moment is not None for sway in calibration.sways.values()) or calibration.support_lines:
         figures["sway.png"] = draw_sways(calibration)
+    return save_figures(figures, folder)
+
+
+def save_figures(figures: Mapping[str, Figure], folder: str | Path) -> list[Path]:
+    """Write figures as PNG files by name; the folder is made if need be. Raises OutputError if that fails."""
     paths = [Path(folder) / name for name in figures]
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)

@@ -69,7 +69,7 @@ class MujocoPlatform:
         self._accelerometer = slice(address, address + 3)
         self._raw_past = np.zeros((0, self._raw_width))
         self._late_control = np.zeros((0, self._model.nu))
-        self._periods = 0
+        self._periods = self._engine_steps = 0
         self._settle(stance, start)
 
     @property
@@ -79,6 +79,11 @@ class MujocoPlatform:
     @property
     def joint_names(self) -> tuple[str, ...]:
         return self._robot.joint_names
+
+    @property
+    def engine_steps(self) -> int:
+        """Steps that the engine has done so far, those of settling included."""
+        return self._engine_steps
 
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._raw_now()[None]])
@@ -240,6 +245,7 @@ class MujocoPlatform:
         self._late_control = delayed[len(control) :]
         self._raw_past = history[len(history) - min(len(history), self._past_steps) :]
         self._periods += len(control) // self._substeps
+        self._engine_steps += len(control)
         return samples
 
     def _raw_now(self) -> FloatArray:

@@ -1,0 +1,70 @@
+"""Where trials can run: processes of this machine, or the workers of a Dask cluster."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportAttributeAccessIssue=false
+# pyright: reportMissingTypeStubs=false
+# Dask's client comes with few types; its methods look asynchronous to a checker.
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Generator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+
+from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
+
+_PATIENCE = 10  # [s] for a scheduler to answer
+
+
+def process_pool(workers: int) -> ProcessPoolExecutor:
+    """Fresh processes, which die with this one."""
+    # Forked ones would inherit the threads of BLAS and MuJoCo in whatever state they are.
+    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_begin_worker)
+
+
+def _begin_worker() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker at once and without a traceback
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+
+        def follow() -> None:
+            parent.join()
+            os._exit(1)
+
+        threading.Thread(target=follow, daemon=True).start()
+
+
+@contextmanager
+def dask_cluster(scheduler: str) -> Generator[tuple[Executor, int]]:
+    """The workers of a Dask cluster as an executor, and how many trials they run at once.
+
+    Trials of a worker that dies run again on another one.
+
+    Args:
+        scheduler: address, as tcp://192.168.1.2:8786.
+
+    Raises:
+        MissingDependencyError: `dask.distributed` is not installed.
+        WorkerError: nobody answers there, or the scheduler has no workers.
+        SettingsError: it is no address.
+    """
+    try:
+        from distributed import Client  # noqa: PLC0415 - heavy, and an extra
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("a Dask cluster needs its client: pip install 'equipoise[dask]'") from error
+    if "://" not in scheduler:
+        raise SettingsError(f"{scheduler!r} is no scheduler's address; it looks like tcp://192.168.1.2:8786")
+    try:
+        client = Client(scheduler, timeout=_PATIENCE)
+    except (OSError, ValueError) as error:  # TimeoutError is an OSError
+        raise WorkerError(f"no Dask scheduler answers at {scheduler!r}: {error}") from error
+    try:
+        threads = sum(client.nthreads().values())
+        if not threads:
+            raise WorkerError(f"the scheduler at {scheduler!r} has no workers: dask worker {scheduler} --nthreads 1")
+        yield client.get_executor(pure=False), threads
+    finally:
+        client.close()

@@ -1,0 +1,144 @@
+"""Random robots: a model with other link lengths, masses and centres of mass."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.robot.model import RobotModel
+
+LARGEST_SPREAD = 0.3
+"""Beyond it legs of the catalogue's robots no longer reach their own stance."""
+
+_COM_RATIO = 0.2  # the base's CoM moves by the spread times this fraction of the leg length, along each axis
+
+
+@dataclass(frozen=True)
+class Segment:
+    """How the links between two leg joints are changed; the base is one, and so are all hips, thighs and shanks.
+
+    Attributes:
+        length: factor on every position in the links' frames.
+        mass: factor on the links' masses. Inertias follow: mass times length squared.
+        com_shift: added to where the masses are [m]; the base alone has one.
+    """
+
+    length: float
+    mass: float
+    com_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def vary(robot: RobotModel, spread: float, generator: np.random.Generator) -> RobotModel:
+    """Another robot of the same build: segments longer or shorter, heavier or lighter, the base's CoM elsewhere.
+
+    All four legs change alike, so that the robot still stands level. Links whose mass comes from shapes alone (MJCF without
+    an inertial) keep it.
+
+    Args:
+        spread: standard deviation of the factors' logarithms, cut off at two of them; 0 gives the same robot.
+
+    Raises:
+        SettingsError: the spread is negative, or too large for a quadruped to remain one.
+    """
+    if not 0 <= spread <= LARGEST_SPREAD:
+        raise SettingsError(f"the spread of random robots is {spread:g}; it must be between 0 and {LARGEST_SPREAD:g}")
+
+    def factor() -> float:
+        return float(np.exp(spread * np.clip(generator.standard_normal(), -2, 2)))
+
+    joints = len(next(iter(robot.legs.values())).joints)
+    shift = _COM_RATIO * spread * robot.leg_length * np.clip(generator.standard_normal(3), -2, 2)
+    base = Segment(factor(), factor(), (float(shift[0]), float(shift[1]), float(shift[2])))
+    return with_segments(robot, base, [Segment(factor(), factor()) for _ in range(joints)])
+
+
+def with_segments(robot: RobotModel, base: Segment, legs: list[Segment]) -> RobotModel:
+    """The robot with its base and the segments of its legs, from the hip down, changed."""
+    root = ET.fromstring(robot.source.xml)
+    walk = {"urdf": _urdf_links, "mjcf": _mjcf_links}[robot.source.format]
+    depth = {name: index for leg in robot.legs.values() for index, name in enumerate(leg.joint_names)}
+    for level, elements in walk(root, depth):
+        _change(elements, base if level is None else legs[level])
+    xml = ET.tostring(root, encoding="unicode")
+    source = dataclasses.replace(robot.source, xml=xml, sha256=hashlib.sha256(xml.encode()).hexdigest(), repairs=())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # of the original, said when it was loaded
+        return RobotModel(source, robot.name, robot.description)
+
+
+def _urdf_links(root: ET.Element, depth: dict[str, int]) -> Iterator[tuple[int | None, list[ET.Element]]]:
+    """Each link of a URDF with the joints that hang on it, and the depth of the leg joint that moves it."""
+    joints = root.findall("joint")
+    parent_joint = {_named(joint, "child"): joint for joint in joints}
+    for link in root.findall("link"):
+        level, above = None, parent_joint.get(link.get("name", ""))
+        while above is not None and level is None:
+            level = depth.get(above.get("name", ""))
+            above = parent_joint.get(_named(above, "parent"))
+        hanging = [joint for joint in joints if _named(joint, "parent") == link.get("name")]
+        yield level, [*hanging, *link]
+
+
+def _named(joint: ET.Element, role: str) -> str:
+    element = joint.find(role)
+    return "" if element is None else element.get("link", "")
+
+
+def _mjcf_links(root: ET.Element, depth: dict[str, int]) -> Iterator[tuple[int | None, list[ET.Element]]]:
+    """Each body of an MJCF with what is fixed to it, and the depth of the leg joint that moves it."""
+
+    def visit(body: ET.Element, level: int | None) -> Iterator[tuple[int | None, list[ET.Element]]]:
+        levels = [depth[name] for joint in body.findall("joint") if (name := joint.get("name", "")) in depth]
+        level = levels[-1] if levels else level
+        yield level, list(body)
+        for child in body.findall("body"):
+            yield from visit(child, level)
+
+    trunk = root.find("worldbody/body")
+    if trunk is None:
+        raise ModelError("the MJCF model has no body")
+    yield from visit(trunk, None)
+
+
+def _change(elements: list[ET.Element], segment: Segment) -> None:
+    """Move what is in a link's frame, and change its inertial."""
+
+    def scaled(values: list[float]) -> list[float]:
+        return [segment.length * value for value in values]
+
+    def moved(values: list[float]) -> list[float]:
+        return [segment.length * value + shift for value, shift in zip(values, segment.com_shift, strict=True)]
+
+    for element in elements:
+        if element.tag == "inertial":
+            _edit(element, "pos", moved)
+            for origin in element.findall("origin"):
+                _edit(origin, "xyz", moved)
+            _change_inertial(element, segment)
+            continue
+        for key in ("pos", "fromto"):
+            _edit(element, key, scaled)
+        for origin in element.findall("origin"):
+            _edit(origin, "xyz", scaled)
+
+
+def _change_inertial(inertial: ET.Element, segment: Segment) -> None:
+    moment = segment.mass * segment.length**2
+    for element in inertial.iter():
+        for key in ("value", "mass"):
+            _edit(element, key, lambda values: [segment.mass * value for value in values])
+        for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz", "diaginertia", "fullinertia"):
+            _edit(element, key, lambda values: [moment * value for value in values])
+
+
+def _edit(element: ET.Element, key: str, change: Callable[[list[float]], list[float]]) -> None:
+    text = element.get(key)
+    if text is not None:
+        element.set(key, " ".join(repr(value) for value in change([float(word) for word in text.split()])))
