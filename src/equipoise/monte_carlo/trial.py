@@ -55,7 +55,7 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
     started, busy = time.perf_counter(), time.process_time()
     simulation: Simulation | None = None
     try:
-        timestep = study.timestep or study.coarser(method) * stable_timestep(
+        row["timestep"] = timestep = study.timestep or study.coarser(method) * stable_timestep(
             drawn.robot, drawn.stance, drawn.sizes.armature
         )
         with simulate(drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep) as simulation:
@@ -67,7 +67,7 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
     except Exception as error:  # a study of thousands of robots counts what goes wrong, our own mistakes included
         row = _failed(row, error, _kept(logs, drawn, settings, recordings, row, simulation))
     if simulation is not None:
-        row["engine_steps"] = simulation.platform.engine_steps
+        row["simulated_time"] = simulation.platform.read().time
     return row | {
         "robot_time": sum(recording.duration for recording in recordings),
         "wall_time": time.perf_counter() - started,

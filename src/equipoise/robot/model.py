@@ -144,6 +144,16 @@ class RobotModel:
         """Thigh plus shank of the mean leg, measured across the hip pitch axis [m]."""
         return float(np.mean([self._leg_length(leg) for leg in self.legs.values()]))
 
+    @cached_property
+    def leg_joints(self) -> NDArray[np.intp]:
+        """(4, n) indices of the joints of the legs FL FR RL RR in the joint vectors, from the hip down."""
+        return np.array([leg.joints for leg in self.legs.values()])
+
+    @cached_property
+    def foot_frames(self) -> tuple[int, ...]:
+        """Pinocchio's ids of the frames at the feet FL FR RL RR."""
+        return tuple(leg.foot_frame_id for leg in self.legs.values())
+
     def configuration(self, joint_position: FloatArray) -> FloatArray:
         """(7 + nj,) Pinocchio configuration with the base frame at the world's origin."""
         return np.concatenate([_BASE_AT_ORIGIN, joint_position])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -42,6 +43,7 @@ class Stance:
         self.feet_in_base.setflags(write=False)
 
 
+@lru_cache(maxsize=16)  # of a robot that is asked for again and again, by everything that is told where it stands
 def nominal_stance(robot: RobotModel) -> Stance:
     """The stance that results refer to: the described one, or feet under the hip pitch joints.
 
