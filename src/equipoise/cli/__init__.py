@@ -18,10 +18,11 @@ from equipoise import _version
 from equipoise.cli.calibrate import calibrate
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
+from equipoise.cli.reproduce import reproduce
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
-VERBS = (calibrate, plan, estimate, robots, audit, monte_carlo)
+VERBS = (calibrate, plan, estimate, robots, audit, monte_carlo, reproduce)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
