@@ -79,7 +79,6 @@ def _read(
     robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray
 ) -> Motion:
     about = recording.trial
-    clock = float(np.sqrt(stance.hip_height / 0.312))
     lift: LiftSamples | None = None
     move: PlantedMove | None = None
     torques: list[TorqueSamples] = []
@@ -89,17 +88,17 @@ def _read(
             torques.append(rest)
         if about.get("kind") == "lift":
             if recording.has_phase("lower"):
-                read = read_lift(robot, legs, recording, stance.hip_height, gyro_bias)
+                read = read_lift(robot, legs, recording, stance, gyro_bias)
                 lift, left_out = (None, read) if isinstance(read, str) else (read, None)
             else:
                 left_out = "interrupted"
         elif about.get("kind") == "posture" and recording.has_phase("rest"):
             moving = recording.phase("move", until="rest")
             move = read_move(robot, legs, recording.phase("before"), moving, recording.phase("rest"), gyro_bias)
-            samples = TorqueSamples.of_motion(moving, gyro_bias, clock)
+            samples = TorqueSamples.of_motion(moving, gyro_bias, stance.clock)
             torques += [] if samples is None else [samples]
         elif about.get("kind") == "sway" and recording.has_phase("end"):
-            samples = TorqueSamples.of_motion(recording.phase("sway"), gyro_bias, clock)
+            samples = TorqueSamples.of_motion(recording.phase("sway"), gyro_bias, stance.clock)
             torques += [] if samples is None else [samples]
     except RecordingError as error:
         left_out = str(error)

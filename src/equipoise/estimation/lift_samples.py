@@ -15,10 +15,11 @@ from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.smoothing import fit_spline
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-# Sizes that were tried on an A1 (hips 0.312 m high); lengths scale with the hip height, times with its square root.
+# On an A1; lengths scale with the stance's size, times with its clock.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
 _KNOT, _STEP = 0.015, 0.010  # [s]
 _MARGIN = 0.008  # [s] cut off either end of the time on two feet
@@ -72,24 +73,23 @@ class LiftSamples:
 
 
 def read_lift(
-    robot: RobotModel, legs: LegChains, recording: Recording, hip_height: float, gyro_bias: FloatArray
+    robot: RobotModel, legs: LegChains, recording: Recording, stance: Stance, gyro_bias: FloatArray
 ) -> LiftSamples | str:
     """The time on two feet of a lift trial, or why there is none.
 
     Args:
         recording: with phases "rest", "unload" and "lower".
-        hip_height: of the nominal stance [m].
+        stance: nominal.
         gyro_bias: (3,) in the IMU frame [rad/s].
     """
-    size = hip_height / 0.312
-    clock = float(np.sqrt(size))
+    clock = stance.clock
     diagonal = str(recording.event("trial").data["diagonal"])
     rest = recording.phase("rest")
     moving = recording.phase("rest", until="lower")
     imu, joints = moving.imu, moving.joints
     rest_acceleration = rest.imu.acceleration.mean(axis=0)
     gyro = imu.angular_velocity - gyro_bias
-    window = _time_on_two_feet(robot, legs, recording, gyro, rest_acceleration, diagonal, _CLEAR * size)
+    window = _time_on_two_feet(robot, legs, recording, gyro, rest_acceleration, diagonal, _CLEAR * stance.size)
     if window is None:
         return "the lifted feet did not leave the floor"
     start, end = window[0] + _MARGIN * clock, window[1] - _MARGIN * clock

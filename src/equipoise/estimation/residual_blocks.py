@@ -168,7 +168,7 @@ class PlantedBlock:
         self.scale = np.ones(len(moves))
         self.motions = [(index, slice(20 * k, 20 * k + 20)) for k, (index, _) in enumerate(moves)]
         feet = unknowns.stance.feet_in_base - unknowns.stance.feet_in_base.mean(axis=0)
-        size = unknowns.stance.hip_height / 0.312
+        size = unknowns.stance.size
         turns = np.asarray([np.cross(axis, feet).ravel() for axis in np.eye(3)], dtype=float)
         moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
         leaning = feet[:, :2] @ feet[:, :2].T

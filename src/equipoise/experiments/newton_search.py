@@ -17,7 +17,7 @@ from equipoise.estimation.support_planes import CentreShift, centre_shift
 from equipoise.estimation.tilt import support_plane_of
 from equipoise.experiments.com_search import find_support_vector
 from equipoise.experiments.posture import BodyPosture
-from equipoise.experiments.precise_trials import REFERENCE_HEIGHT, LiftDesign, PreciseTrials
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
 from equipoise.experiments.trial_runner import ComSearchSettings, TrialRunner
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters
@@ -53,7 +53,7 @@ def find_com_fast(trials: PreciseTrials, report: Callable[[str, int], None] | No
     """The planar CoM by lifts on both diagonals; `trials.com` and the robot under command follow as it is found."""
     model = trials.planted.robot
     stance = trials.stance
-    size = stance.hip_height / REFERENCE_HEIGHT
+    size = stance.size
     count = 0
     bisected: list[str] = []
     for diagonal in DIAGONALS:

@@ -16,7 +16,7 @@ from equipoise.estimation.posterior import Posterior, estimate_posterior, prior_
 from equipoise.experiments.newton_search import find_com_fast, loaded_robot
 from equipoise.experiments.plan import Candidates, Durations, Goals, Plan, describe, make_plan
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.precise_trials import REFERENCE_HEIGHT, LiftDesign, PreciseTrials
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
 from equipoise.experiments.sway import sway_all_axes, sway_time
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters
@@ -60,7 +60,7 @@ class PreciseSettings:
 
     def budget_for(self, stance: Stance) -> float:
         """[s]."""
-        return self.budget or _BUDGET * float(np.sqrt(stance.hip_height / REFERENCE_HEIGHT))
+        return self.budget or _BUDGET * stance.clock
 
     @property
     def scale(self) -> tuple[float, float] | None:

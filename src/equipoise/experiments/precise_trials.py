@@ -21,8 +21,7 @@ from equipoise.robot.stance import Stance
 FloatArray = NDArray[np.float64]
 Rotation = Literal["roll", "pitch", "yaw"]
 
-# Sizes that were tried on an A1 (hips 0.312 m high); lengths scale with the hip height, times with its square root.
-REFERENCE_HEIGHT = 0.312
+# On an A1; lengths scale with the stance's size, times with its clock.
 _LIFT, _STEP_RATIO = 0.024, 0.5  # [m]; height of a replanting step over that of a lift
 _OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
@@ -64,18 +63,16 @@ class Times:
     @classmethod
     def of(cls, stance: Stance) -> Times:
         """For a robot of a stance's size."""
-        clock = float(np.sqrt(stance.hip_height / REFERENCE_HEIGHT))
+        clock = stance.clock
         return cls(settle=0.12 * clock, move=0.3 * clock, watch=0.35 * clock, turn=_TURN_TIME * clock)
 
 
 def lift_settings(stance: Stance) -> LiftSettings:
     """Heights and times of the precise method's lifts."""
-    size = stance.hip_height / REFERENCE_HEIGHT
-    clock = float(np.sqrt(size))
-    times = Times.of(stance)
+    times, clock = Times.of(stance), stance.clock
     return replace(
         ComSearchSettings().lift(stance),
-        height=_LIFT * size,
+        height=_LIFT * stance.size,
         settle_time=times.settle,
         rest_time=0.3 * clock,
         unload_time=0.12 * clock,
@@ -90,7 +87,7 @@ def lift_settings(stance: Stance) -> LiftSettings:
 
 def offset_of(stance: Stance, side: int) -> float:
     """Distance of the line from the CoM [m]."""
-    return side * _OFFSET * stance.hip_height / REFERENCE_HEIGHT
+    return side * _OFFSET * stance.size
 
 
 class PreciseTrials:
