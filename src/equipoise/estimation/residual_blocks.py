@@ -203,9 +203,9 @@ class PlantedBlock(_MotionBlock):
         biases = self.unknowns.sensor_biases(x)
         warp = float(self.unknowns.value(x, "floor_warp")[0])
         floor = -self._plane @ biases.floor_slope + warp * np.array([1.0, -1.0, -1.0, 1.0])
-        moved = self.rows.displacements(biases).reshape(len(self.scale), 12)
-        heights = (self.rows.heights(biases) - floor).reshape(len(self.scale), 8)
-        return np.hstack([moved, heights]) @ self._whitening.T
+        moved, heights = self.rows.residuals(biases)
+        count = len(self.scale)
+        return np.hstack([moved.reshape(count, 12), (heights - floor).reshape(count, 8)]) @ self._whitening.T
 
     def residual(self, x: FloatArray) -> FloatArray:
         return (self._unscaled(x) / self.scale[:, None]).ravel()
