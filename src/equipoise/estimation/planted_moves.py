@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.estimation.leg_motion import LegChains, cross
-from equipoise.estimation.lift_samples import attitudes
+from equipoise.estimation.lift_samples import at_times, attitudes
 from equipoise.estimation.tilt_equation import SensorBiases
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import RobotModel
@@ -71,12 +71,11 @@ def read_move(
     first, last = Posture.of(before), Posture.of(after)
     up = attitude.inv().apply(first.acceleration / np.linalg.norm(first.acceleration)) @ rotation.T
     joints = moving.joints
-    at_joints = [np.interp(joints.time, moving.imu.time, up[:, axis]) for axis in range(3)]
+    up = at_times(joints.time, moving.imu.time, up)
     velocity = joints.velocity if joints.velocity is not None else np.gradient(joints.position, joints.time, axis=0)
-    turning = (moving.imu.angular_velocity - gyro_bias) @ rotation.T
-    turning = np.column_stack([np.interp(joints.time, moving.imu.time, turning[:, axis]) for axis in range(3)])
+    turning = at_times(joints.time, moving.imu.time, (moving.imu.angular_velocity - gyro_bias) @ rotation.T)
     foot = legs.motion(joints.position, velocity, turning).foot_angular_velocity
-    rolling = cross(foot, legs.foot_radius[:, None] * np.stack(at_joints, axis=-1)[:, None])
+    rolling = cross(foot, legs.foot_radius[:, None] * up[:, None])
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
     rolled = np.trapezoid(np.einsum("nij,nlj->nli", to_before, rolling), joints.time, axis=0)
