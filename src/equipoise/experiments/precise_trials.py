@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.errors import ReachError
-from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, tilt_limit
+from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, step_pair, tilt_limit
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture
 from equipoise.experiments.trial_runner import ComSearchSettings
@@ -137,7 +137,7 @@ class PreciseTrials:
             FallError: it does not stand upright.
         """
         stance_legs, settings = DIAGONALS[design.diagonal], self.settings
-        feet, lifted = self._lift_feet(design)
+        feet, lifted = lift_feet(self.stance, self.com, design, settings.height)
         motion = self.planted.motion().event(
             TRIAL, kind="lift", diagonal=design.diagonal, side=design.side, turn=design.turn,
             posture=vars(design.posture), offset=0.0, lift_height=settings.height,
@@ -161,9 +161,7 @@ class PreciseTrials:
         if self._stands_up_again(landed, design.posture):
             # The robot has tipped onto its lifted feet: they stand where they landed, and the legs pull. Step once.
             stepped = feet + _STEP_RATIO * (lifted - feet)
-            replant = self.planted.motion().phase("replant").shift_load(stance_legs, settings.unload_time)
-            replant.step_feet(stepped, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
-            self.planted.play(replant)
+            self.planted.play(step_pair(self.planted.motion().phase("replant"), stance_legs, stepped, settings))
         return self.planted.finish()
 
     def _stands_up_again(self, landed: Recording, posture: BodyPosture) -> bool:
@@ -177,9 +175,6 @@ class PreciseTrials:
                 return True
             landed = self.planted.play(self.planted.motion().hold(self.times.settle))
         return False
-
-    def _lift_feet(self, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
-        return lift_feet(self.stance, self.com, design, self.settings.height)
 
     def _move_time(self, feet: FloatArray, least: float) -> float:
         return self.planted.move_time(feet, self.planted.target.feet_in_base, least, _ACCELERATION)
