@@ -17,6 +17,7 @@ from equipoise.experiments.newton_search import find_com_fast, loaded_robot
 from equipoise.experiments.plan import Candidates, Durations, Goals, Plan, describe, make_plan
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
+from equipoise.experiments.progress import Progress
 from equipoise.experiments.sway import sway_all_axes, sway_time
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters
@@ -70,15 +71,6 @@ class PreciseSettings:
         return self.mass, self.mass_sd or 0.005 * self.mass
 
 
-@dataclass(frozen=True)
-class Step:
-    """What the routine is about to do: in words, and how many motions are done of how many expected."""
-
-    doing: str
-    done: int
-    expected: int
-
-
 def plan_ahead(robot: RobotModel, stance: Stance, settings: PreciseSettings) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
     return make_plan(_nominal_candidates(robot, settings.priors), _budget(stance, settings), settings.goals)
@@ -104,7 +96,7 @@ class PreciseRoutine:
         stance: Stance,
         settings: PreciseSettings,
         recordings: Sequence[Recording],
-        report: Callable[[Step], None] | None = None,
+        report: Callable[[Progress], None] | None = None,
     ) -> None:
         self.planted, self.robot, self.stance, self.settings = planted, robot, stance, settings
         self._recordings = recordings
@@ -207,4 +199,4 @@ class PreciseRoutine:
     def _tell(self, doing: str) -> None:
         if self._report is not None:
             done = len(self._recordings)
-            self._report(Step(doing, done, max(self._expected, done + 1)))
+            self._report(Progress(doing, done, max(self._expected, done + 1)))
