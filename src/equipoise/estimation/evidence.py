@@ -48,22 +48,17 @@ class Evidence:
 
     Attributes:
         motions: in order.
-        gyro_bias: (3,) in the IMU frame [rad/s].
     """
 
     motions: tuple[Motion, ...]
-    gyro_bias: FloatArray
 
 
-def read_evidence(
-    robot: RobotModel, stance: Stance, recordings: Sequence[Recording], legs: LegChains | None = None
-) -> Evidence:
+def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Evidence:
     """Read all recordings of a run; broken ones are noted, not raised.
 
     Raises:
         RecordingError: nothing in them can be used.
     """
-    legs = legs or LegChains(robot)
     rested = [recording for recording in recordings if recording.has_phase("rest")]
     if not rested:
         raise RecordingError(
@@ -71,8 +66,10 @@ def read_evidence(
         )
     # The median over rests: one in which the robot still swayed does not count.
     bias = np.median([recording.phase("rest").imu.angular_velocity.mean(axis=0) for recording in rested], axis=0)
-    motions = tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))
-    return Evidence(motions, bias)
+    legs = LegChains(robot)
+    return Evidence(
+        tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))
+    )
 
 
 def _read(

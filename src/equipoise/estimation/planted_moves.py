@@ -27,23 +27,16 @@ class Posture:
 
     Attributes:
         joint_position: (nj,) [rad].
-        joint_torque: (nj,) as reported [Nm], or None.
         acceleration: (3,) in the IMU frame [m/s2].
     """
 
     joint_position: FloatArray
-    joint_torque: FloatArray | None
     acceleration: FloatArray
 
     @classmethod
     def of(cls, still: Recording) -> Posture:
         """Of a recording in which nothing moves."""
-        torque = still.joints.torque
-        return cls(
-            still.joints.position.mean(axis=0),
-            None if torque is None else torque.mean(axis=0),
-            still.imu.acceleration.mean(axis=0),
-        )
+        return cls(still.joints.position.mean(axis=0), still.imu.acceleration.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)

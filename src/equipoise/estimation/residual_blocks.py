@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.lift_samples import LiftSamples
-from equipoise.estimation.parameters import A1_TORQUE_SCALE, Unknowns
+from equipoise.estimation.parameters import Unknowns
 from equipoise.estimation.planted_moves import PlantedMove, PlantedRows
 from equipoise.estimation.tilt_equation import GRAVITY, TiltEquation
 from equipoise.estimation.torque_balance import TorqueSamples, torque_rows
@@ -236,7 +236,7 @@ class TorqueBlock:
         """The rows as a linear system in (inertial, gains, coulomb, viscous, armature), whitened."""
         unknowns = self.unknowns
         rows = torque_rows(unknowns.robot, self.samples, unknowns.sensor_biases(x))
-        scale = unknowns.robot.mass * GRAVITY * unknowns.stance.hip_height / A1_TORQUE_SCALE
+        scale = unknowns.torque_scale
         coulomb = max(float(np.abs(unknowns.value(x, "coulomb")[0])), 0.02 * scale)
         direction = np.abs(rows.friction_direction)
         unknown = coulomb**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2

@@ -112,7 +112,7 @@ class PreciseRoutine:
             MotionError: the robot could not do, or did not do, what was asked.
         """
         self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
-        find_com_fast(self.trials, lambda diagonal, count: self._tell(f"search on {diagonal}"))
+        find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
         candidates = Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.priors)
         plan = make_plan(candidates, _budget(self.stance, self.settings), self.settings.goals)
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.sway

@@ -131,11 +131,11 @@ class Predictor:
     def _rest(self, posture: BodyPosture, mounting: FloatArray) -> Posture:
         feet = feet_in_posture(self.stance, self.com, posture)
         position = check_posture(self.robot, self.stance, feet)
-        return Posture(position, None, GRAVITY * posture.rotation[2] @ mounting)
+        return Posture(position, GRAVITY * posture.rotation[2] @ mounting)
 
     def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> Evidence:
         """All of them as evidence; motions are numbered lifts first."""
         motions = [Motion(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)]
         for index, (before, after) in enumerate(moves, start=len(lifts)):
             motions.append(Motion(index, {}, None, self.move(before, after), (), None, 0.0))
-        return Evidence(tuple(motions), np.zeros(3))
+        return Evidence(tuple(motions))
