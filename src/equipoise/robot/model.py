@@ -31,10 +31,10 @@ FloatArray = NDArray[np.float64]
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
 """The two diagonals; each support line runs from the right foot to the left one."""
 
+A1_TORQUE_SCALE = 38.0  # m g h of an A1 [Nm]; gains, friction and armature scale from there
+
 # A model without foot spheres gets feet of this fraction of the leg length: Solo's 16 mm feet on 0.32 m legs.
 _DEFAULT_FOOT_RADIUS_RATIO = 0.05
-# Gains scale with m g h, from those an A1 (38 Nm) is usually run with.
-_GAIN_REFERENCE = 38.0
 _GRAVITY = 9.81
 
 
@@ -160,7 +160,7 @@ class RobotModel:
 
     def gains(self, hip_height: float) -> tuple[float, float]:
         """Joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or scaled with m g h from an A1's."""
-        scale = self.mass * _GRAVITY * hip_height / _GAIN_REFERENCE
+        scale = self.mass * _GRAVITY * hip_height / A1_TORQUE_SCALE
         kp, kd = self.description.kp, self.description.kd
         return (100.0 * scale if kp is None else kp), (3.0 * scale if kd is None else kd)
 
