@@ -157,8 +157,9 @@ def markdown(done: Reproduction) -> str:
         "",
         f"{len(proportion.com_error)} robots without a payload, wrong in nothing but their joint zeros, whose size is drawn "
         "from 0 to 10 mrad. "
-        f"RMS planar CoM error = {1000 * proportion.per_joint_error / 1000:.2f} mm per mrad of joint error (rms over joints) "
-        f"= {proportion.per_foot_error:.2f} mm per mm of planar foot error (rms over feet).",
+        f"The RMS planar CoM error grows by {proportion.per_joint_error:.2f} mm per mrad of joint error (rms over joints), "
+        f"which is {proportion.per_foot_error:.2f} mm per mm of planar foot error (rms over feet). Without joint errors "
+        f"{1000 * proportion.floor:.2f} mm are left; they add in squares. Tolerance of the search: 1 mm.",
         "",
         "![proportional](proportional.png)",
     ]
@@ -196,7 +197,7 @@ def draw_iterations(done: Reproduction) -> Figure:
               label="the paper: 5 mm in about six iterations")  # fmt: skip
     for x, y, part in zip(iterations, 1000 * median, share, strict=True):
         axes.annotate(f"{part:.0%}", (x, y), (6, 7), textcoords="offset points", fontsize=SMALL, color=VERMILLION)
-    axes.set(xlabel="iteration of the bisection search", ylabel="norm of the planar CoM error [mm]", ylim=(0, None),
+    axes.set(xlabel="iteration of the bisection search", ylabel="norm of the planar CoM error [mm]", ylim=(-0.5, None),
              xlim=(0.8, max(PAPER_ITERATIONS, len(median)) + 0.4))  # fmt: skip
     axes.set_xticks(range(1, max(PAPER_ITERATIONS, len(median)) + 1))
     axes.set_title("CoM error by iteration; the share of trials within 5 mm at each", fontsize=TEXT, loc="left")
@@ -236,8 +237,9 @@ def draw_proportion(proportion: Proportion) -> Figure:
         axes.plot([factor * size[p].mean() for p in parts],
                   [1000 * np.sqrt(np.mean(proportion.com_error[p] ** 2)) for p in parts],
                   "o", color=VERMILLION, label="RMS of a sixth of them")  # fmt: skip
-        ends = np.array([0.0, float(size.max())])
-        axes.plot(factor * ends, 1000 * slope * ends, color=BLACK, lw=1.5, label=f"{1000 * slope / factor:.2f} {unit}")
+        line = np.arange(51) / 50 * float(size.max())
+        axes.plot(factor * line, 1000 * np.hypot(proportion.floor, slope * line), color=BLACK, lw=1.5,
+                  label=f"{1000 * slope / factor:.2f} {unit}, above {1000 * proportion.floor:.1f} mm")  # fmt: skip
         axes.set(xlabel=label, xlim=(0, None), ylim=(0, None))
         axes.legend(fontsize=SMALL, frameon=False)
         tidy(axes)
