@@ -87,6 +87,11 @@ class MujocoPlatform:
         position, velocity, torque, gyro, acceleration = np.split(sample[0], [joints, 2 * joints, 3 * joints, -3])
         return RobotState(self._time(self._periods), position, velocity, torque, gyro, acceleration)
 
+    @property
+    def present(self) -> tuple[float, FloatArray]:
+        """Time [s] and the engine's qpos, for those who watch the simulation; no part of what a robot shows."""
+        return self._time(self._periods), np.array(self._data.qpos)
+
     def step(self, command: JointCommand) -> RobotState:
         velocity, torque = command.velocity, command.torque
         self._set_gains(command.kp, command.kd)
