@@ -53,8 +53,8 @@ def stance_legs(diagonal: str) -> tuple[str, str]:
 def line_through(right: FloatArray, left: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit vector along a support line to the left, and its horizontal normal, which points forward."""
     along = (left - right) / np.linalg.norm(left - right)
-    normal = np.cross(along, _UP)
-    return along, normal / np.linalg.norm(normal)
+    x, y, _ = along
+    return along, np.array([y, -x, 0.0]) / np.hypot(x, y)
 
 
 def contact_jacobian(robot: RobotModel, configuration: FloatArray, legs: Sequence[str]) -> FloatArray:

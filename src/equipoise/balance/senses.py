@@ -94,7 +94,7 @@ class Senses:
         """Take in the next sample: up turns against the base, and slowly goes to where the accelerometer points."""
         self.joint_position = state.joint_position - self._zero
         self.angular_velocity = self._to_base @ (state.angular_velocity - self._gyro_bias)
-        up = self.up - self._period * np.cross(self.angular_velocity, self.up)
+        up = self.up - self._period * np.array(pin.skew(self.angular_velocity)) @ self.up
         force = self._specific_force(state)
         up += self._period / _CORRECTION_TIME * (force / np.linalg.norm(force) - up)
         self.up = up / np.linalg.norm(up)

@@ -83,8 +83,9 @@ def simulate(
         timestep = stable_timestep(robot, stance, sizes.armature)
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
     truth = simulated_truth(robot, simulated, stance.joint_position)
-    platform = MujocoPlatform(robot, simulated, stance, start)
-    return Simulation(platform, truth, mujoco.__version__, errors, Witness(robot, simulated, platform))
+    data = mujoco.MjData(simulated.model)
+    platform = MujocoPlatform(robot, simulated, stance, start, data=data)
+    return Simulation(platform, truth, mujoco.__version__, errors, Witness(robot, simulated, data))
 
 
 def stable_timestep(robot: RobotModel, stance: Stance, armature: float = 0.0) -> float:

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.platforms.glimpse import Glimpse
-from equipoise.platforms.mujoco import MujocoPlatform
 from equipoise.platforms.mujoco_model import SimulatedRobot
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
@@ -51,10 +50,14 @@ def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) 
 
 
 class Witness:
-    """Sees what the simulated robot really does, beside the platform: for judging, never for control."""
+    """Sees what the simulated robot really does, beside the platform: for judging, never for control.
 
-    def __init__(self, robot: RobotModel, simulated: SimulatedRobot, platform: MujocoPlatform) -> None:
-        self._platform = platform
+    Args:
+        present: the engine's state that the platform moves.
+    """
+
+    def __init__(self, robot: RobotModel, simulated: SimulatedRobot, present: mujoco.MjData) -> None:
+        self._present = present
         self._model = simulated.model
         self._data = mujoco.MjData(self._model)
         self._feet = [self._model.geom(f"equipoise_{leg}_foot").id for leg in robot.legs]
@@ -64,13 +67,13 @@ class Witness:
     def look(self) -> Glimpse:
         """The present moment."""
         model, data = self._model, self._data
-        time, data.qpos[:] = self._platform.present
+        data.qpos[:] = self._present.qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         feet = np.array(data.geom_xpos[self._feet])
         cosine = float(data.xmat[self._base].reshape(3, 3)[:, 2] @ self._up)
         return Glimpse(
-            time,
+            float(self._present.time),
             feet,
             feet[:, 2] - model.geom_size[self._feet, 0],
             np.array(data.subtree_com[0]),
