@@ -19,6 +19,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from equipoise import _version
+from equipoise.cli_balance import balance
 from equipoise.errors import EquipoiseError, OutputError, SettingsError
 from equipoise.robot.description import RobotDescription
 
@@ -286,11 +287,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"equipoise {_version.__version__}")
         return 0
     app = tyro.extras.SubcommandApp()
-    for verb in (calibrate, plan, estimate, robots, audit):
+    for verb in (calibrate, plan, estimate, balance, robots, audit):
         app.command(verb)
     with _warnings_on_stderr():
         try:
-            app.cli(
+            code = app.cli(
                 args=arguments,
                 prog="equipoise",
                 description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
@@ -313,7 +314,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except OSError as error:
             print(f"error: cannot write: {error}", file=sys.stderr)
             return OutputError.exit_code
-    return 0
+    return int(code or 0)  # verbs that judge return an exit code
 
 
 def _refuse_flags_of_other_methods(method: str, **flags: dict[str, object]) -> None:

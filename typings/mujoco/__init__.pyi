@@ -120,6 +120,9 @@ class MjData:
     sensordata: _FloatArray
     xipos: _FloatArray
     ximat: _FloatArray
+    xmat: _FloatArray
+    geom_xpos: _FloatArray
+    subtree_com: _FloatArray
     def __init__(self, model: MjModel, /) -> None: ...
 
 class MjsJoint:

@@ -41,7 +41,7 @@ class BalanceWeights:
     gyro: float = 4e-3
     joint_torque: float = 0.22
     line_torque: float = 0.13
-    offset_drift: float = 0.7e-3
+    offset_drift: float = 0.05e-3
 
 
 class BalanceLaw:
@@ -186,14 +186,10 @@ def _filter_gains(
     # A joint's torque acts as an offset of its target by tau / kp does; a torque about the line by the first motion.
     inverse = np.linalg.inv(model.mass)
     line = np.concatenate([0.5 * period**2 * inverse[:, 0], period * inverse[:, 0]])
-    pushes = np.column_stack(
-        [b * (weights.joint_torque * scale / model.kp), line * (weights.line_torque * scale)]
-    )
+    pushes = np.column_stack([b * (weights.joint_torque * scale / model.kp), line * (weights.line_torque * scale)])
     disturbance = pushes @ pushes.T + 1e-14 * np.eye(2 * size)
     joints = len(model.of_joints)
-    noise = np.diag(
-        np.repeat([weights.encoder, weights.lean, weights.gyro], [joints, 2, 3]) ** 2
-    )
+    noise = np.diag(np.repeat([weights.encoder, weights.lean, weights.gyro], [joints, 2, 3]) ** 2)
     if not observe_offset:
         return _kalman(a, sense, disturbance, noise), np.zeros(len(noise))
     whole = np.block([[a, e[:, None]], [np.zeros((1, 2 * size)), np.ones((1, 1))]])

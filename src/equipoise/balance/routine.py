@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 A1_TORQUE_SCALE = 38.0  # m g h of a Unitree A1 [Nm], which weights and armature belong to
 _GRAVITY = 9.81
 _HEIGHTS = 7  # of the lifted feet, at which the posture over the line is computed
+_TOUCHING = 0.1  # of its lift's height: a foot that the encoders say is lower than that touches the floor, or soon will
 _TOUCHED_TIME = 0.04  # [s]; an estimate of a foot's height that is wrong for a moment ends nothing
 
 
@@ -117,7 +118,7 @@ def balance(
     trial.put_feet_back()
     move_to(planted, feet_at_end)
     return BalanceRun(
-        robot.name, diagonal, settings.duration, settings.observe_offset, lift_off, ending,
+        robot.name, diagonal, settings.duration, trial.swing_height, settings.observe_offset, lift_off, ending,
         trial.samples.recording(platform.joint_names), trial.samples.felt(lift_off), model.unstable_pole,
     )  # fmt: skip
 
@@ -141,9 +142,10 @@ class _Trial:
         self.home, self.home_torque = home, home_torque
         self.samples = Samples()
         self._watch = watch
-        self._hip_height = nominal_stance(robot).hip_height
-        self._scale = believed.mass * _GRAVITY * self._hip_height / A1_TORQUE_SCALE
-        kp, kd = robot.gains(self._hip_height)
+        hip_height = nominal_stance(robot).hip_height
+        self.swing_height = settings.swing_height * hip_height
+        self._scale = believed.mass * _GRAVITY * hip_height / A1_TORQUE_SCALE
+        kp, kd = robot.gains(hip_height)
         self._gains = (kp, kd)
         self._kp, self._kd = (np.full(len(robot.joint_names), gain) for gain in (kp, kd))
         self._target, self._torque = home, home_torque
@@ -158,7 +160,7 @@ class _Trial:
 
     def plan(self, bearings: Bearings) -> list[Posture]:
         """The postures over the support line, the lifted feet at several heights."""
-        heights = np.linspace(0, self.settings.swing_height * self._hip_height, _HEIGHTS)
+        heights = np.linspace(0, self.swing_height, _HEIGHTS)
         joints = self.home
         postures: list[Posture] = []
         for height in heights:
@@ -205,7 +207,8 @@ class _Trial:
             )
             com_ahead, clearance = bearings.of(senses)
             self.samples.feel(self._state.time, senses.up, com_ahead, clearance, law.offset)
-            touched = touched + period if time > settings.lift_time and clearance <= 0 else 0.0
+            down = time > settings.lift_time and clearance < _TOUCHING * self.swing_height
+            touched = touched + period if down else 0.0
             if senses.up[2] < np.cos(settings.tilt_limit):
                 return lift_off, "tilted", model
             if touched > _TOUCHED_TIME:
@@ -223,9 +226,7 @@ class _Trial:
     def _begin(self, phase: str) -> None:
         self.samples.phase(phase, self._state.time)
 
-    def _glide(
-        self, target: FloatArray, torque: FloatArray, duration: float, senses: Senses | None = None
-    ) -> None:
+    def _glide(self, target: FloatArray, torque: FloatArray, duration: float, senses: Senses | None = None) -> None:
         """Bring what is sent smoothly to other targets and torques."""
         start, start_torque = self._target, self._torque
         for share in smooth_step(self._periods(duration)):

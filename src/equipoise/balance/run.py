@@ -53,6 +53,7 @@ class BalanceRun:
         robot: its name.
         diagonal: that it stood on.
         duration: how long it was to balance, once its feet were up [s].
+        swing_height: of the lifted feet, as commanded [m].
         observing: whether the offset of the centre of mass was observed.
         lift_off: when two feet began to lift [s].
         ending: why the law was switched off.
@@ -64,6 +65,7 @@ class BalanceRun:
     robot: str
     diagonal: str
     duration: float
+    swing_height: float
     observing: bool
     lift_off: float
     ending: Ending

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,3 +30,21 @@ class Glimpse:
     com: FloatArray
     up: FloatArray
     tilt: float
+
+
+class Bystander:
+    """Looks every few control periods and keeps what it saw.
+
+    Attributes:
+        glimpses: in order of time.
+    """
+
+    def __init__(self, look: Callable[[], Glimpse], every: int) -> None:
+        self.glimpses: list[Glimpse] = []
+        self._look, self._every, self._count = look, every, 0
+
+    def watch(self) -> None:
+        """Call once every control period."""
+        if self._count % self._every == 0:
+            self.glimpses.append(self._look())
+        self._count += 1
