@@ -144,7 +144,7 @@ def _regulator(a: FloatArray, b: FloatArray, state_cost: FloatArray, effort: Flo
         entry[states : states + inputs] = np.eye(inputs)
     cost = block_diag(state_cost, 1e-9 * effort[0, 0] * np.eye(late)) if late else state_cost
     value = solve_discrete_are(whole, entry, cost, effort)
-    return np.linalg.solve(effort + entry.T @ value @ entry, entry.T @ value @ whole)
+    return np.asarray(np.linalg.solve(effort + entry.T @ value @ entry, entry.T @ value @ whole), dtype=float)
 
 
 def _at_rest_with_offset(
@@ -161,7 +161,7 @@ def _at_rest_with_offset(
     cost = block_diag(state_cost[:size, :size], effort)
     whole = np.block([[cost, balance.T], [balance, np.zeros((size, size))]])
     right = np.concatenate([np.zeros(size + inputs), model.of_offset])
-    solution = np.linalg.solve(whole, right)
+    solution = np.asarray(np.linalg.solve(whole, right), dtype=float)
     return np.concatenate([solution[:size], np.zeros(size)]), solution[size : size + inputs]
 
 
@@ -201,4 +201,4 @@ def _filter_gains(
 
 def _kalman(a: FloatArray, c: FloatArray, disturbance: FloatArray, noise: FloatArray) -> FloatArray:
     spread = solve_discrete_are(a.T, c.T, disturbance, noise)
-    return np.linalg.solve(c @ spread @ c.T + noise, c @ spread).T
+    return np.asarray(np.linalg.solve(c @ spread @ c.T + noise, c @ spread).T, dtype=float)

@@ -93,7 +93,7 @@ def posture_over_line(
     raised = np.array(feet)
     raised[[leg not in (right, left) for leg in LEG_NAMES], 2] += swing_height
     along, forward = line_through(raised[index[right]], raised[index[left]])
-    joints = guess
+    joints, miss = guess, np.zeros(3)
     for _ in range(_ITERATIONS):
         joints = inverse_kinematics(robot, raised, joints)
         com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joints)))
@@ -119,4 +119,4 @@ def _holding(robot: RobotModel, joints: FloatArray, legs: Sequence[str]) -> tupl
     gravity = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration))
     jacobian = contact_jacobian(robot, configuration, legs)
     force, *_ = np.linalg.lstsq(jacobian[:, :6].T, gravity[:6], rcond=1e-9)
-    return gravity[6:] - jacobian[:, 6:].T @ force, force
+    return gravity[6:] - jacobian[:, 6:].T @ force, np.asarray(force, dtype=float)

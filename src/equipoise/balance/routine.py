@@ -255,10 +255,8 @@ def _lift_path(postures: list[Posture], count: int) -> list[tuple[FloatArray, Fl
     """Joint positions and torques of a lift, one pair a period: quick at first, so that the feet are off at once."""
     share = np.arange(count + 1) / count
     heights = share * (2 - share) * (len(postures) - 1)
-    positions = np.array([posture.joint_position for posture in postures])
-    torques = np.array([posture.torque for posture in postures])
-    grid = np.arange(len(postures))
-    return [
-        tuple(np.array([np.interp(height, grid, column) for column in table.T]) for table in (positions, torques))
-        for height in heights
-    ]  # pyright: ignore[reportReturnType]
+    path = np.array([np.concatenate([posture.joint_position, posture.torque]) for posture in postures])
+    joints = path.shape[1] // 2
+    columns: list[FloatArray] = [np.interp(heights, np.arange(len(postures)), column) for column in path.T]
+    between = np.column_stack(columns)
+    return [(row[:joints], row[joints:]) for row in between]

@@ -44,20 +44,21 @@ def draw_balance(report: BalanceReport) -> Figure:
         _draw_tilt(tilt, trial)
         _draw_com(com, trial)
         _draw_torque(torque, trial)
-        end = float(trial.run.felt.time[-1])
         for axes in (tilt, com, torque):
-            _mark(axes, trial)
-            axes.set_xlim(-_BEFORE, end + _AFTER)
+            _mark(axes, trial, named=axes is tilt)
+            axes.set_xlim(-_BEFORE, float(trial.run.felt.time[-1]) + _AFTER)
             axes.grid(color=LIGHT_GREY)
             axes.set_axisbelow(True)
         tilt.set_title(sentence(trial), fontsize=TEXT, color=GREEN if trial.verdict.balanced else VERMILLION)
         torque.set_xlabel("time from lift-off [s]", fontsize=TEXT)
-    for row, label in zip(
-        rows, ("tilt of the base [deg]", "CoM in front of the line [mm]", "joint torque [Nm]"), strict=True
-    ):
-        row[0].set_ylabel(label, fontsize=TEXT)
-    for axes, place in zip(rows[:, 0], ("upper right", "upper right", "lower right"), strict=True):
-        axes.legend(fontsize=SMALL, loc=place)
+    labels = ("tilt of the base [deg]", "CoM ahead of the line [mm]", "joint torques [Nm]")
+    for axes, label in zip(rows[:, 0], labels, strict=True):
+        axes.set_ylabel(label, fontsize=TEXT)
+    rows[0, 0].set_ylim(0, 1.15 * max(np.degrees(trial.verdict.largest_tilt) for trial in report.trials))
+    half = 1.15 * max(_largest_distance(trial) for trial in report.trials)
+    rows[1, 0].set_ylim(-half, half)
+    lines, names = rows[1, 0].get_legend_handles_labels()
+    figure.legend(lines, names, loc="outside lower center", ncols=len(lines), fontsize=SMALL, frameon=False)
     return figure
 
 
@@ -76,33 +77,27 @@ def save_balance_picture(report: BalanceReport, folder: Path) -> Path:
 
 def _draw_tilt(axes: Axes, trial: BalanceTrial) -> None:
     felt = trial.run.felt
-    axes.plot(felt.time, np.degrees(felt.tilt), color=BLUE, linewidth=1.5, label="as the robot feels it")
+    axes.plot(felt.time, np.degrees(felt.tilt), color=BLUE, linewidth=2.0)
     if trial.verdict.judged_by == "truth":
-        axes.plot(
-            trial.course.time, np.degrees(trial.course.tilt), "--", color=VERMILLION, linewidth=1.2, label="as it is"
-        )
-    axes.set_ylim(bottom=0)
+        axes.plot(trial.course.time, np.degrees(trial.course.tilt), "--", color=VERMILLION, linewidth=1.2)
 
 
 def _draw_com(axes: Axes, trial: BalanceTrial) -> None:
     felt = trial.run.felt
     axes.axhline(0, color=GREY, linewidth=1)
-    axes.plot(felt.time, 1000 * felt.com_ahead, color=BLUE, linewidth=1.0, label="believed CoM, as the robot feels it")
+    axes.plot(felt.time, 1000 * felt.com_ahead, color=BLUE, label="as the robot feels it: its CoM is the believed one")
     if trial.verdict.judged_by == "truth":
-        axes.plot(
-            trial.course.time,
-            1000 * trial.course.com_ahead,
-            color=VERMILLION,
-            linewidth=1.2,
-            label="true CoM, as it is",
-        )
+        axes.plot(trial.course.time, 1000 * trial.course.com_ahead, color=VERMILLION, label="as it is")
     if trial.run.observing:
-        axes.plot(felt.time, -1000 * felt.offset, color=PURPLE, linewidth=1.5, label="error of the belief, as observed")
-    until = felt.time <= max(trial.verdict.time_balanced, 0.3)
-    largest = 1000 * float(np.abs(felt.com_ahead[until]).max())
-    low, high = axes.get_ylim() if axes.get_autoscaley_on() is False else (0.0, 0.0)
-    half = max(6.0, 1.3 * largest, -low, high)
-    axes.set_ylim(-half, half)
+        axes.plot(felt.time, -1000 * felt.offset, color=PURPLE, label="error of the belief, as observed")
+
+
+def _largest_distance(trial: BalanceTrial) -> float:
+    """Of believed and true centre of mass from the line, until it fell [mm]; what a falling robot does is no scale."""
+    until = max(trial.verdict.time_balanced, 0.3)
+    felt, course = trial.run.felt, trial.course
+    distances = [felt.com_ahead[felt.time <= until], course.com_ahead[course.time <= until]]
+    return max(5.0, 1000 * float(np.abs(np.concatenate(distances)).max()))
 
 
 def _draw_torque(axes: Axes, trial: BalanceTrial) -> None:
@@ -114,19 +109,16 @@ def _draw_torque(axes: Axes, trial: BalanceTrial) -> None:
     shown = (time >= -_BEFORE) & (time <= float(trial.run.felt.time[-1]) + _AFTER)
     for index in range(joints.torque.shape[1]):
         axes.plot(time[shown], joints.torque[shown, index], color=GREY, linewidth=0.5, alpha=0.5)
-    axes.plot([], [], color=GREY, linewidth=0.8, label="every joint")
 
 
-def _mark(axes: Axes, trial: BalanceTrial) -> None:
-    axes.axvline(0, color=GREEN, linewidth=1.5, linestyle=(0, (4, 2)))
-    axes.annotate(
-        "lift-off", (0, 1), (3, -3), xycoords=("data", "axes fraction"), textcoords="offset points", rotation=90,
-        va="top", ha="left", fontsize=SMALL, color=GREEN,
-    )  # fmt: skip
+def _mark(axes: Axes, trial: BalanceTrial, named: bool) -> None:
+    marks = [("lift-off", 0.0, GREEN)]
     if not trial.verdict.balanced:
-        moment = trial.verdict.time_balanced
-        axes.axvline(moment, color=VERMILLION, linewidth=1.5, linestyle=(0, (4, 2)))
-        axes.annotate(
-            "fall", (moment, 1), (3, -3), xycoords=("data", "axes fraction"), textcoords="offset points", rotation=90,
-            va="top", ha="left", fontsize=SMALL, color=VERMILLION,
-        )  # fmt: skip
+        marks.append(("fall", trial.verdict.time_balanced, VERMILLION))
+    for name, moment, colour in marks:
+        axes.axvline(moment, color=colour, linewidth=1.5, linestyle=(0, (4, 2)))
+        if named:
+            axes.annotate(
+                name, (moment, 1), (-3, -4), xycoords=("data", "axes fraction"), textcoords="offset points", rotation=90,
+                va="top", ha="right", fontsize=SMALL, color=colour,
+            )  # fmt: skip
