@@ -49,7 +49,7 @@ SIZES = (0, 2, 3, 4, 5, 6, 8, 10, 15, 20)  # [mm]
 ERRORS = tuple(sorted({sign * size for size in SIZES for sign in (-1, 1)}))
 OBSERVED = (-5, -2, 0, 2, 5)  # [mm]
 PAPER = 5.0  # [mm] that the paper's balance controller is said to bear
-SEEDS = {"known": 8, "unknown": 4, "observe": 4, "payload": 4}
+SEEDS = {"known": 6, "unknown": 3, "observe": 3, "payload": 3}
 # Off the centre of the back; go2 and solo12 carry about the A1's 2 kg in proportion to mass and size.
 PAYLOADS = {
     "unitree_a1": ("1,0.08,0.03,0.1", "2,0.08,0.03,0.1", "3,0.08,0.03,0.1"),

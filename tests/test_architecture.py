@@ -21,7 +21,9 @@ FLOORS = [
     ["methods"],
     ["calibration"],
     ["run_folder"],
+    ["balance"],
     ["outputs"],
+    ["cli_balance"],
     ["cli", "__init__"],
     ["__main__"],
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +19,7 @@ from equipoise.experiments.motion import smooth_step
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState
 from equipoise.robot.description import LEG_NAMES
+from equipoise.robot.kinematics import foot_positions, inverse_kinematics_best_effort
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import static_torques
@@ -28,6 +30,7 @@ A1_TORQUE_SCALE = 38.0  # m g h of a Unitree A1 [Nm], which weights and armature
 _GRAVITY = 9.81
 _HEIGHTS = 7  # of the lifted feet, at which the posture over the line is computed
 _TOUCHING = 0.1  # of its lift's height: a foot that the encoders say is lower than that touches the floor, or soon will
+_CROUCH = 0.5  # of the hip height
 _TOUCHED_TIME = 0.04  # [s]; an estimate of a foot's height that is wrong for a moment ends nothing
 
 
@@ -44,6 +47,7 @@ class BalanceSettings:
         armature: rotor inertia seen at each joint, on an A1 [kg m2].
         tilt_limit: at which the robot counts as falling and its feet come down [rad].
         rest_time, move_time, unload_time, lift_time, lower_time: of the phases [s].
+        catch_time, recover_time: of a fall: until it rests on a third foot, and for the way back to four [s].
         engage_time: from the lift's start until the law acts [s]; while feet still touch it would act on another robot.
         observe_time: from the lift's start until the offset is observed [s].
         weights: of the law.
@@ -54,12 +58,14 @@ class BalanceSettings:
     swing_height: float = 0.19
     delay: float = 4e-3
     armature: float = 0.01
-    tilt_limit: float = 0.5
+    tilt_limit: float = 0.35
     rest_time: float = 0.5
     move_time: float = 1.0
     unload_time: float = 0.6
     lift_time: float = 0.08
     lower_time: float = 0.3
+    catch_time: float = 0.5
+    recover_time: float = 1.0
     engage_time: float = 0.02
     observe_time: float = 0.15
     weights: BalanceWeights = field(default_factory=BalanceWeights)
@@ -112,10 +118,16 @@ def balance(
     except KeyboardInterrupt:
         trial.put_feet_back()
         raise MotionInterrupted(trial.samples.recording(platform.joint_names)) from None
-    except MotionError:
-        trial.put_feet_back()
+    except MotionError as error:
+        with suppress(MotionError):  # of a platform that no longer moves; the first error says why
+            trial.put_feet_back()
+        error.recordings = error.recordings or (trial.samples.recording(platform.joint_names),)
         raise
-    trial.put_feet_back()
+    if ending == "balanced":
+        trial.put_feet_back()
+    else:
+        trial.catch_fall()
+        trial.put_feet_back(settings.recover_time)
     move_to(planted, feet_at_end)
     return BalanceRun(
         robot.name, diagonal, settings.duration, trial.swing_height, settings.observe_offset, lift_off, ending,
@@ -142,7 +154,7 @@ class _Trial:
         self.home, self.home_torque = home, home_torque
         self.samples = Samples()
         self._watch = watch
-        hip_height = nominal_stance(robot).hip_height
+        hip_height = self._hip_height = nominal_stance(robot).hip_height
         self.swing_height = settings.swing_height * hip_height
         self._scale = believed.mass * _GRAVITY * hip_height / A1_TORQUE_SCALE
         kp, kd = robot.gains(hip_height)
@@ -217,11 +229,21 @@ class _Trial:
             senses.feel(self._send(senses.command_for(wanted), torque))
         return lift_off, "balanced", model
 
-    def put_feet_back(self) -> None:
+    def put_feet_back(self, duration: float | None = None) -> None:
         """To four feet from wherever the robot is: the joints go to the stance and stay there."""
+        self._state = self.platform.read()
         self._begin("lower")
-        self._glide(self.home, self.home_torque, self.settings.lower_time)
+        self._glide(self.home, self.home_torque, duration or self.settings.lower_time)
         self._glide(self.home, self.home_torque, self.settings.rest_time)
+
+    def catch_fall(self) -> None:
+        """Drop the body between the feet: all legs are drawn up at once, and the belly is what it lands on."""
+        self._state = self.platform.read()
+        self._begin("catch")
+        feet = foot_positions(self.robot, self.home) + np.array([0.0, 0.0, _CROUCH * self._hip_height])
+        self._target = inverse_kinematics_best_effort(self.robot, feet, self.home)
+        self._torque = np.zeros_like(self._torque)
+        self._glide(self._target, self._torque, self.settings.catch_time)
 
     def _begin(self, phase: str) -> None:
         self.samples.phase(phase, self._state.time)

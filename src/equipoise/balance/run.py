@@ -78,8 +78,7 @@ class Samples:
     """Collects what is sensed, sent and felt while a trial runs."""
 
     def __init__(self) -> None:
-        self._states: list[RobotState] = []
-        self._commands: list[FloatArray] = []
+        self._samples: list[tuple[RobotState, FloatArray]] = []
         self._events: list[Event] = []
         self._felt: list[tuple[float, FloatArray, float, float, float]] = []
 
@@ -88,9 +87,9 @@ class Samples:
         self._events.append(Event(time, PHASE, {"name": name}))
 
     def add(self, state: RobotState, target: FloatArray) -> None:
-        """A sample, and the joint targets that are sent on it."""
-        self._states.append(state)
-        self._commands.append(target)
+        """A sample, and the joint targets that are sent on it; a moment that is there already stays as it is."""
+        if not self._samples or state.time > self._samples[-1][0].time:
+            self._samples.append((state, target))
 
     def feel(self, time: float, up_in_base: FloatArray, com_ahead: float, clearance: float, offset: float) -> None:
         """What the robot feels of itself, as in `Felt`; the time is the platform's [s]."""
@@ -102,24 +101,32 @@ class Samples:
         return Felt(time - lift_off, up, ahead, clearance, offset)
 
     def recording(self, joint_names: tuple[str, ...]) -> Recording:
-        """All that was sensed and sent."""
-        time = np.array([state.time for state in self._states])
-        velocities = [state.joint_velocity for state in self._states if state.joint_velocity is not None]
-        torques = [state.joint_torque for state in self._states if state.joint_torque is not None]
-        count = len(time)
+        """All that was sensed and sent, without samples that hold no numbers."""
+        good = [(state, target) for state, target in self._samples if _finite(state)]
+        states = [state for state, _ in good]
+        time = np.array([state.time for state in states])
+        velocities = [state.joint_velocity for state in states if state.joint_velocity is not None]
+        torques = [state.joint_torque for state in states if state.joint_torque is not None]
         return Recording(
             joint_names,
             JointStream(
                 time,
-                np.array([state.joint_position for state in self._states]),
-                np.array(velocities) if len(velocities) == count else None,
-                np.array(torques) if len(torques) == count else None,
+                np.array([state.joint_position for state in states]),
+                np.array(velocities) if len(velocities) == len(states) else None,
+                np.array(torques) if len(torques) == len(states) else None,
             ),
             ImuStream(
                 time,
-                np.array([state.angular_velocity for state in self._states]),
-                np.array([state.acceleration for state in self._states]),
+                np.array([state.angular_velocity for state in states]),
+                np.array([state.acceleration for state in states]),
             ),
-            CommandStream(time, np.array(self._commands)),
+            CommandStream(time, np.array([target for _, target in good])),
             tuple(self._events),
         )
+
+
+def _finite(state: RobotState) -> bool:
+    arrays = (
+        state.joint_position, state.joint_velocity, state.joint_torque, state.angular_velocity, state.acceleration
+    )  # fmt: skip
+    return all(array is None or bool(np.isfinite(array).all()) for array in arrays)
