@@ -7,6 +7,8 @@ import pytest
 from equipoise.cli import main
 from equipoise.cli_balance import metres
 from equipoise.errors import SettingsError
+from equipoise.platforms.mujoco import MujocoPlatform
+from equipoise.recordings.storage import load_recording
 
 SHORT = ["--duration", "1s", "--quiet", "--noise", "ideal"]
 
@@ -62,6 +64,25 @@ def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, pre
     out = " ".join(capsys.readouterr().out.split())
     assert "FL_RR: balanced for 2.0 s" in out
     assert "The law believes a calibration by the method precise; sensor errors are taken off, as calibrated." in out
+
+
+def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
+    original = MujocoPlatform.step
+
+    def interrupted(self, command):
+        state = original(self, command)
+        if state.time > 3.5 and not stopped:
+            stopped.append(state.time)
+            raise KeyboardInterrupt
+        return state
+
+    stopped = []
+    monkeypatch.setattr(MujocoPlatform, "step", interrupted)
+    assert main(["balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
+    assert f"what was recorded so far is kept in {tmp_path / 'run'}" in capsys.readouterr().err
+    recording = load_recording(tmp_path / "run" / "balance-FL_RR-broken-off.npz")
+    assert recording.has_phase("lower")
+    assert recording.joints.time[-1] > stopped[0]
 
 
 def test_wrong_flags_say_what_is_right(tmp_path, capsys):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from equipoise import _version
-from equipoise.errors import FallError, OutputError, SettingsError
+from equipoise.errors import FallError, MotionError, OutputError, SettingsError
 from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
@@ -51,7 +53,7 @@ def balance(
     quiet: bool = False,
     debug: bool = False,
 ) -> int:
-    """Stand up on two diagonal feet and stay there, in simulation: the proof of a centre of mass.
+    """Stand up on two diagonal feet and stay there, in simulation: a test of its centre of mass.
 
     The balance law feels joint encoders and IMU only. It is designed on what is believed of the robot: the model file, a
     calibration (--com), or the simulated truth with its centre of mass displaced (--com-error). The model stays fixed: with a
@@ -110,7 +112,7 @@ def balance(
     for name in DIAGONALS if diagonal == "both" else (diagonal,):
         if not (quiet or json):
             print(f"balancing on {name} ...", file=sys.stderr, flush=True)
-        with simulate(model, noise, loaded, seed) as simulation:
+        with simulate(model, noise, loaded, seed) as simulation, _interruption_kept(out, name):
             belief = _belief(model, stance, simulation, name, calibration, error)
             trials.append(_trial(simulation, model, stance, belief, name, settings))
             sensors_known, engine = belief.sensors.any, simulation.engine
@@ -133,6 +135,24 @@ def balance(
         print(f"the robot did not balance for {settings.duration:g} s on {fallen}", file=sys.stderr)
         return FallError.exit_code
     return 0
+
+
+@contextmanager
+def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
+    """Save what was recorded, and say where, if a trial does not come to its end."""
+    from equipoise.platforms.platform import MotionInterrupted
+    from equipoise.recordings.storage import save_recording
+
+    try:
+        yield
+    except (MotionInterrupted, MotionError) as stop:
+        recordings = (stop.recording,) if isinstance(stop, MotionInterrupted) else stop.recordings
+        for recording in recordings[-1:]:
+            if recording is not None:
+                out.mkdir(parents=True, exist_ok=True)
+                save_recording(recording, out / f"balance-{diagonal}-broken-off.npz")
+                print(f"what was recorded so far is kept in {out}", file=sys.stderr)
+        raise
 
 
 def metres(text: str) -> float:
