@@ -43,6 +43,10 @@ bench-accuracy: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/accuracy_paper.py
 
+# Half an hour on two cores; it goes on like bench-accuracy.
+bench-balance: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/balance.py
+
 bench-speed: $(DEV_STAMP)
 	$(BIN)/python benchmarks/speed.py
 
