@@ -226,21 +226,20 @@ class MujocoPlatform:
             )
         mujoco.mj_setState(model, data, states[-1], _STATE)
         # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
-        velocities = np.concatenate([initial[None], states])[:, 1 + model.nq : 1 + model.nq + model.nv]
-        velocities = (velocities[:-1] + velocities[1:]) / 2
-        positions = np.concatenate([initial[None], states[:-1]])[:, 1 + simulated.qpos]
-        torques = sensors[:, : model.nu] / simulated.errors.torque_gain
-        raw = np.concatenate(
-            [
-                positions,
-                velocities[:, simulated.dof],
-                torques,
-                velocities[:, 3:6] @ self._imu_rotation,
-                sensors[:, self._accelerometer],
-            ],
-            axis=1,
-        )
-        history = np.concatenate([self._raw_past, raw])
+        moving = slice(1 + model.nq, 1 + model.nq + model.nv)
+        velocities = states[:, moving].copy()
+        velocities[0] += initial[moving]
+        velocities[1:] += states[:-1, moving]
+        velocities /= 2
+        past, joints = len(self._raw_past), model.nu
+        history = np.empty((past + len(states), self._raw_width))
+        history[:past] = self._raw_past
+        raw = history[past:]
+        raw[0, :joints], raw[1:, :joints] = initial[1 + simulated.qpos], states[:-1, 1 + simulated.qpos]
+        raw[:, joints : 2 * joints] = velocities[:, simulated.dof]
+        np.divide(sensors[:, :joints], simulated.errors.torque_gain, out=raw[:, 2 * joints : 3 * joints])
+        raw[:, -6:-3] = velocities[:, 3:6] @ self._imu_rotation
+        raw[:, -3:] = sensors[:, self._accelerometer]
         self._late_control = delayed[len(control) :]
         self._raw_past = history[len(history) - min(len(history), self._past_steps) :]
         self._periods += len(control) // self._substeps

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -177,23 +177,23 @@ class DrawnErrors:
         Columns: positions, velocities, torques, gyroscope, accelerometer. The same sample has the same noise however the
         samples are asked for.
         """
+        scale = self._noise_scale
+        noise = np.zeros((count, scale.size))
+        if scale.any():
+            done = 0
+            while done < count:
+                block, start = divmod(first_sample + done, _NOISE_BLOCK)
+                part = _standard_noise(self.seed, block, scale.size)[start : start + count - done]
+                np.multiply(part, scale, out=noise[done : done + len(part)])
+                done += len(part)
+        return noise
+
+    @cached_property
+    def _noise_scale(self) -> FloatArray:
+        """Standard deviation of each column of the noise."""
         sizes, joints = self.sizes, self.joint_zero.size
-        scale = np.repeat(
-            [
-                sizes.encoder_noise,
-                sizes.joint_velocity_noise,
-                sizes.torque_noise,
-                sizes.gyro_noise,
-                sizes.accelerometer_noise,
-            ],
-            [joints, joints, joints, 3, 3],
-        )
-        if not scale.any():
-            return np.zeros((count, scale.size))
-        first, last = first_sample // _NOISE_BLOCK, (first_sample + max(count, 1) - 1) // _NOISE_BLOCK
-        blocks = [_standard_noise(self.seed, block, scale.size) for block in range(first, last + 1)]
-        start = first_sample - first * _NOISE_BLOCK
-        return np.concatenate(blocks)[start : start + count] * scale
+        columns = [sizes.encoder_noise, sizes.joint_velocity_noise, sizes.torque_noise, sizes.gyro_noise]
+        return np.repeat([*columns, sizes.accelerometer_noise], [joints, joints, joints, 3, 3])
 
 
 @lru_cache(maxsize=4)  # a robot that is stepped asks for the same block a thousand times
