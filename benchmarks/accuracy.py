@@ -197,6 +197,15 @@ def run(case: Case, keep: Path | None, again: bool) -> dict[str, object]:
     return row
 
 
+def rounded(value: object) -> object:
+    """Floats to six digits: rows are read by tables, and kept in the repository."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: rounded(item) for key, item in value.items()}
+    return [rounded(item) for item in value] if isinstance(value, list) else value
+
+
 def load_rows() -> dict[str, dict[str, object]]:
     if not ROWS.exists():
         return {}
@@ -369,7 +378,7 @@ def main() -> None:
             futures = {pool.submit(run, case, arguments.keep, arguments.again): case for case in missing}
             for count, future in enumerate(as_completed(futures), 1):
                 row = future.result()
-                out.write(json.dumps(row) + "\n")
+                out.write(json.dumps(rounded(row)) + "\n")
                 out.flush()
                 print(f"[{count}/{len(missing)}] {row['key']} {row.get('failed', '')}", flush=True)
     print(write_tables())

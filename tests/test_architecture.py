@@ -21,7 +21,7 @@ FLOORS = [
     ["methods"],
     ["calibration"],
     ["run_folder"],
-    ["monte_carlo"],
+    ["monte_carlo", "balance"],
     ["outputs"],
     ["cli", "__init__"],
     ["__main__"],

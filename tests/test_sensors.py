@@ -11,8 +11,9 @@ from scipy.interpolate import CubicSpline
 from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
 from equipoise.errors import SettingsError
 from equipoise.platforms.mujoco import MujocoPlatform
-from equipoise.platforms.sensors import A1_TORQUE_SCALE, IDEAL, PRESETS, REALISTIC, DrawnErrors
+from equipoise.platforms.sensors import IDEAL, PRESETS, REALISTIC, DrawnErrors
 from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.model import A1_TORQUE_SCALE
 
 JOINTS = 12
 PERIOD = 2e-3

@@ -36,7 +36,7 @@ RADIAN = '<compiler angle="radian"/>'
 
 def built(robot, payload=None):
     errors = DrawnErrors.draw(IDEAL, len(robot.joint_names), 0)
-    return build_simulated_robot(robot, nominal_stance(robot), errors, payload)
+    return build_simulated_robot(robot, nominal_stance(robot), errors, payload, 1e-3)
 
 
 def assert_same_body(found, expected):

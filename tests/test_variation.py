@@ -36,7 +36,7 @@ def robot(request):
 def simulated(robot, payload=None):
     stance = nominal_stance(robot)
     errors = DrawnErrors.draw(SensorErrors(), len(robot.joint_names), 0)
-    return build_simulated_robot(robot, stance, errors, payload), stance
+    return build_simulated_robot(robot, stance, errors, payload, 1e-3), stance
 
 
 def test_no_spread_is_the_same_robot(robot):

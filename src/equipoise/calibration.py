@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from equipoise.experiments.progress import Progress
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.methods import paper, precise, static
-from equipoise.methods.settings import CalibrationSettings, Progress
+from equipoise.methods.settings import CalibrationSettings
 from equipoise.platforms.platform import Platform
 from equipoise.recordings.recording import Recording
 from equipoise.result import Calibration

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from equipoise._version import __version__
 from equipoise.errors import NotEstimatedError, OutputError, RecordingError
+from equipoise.estimation.findings import Check, SensorFinding
 from equipoise.estimation.paper import AXES, AxisFit
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.robot.inertial import InertialParameters, RobotInertia
@@ -138,40 +139,6 @@ class Uncertainty:
         """From the JSON form."""
         intervals = {name: Interval(**interval) for name, interval in table["intervals"].items()}
         return cls(intervals, tuple(tuple(row) for row in table["covariance"]))
-
-
-@dataclass(frozen=True)
-class SensorFinding:
-    """What a sensor, a joint or the floor was found to be off by.
-
-    Attributes:
-        name: what, as "FL_thigh_joint zero".
-        value: in SI units.
-        deviation: posterior standard deviation.
-        sentence: for people; says what can be done where something can.
-        notable: whether it is large enough to be worth fixing, and sure.
-    """
-
-    name: str
-    value: float
-    deviation: float
-    sentence: str
-    notable: bool
-
-
-@dataclass(frozen=True)
-class Check:
-    """One question to the result about itself.
-
-    Attributes:
-        name: of the check.
-        passed: whether nothing speaks against the result.
-        message: what was looked at, and what speaks against it.
-    """
-
-    name: str
-    passed: bool
-    message: str
 
 
 @dataclass(frozen=True)

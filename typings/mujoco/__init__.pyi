@@ -76,6 +76,9 @@ class _BodyView:
 class _JointView:
     id: int
 
+class _GeomView:
+    id: int
+
 class _SiteView:
     quat: _FloatArray
 
@@ -100,6 +103,7 @@ class MjModel:
     body_quat: _FloatArray
     body_mass: _FloatArray
     body_inertia: _FloatArray
+    geom_size: _FloatArray
     dof_frictionloss: _FloatArray
     dof_damping: _FloatArray
     dof_armature: _FloatArray
@@ -107,6 +111,7 @@ class MjModel:
     actuator_biasprm: _FloatArray
     def body(self, name: str | int, /) -> _BodyView: ...
     def joint(self, name: str | int, /) -> _JointView: ...
+    def geom(self, name: str | int, /) -> _GeomView: ...
     def site(self, name: str | int, /) -> _SiteView: ...
     def sensor(self, name: str | int, /) -> _SensorView: ...
 
@@ -120,6 +125,9 @@ class MjData:
     sensordata: _FloatArray
     xipos: _FloatArray
     ximat: _FloatArray
+    xmat: _FloatArray
+    geom_xpos: _FloatArray
+    subtree_com: _FloatArray
     def __init__(self, model: MjModel, /) -> None: ...
 
 class MjsJoint:

@@ -15,13 +15,15 @@ import tyro
 from tyro.conf import OmitArgPrefixes
 
 from equipoise import _version
+from equipoise.cli.balance import balance
 from equipoise.cli.calibrate import calibrate
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
+from equipoise.cli.reproduce import reproduce
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
-VERBS = (calibrate, plan, estimate, robots, audit, monte_carlo)
+VERBS = (calibrate, plan, estimate, balance, monte_carlo, reproduce, robots, audit)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -35,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         app.command(verb)
     with _warnings_on_stderr():
         try:
-            app.cli(
+            code = app.cli(
                 args=arguments,
                 prog="equipoise",
                 description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
@@ -58,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except OSError as error:
             print(f"error: cannot write: {error}", file=sys.stderr)
             return OutputError.exit_code
-    return 0
+    return int(code or 0)  # verbs that judge return an exit code
 
 
 @contextmanager

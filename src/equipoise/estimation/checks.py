@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.estimation.evidence import Evidence
+from equipoise.estimation.findings import Check
 from equipoise.estimation.parameters import COMPONENTS
 from equipoise.estimation.posterior import Misfit, Posterior, body_jacobian, prior_rows
 from equipoise.estimation.support_planes import com_by_planes
@@ -33,16 +33,7 @@ _LEGS_DIFFER = 4.0
 _PLANES_AGREE = (7e-3, 25e-3)
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """As `result.Check`."""
-
-    name: str
-    passed: bool
-    message: str
-
-
-def judge(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> list[Judgement]:
+def judge(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> list[Check]:
     """All checks, in the order in which a user should read them: causes before what they cause."""
     return [
         _enough(evidence, posterior),
@@ -87,7 +78,7 @@ def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> 
     return np.array(shifts), np.array(deviations)
 
 
-def _enough(evidence: Evidence, posterior: Posterior) -> Judgement:
+def _enough(evidence: Evidence, posterior: Posterior) -> Check:
     used = sum(misfit.used for misfit in posterior.lifts)
     left_out = [motion for motion in evidence.motions if motion.left_out]
     reasons = sorted({str(motion.left_out) for motion in left_out})
@@ -95,20 +86,20 @@ def _enough(evidence: Evidence, posterior: Posterior) -> Judgement:
     if left_out:
         message += f"; {len(left_out)} motions could not be read: {'; '.join(reasons)}"
     lifts = used + sum(motion.about.get("kind") == "lift" for motion in left_out)
-    return Judgement("evidence", used >= max(_FEWEST_LIFTS, 0.7 * lifts), message)
+    return Check("evidence", used >= max(_FEWEST_LIFTS, 0.7 * lifts), message)
 
 
-def _lifts_fit(evidence: Evidence, lifts: tuple[Misfit, ...]) -> Judgement:
+def _lifts_fit(evidence: Evidence, lifts: tuple[Misfit, ...]) -> Check:
     message = _misfits(evidence, lifts, "lift")
     passed = _fit(lifts)
     if not passed:
         message += ". The feet slip, the load shifts, samples are missing, or the model or a sensor is wrong"
-    return Judgement("lifts", passed, message)
+    return Check("lifts", passed, message)
 
 
-def _feet_stay(evidence: Evidence, moves: tuple[Misfit, ...]) -> Judgement:
+def _feet_stay(evidence: Evidence, moves: tuple[Misfit, ...]) -> Check:
     if not moves:
-        return Judgement(
+        return Check(
             "planted feet", False, "there is no move over planted feet: joint zeros cannot be told from the CoM"
         )
     message = _misfits(evidence, moves, "move")
@@ -118,7 +109,7 @@ def _feet_stay(evidence: Evidence, moves: tuple[Misfit, ...]) -> Judgement:
             ". The feet do not keep their places: they slip, or the legs are not the model's (lengths, foot frames), or a "
             "joint's encoder is wrong"
         )
-    return Judgement("planted feet", passed, message)
+    return Check("planted feet", passed, message)
 
 
 def _fit(misfits: tuple[Misfit, ...]) -> bool:
@@ -126,13 +117,13 @@ def _fit(misfits: tuple[Misfit, ...]) -> bool:
     return bool(np.mean(chi > _LARGE_MISFIT) <= _OUTLIERS and np.median(chi) < _LARGE_MEDIAN)
 
 
-def _converged(posterior: Posterior) -> Judgement:
+def _converged(posterior: Posterior) -> Check:
     message = "the estimate settled"
     if not posterior.converged:
         message = (
             "the estimate did not settle: something does not fit at all, and intervals and shifts are not to be trusted"
         )
-    return Judgement("convergence", posterior.converged, message)
+    return Check("convergence", posterior.converged, message)
 
 
 def _misfits(evidence: Evidence, misfits: tuple[Misfit, ...], kind: str) -> str:
@@ -148,7 +139,7 @@ def _misfits(evidence: Evidence, misfits: tuple[Misfit, ...], kind: str) -> str:
     return message + (f"; left out: {', '.join(out)}" if out else "")
 
 
-def _no_motion_outweighs(evidence: Evidence, posterior: Posterior) -> Judgement:
+def _no_motion_outweighs(evidence: Evidence, posterior: Posterior) -> Check:
     motions = sorted(posterior.information)
     _, sds = _shifts_without(posterior, [[motion] for motion in motions])
     row, component = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
@@ -158,10 +149,10 @@ def _no_motion_outweighs(evidence: Evidence, posterior: Posterior) -> Judgement:
         f"without {kind} {culprit} {COMPONENTS[component]} would move by {largest:.1f} times what chance explains, more "
         "than without any other motion"
     )
-    return Judgement("leave one out", largest < _OUTLYING_SHIFT, message)
+    return Check("leave one out", largest < _OUTLYING_SHIFT, message)
 
 
-def _halves_agree(posterior: Posterior) -> Judgement:
+def _halves_agree(posterior: Posterior) -> Check:
     """Whether the base is another body after some motion than before it, with the same sensors, legs and joints.
 
     A score test at every motion: what the later motions pull at the base with, over what they would let it move by.
@@ -193,10 +184,10 @@ def _halves_agree(posterior: Posterior) -> Judgement:
     passed = largest < _STEADY
     if not passed:
         message += ": a payload or something else on the robot moved, or its sensors drift"
-    return Judgement("halves", passed, message)
+    return Check("halves", passed, message)
 
 
-def _biases_plausible(robot: RobotModel, posterior: Posterior) -> Judgement:
+def _biases_plausible(robot: RobotModel, posterior: Posterior) -> Check:
     unknowns, joints = posterior.unknowns, robot.joint_names
     links = [robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints]
     parts = {
@@ -220,20 +211,20 @@ def _biases_plausible(robot: RobotModel, posterior: Posterior) -> Judgement:
     message = f"farthest from what was expected beforehand: {named}"
     if not passed:
         message += ". So large an error is unlikely: that sensor is at fault, or the model is not this robot's"
-    return Judgement("sensor errors", passed, message)
+    return Check("sensor errors", passed, message)
 
 
-def _torques_carry_the_mass(posterior: Posterior) -> Judgement:
+def _torques_carry_the_mass(posterior: Posterior) -> Check:
     """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
     if posterior.torque_chi is None:
-        return Judgement("mass", True, "no joint torques to compare a scale with")
+        return Check("mass", True, "no joint torques to compare a scale with")
     unknowns = posterior.unknowns
     gains = unknowns["torque_gain"]
     # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
     # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
     told = float((np.eye(gains.stop - gains.start) - posterior.covariance[gains, gains]).sum())
     common = float(posterior.x[gains].sum())
-    size = abs(common) / np.sqrt(told)
+    size = abs(common) / float(np.sqrt(told))
     off = common / told * unknowns.priors.torque_gain
     message = (
         f"joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
@@ -242,10 +233,10 @@ def _torques_carry_the_mass(posterior: Posterior) -> Judgement:
     passed = size < _IMPLAUSIBLE and posterior.torque_chi < _TORQUE_MISFIT
     if not passed:
         message += ". Is the mass from the scale right, and are the reported torques those of the joints in Nm?"
-    return Judgement("mass", passed, message)
+    return Check("mass", passed, message)
 
 
-def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Judgement:
+def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
     """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
     unknowns = posterior.unknowns
     links = len(robot.legs["FL"].joint_ids)
@@ -256,26 +247,25 @@ def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Judgement:
             a, b = left * links + link, right * links + link
             difference = float(posterior.x[unknowns["links"]][a] - posterior.x[unknowns["links"]][b])
             # Two legs may differ by what the prior allows each, less what is not known of the difference.
-            allowed = np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05))
+            allowed = float(np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05)))
             if abs(difference) / allowed > worst:
                 worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
     message = f"left and right legs differ most in the mass of {name or 'no link'}: {worst:.1f} times what is usual"
-    return Judgement("left and right", worst < _LEGS_DIFFER, message)
+    return Check("left and right", worst < _LEGS_DIFFER, message)
 
 
-def _planes_agree(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> Judgement:
+def _planes_agree(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> Check:
     """The same lifts read another way: where their support planes meet."""
     stance = posterior.unknowns.stance
     lifts = [motion.lift for motion in evidence.motions if motion.lift is not None]
     reading = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
     if reading is None:
-        return Judgement("support planes", True, "too few lifts to tell where their support planes meet")
+        return Check("support planes", True, "too few lifts to tell where their support planes meet")
     off = reading.com - posterior.robot_body.com
-    size = stance.hip_height / 0.312
     x, y, z = 1000 * off
-    passed = np.hypot(*off[:2]) < size * _PLANES_AGREE[0] and abs(off[2]) < size * _PLANES_AGREE[1]
+    passed = np.hypot(*off[:2]) < stance.size * _PLANES_AGREE[0] and abs(off[2]) < stance.size * _PLANES_AGREE[1]
     message = (
         f"the support planes of {len(lifts)} lifts, read without sensor biases, meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the "
         "centre of mass found"
     )
-    return Judgement("support planes", bool(passed), message)
+    return Check("support planes", bool(passed), message)

@@ -48,22 +48,17 @@ class Evidence:
 
     Attributes:
         motions: in order.
-        gyro_bias: (3,) in the IMU frame [rad/s].
     """
 
     motions: tuple[Motion, ...]
-    gyro_bias: FloatArray
 
 
-def read_evidence(
-    robot: RobotModel, stance: Stance, recordings: Sequence[Recording], legs: LegChains | None = None
-) -> Evidence:
+def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Evidence:
     """Read all recordings of a run; broken ones are noted, not raised.
 
     Raises:
         RecordingError: nothing in them can be used.
     """
-    legs = legs or LegChains(robot)
     rested = [recording for recording in recordings if recording.has_phase("rest")]
     if not rested:
         raise RecordingError(
@@ -71,15 +66,16 @@ def read_evidence(
         )
     # The median over rests: one in which the robot still swayed does not count.
     bias = np.median([recording.phase("rest").imu.angular_velocity.mean(axis=0) for recording in rested], axis=0)
-    motions = tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))
-    return Evidence(motions, bias)
+    legs = LegChains(robot)
+    return Evidence(
+        tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))
+    )
 
 
 def _read(
     robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray
 ) -> Motion:
     about = recording.trial
-    clock = float(np.sqrt(stance.hip_height / 0.312))
     lift: LiftSamples | None = None
     move: PlantedMove | None = None
     torques: list[TorqueSamples] = []
@@ -89,17 +85,17 @@ def _read(
             torques.append(rest)
         if about.get("kind") == "lift":
             if recording.has_phase("lower"):
-                read = read_lift(robot, legs, recording, stance.hip_height, gyro_bias)
+                read = read_lift(robot, legs, recording, stance, gyro_bias)
                 lift, left_out = (None, read) if isinstance(read, str) else (read, None)
             else:
                 left_out = "interrupted"
         elif about.get("kind") == "posture" and recording.has_phase("rest"):
             moving = recording.phase("move", until="rest")
             move = read_move(robot, legs, recording.phase("before"), moving, recording.phase("rest"), gyro_bias)
-            samples = TorqueSamples.of_motion(moving, gyro_bias, clock)
+            samples = TorqueSamples.of_motion(moving, gyro_bias, stance.clock)
             torques += [] if samples is None else [samples]
         elif about.get("kind") == "sway" and recording.has_phase("end"):
-            samples = TorqueSamples.of_motion(recording.phase("sway"), gyro_bias, clock)
+            samples = TorqueSamples.of_motion(recording.phase("sway"), gyro_bias, stance.clock)
             torques += [] if samples is None else [samples]
     except RecordingError as error:
         left_out = str(error)

@@ -15,10 +15,11 @@ from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.smoothing import fit_spline
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-# Sizes that were tried on an A1 (hips 0.312 m high); lengths scale with the hip height, times with its square root.
+# On an A1; lengths scale with the stance's size, times with its clock.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
 _KNOT, _STEP = 0.015, 0.010  # [s]
 _MARGIN = 0.008  # [s] cut off either end of the time on two feet
@@ -72,24 +73,26 @@ class LiftSamples:
 
 
 def read_lift(
-    robot: RobotModel, legs: LegChains, recording: Recording, hip_height: float, gyro_bias: FloatArray
+    robot: RobotModel, legs: LegChains, recording: Recording, stance: Stance, gyro_bias: FloatArray
 ) -> LiftSamples | str:
     """The time on two feet of a lift trial, or why there is none.
 
     Args:
         recording: with phases "rest", "unload" and "lower".
-        hip_height: of the nominal stance [m].
+        stance: nominal.
         gyro_bias: (3,) in the IMU frame [rad/s].
     """
-    size = hip_height / 0.312
-    clock = float(np.sqrt(size))
+    clock = stance.clock
     diagonal = str(recording.event("trial").data["diagonal"])
     rest = recording.phase("rest")
     moving = recording.phase("rest", until="lower")
     imu, joints = moving.imu, moving.joints
     rest_acceleration = rest.imu.acceleration.mean(axis=0)
     gyro = imu.angular_velocity - gyro_bias
-    window = _time_on_two_feet(robot, legs, recording, gyro, rest_acceleration, diagonal, _CLEAR * size)
+    path = attitudes(imu.time, gyro)
+    up = path.inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
+    up = at_times(joints.time, imu.time, up @ np.array(robot.imu_in_base.rotation).T)
+    window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.size)
     if window is None:
         return "the lifted feet did not leave the floor"
     start, end = window[0] + _MARGIN * clock, window[1] - _MARGIN * clock
@@ -127,7 +130,7 @@ def read_lift(
         position.spline.derivative()(time),
         turning.spline(time),
         turning.spline.derivative()(time),
-        _attitude_at(time, imu.time, gyro),
+        Rotation.from_rotvec(at_times(time, imu.time, path.as_rotvec())).as_matrix(),
         rest_acceleration,
         _unsteadiness(rest.imu.acceleration),
         encoder_noise**2 * position.noise(time, derivative=1),
@@ -166,31 +169,23 @@ def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
     return Rotation.from_matrix(matrices)
 
 
-def _attitude_at(time: FloatArray, sensed: FloatArray, gyro: FloatArray) -> FloatArray:
-    """(n, 3, 3) attitude relative to that at rest; integrated from the raw samples, linear in between."""
-    path = attitudes(sensed, gyro).as_rotvec()
-    between = np.column_stack([np.interp(time, sensed, path[:, axis]) for axis in range(3)])
-    return Rotation.from_rotvec(between).as_matrix()
+def at_times(time: FloatArray, sampled: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(n, 3) vectors, sampled at other times, at n times: linear in between."""
+    return np.column_stack([np.interp(time, sampled, vectors[:, axis]) for axis in range(3)])
 
 
 def _time_on_two_feet(
-    robot: RobotModel,
-    legs: LegChains,
-    recording: Recording,
-    gyro: FloatArray,
-    rest_acceleration: FloatArray,
-    diagonal: str,
-    clear: float,
+    legs: LegChains, rest: Recording, moving: Recording, up: FloatArray, diagonal: str, clear: float
 ) -> tuple[float, float] | None:
-    """First and last time of the longest run of samples with both lifted feet off the floor."""
-    moving = recording.phase("rest", until="lower")
-    rest_position = recording.phase("rest").joints.position.mean(axis=0)
-    up_imu = attitudes(moving.imu.time, gyro).inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
-    up = up_imu @ np.array(robot.imu_in_base.rotation).T
+    """First and last time of the longest run of samples with both lifted feet off the floor.
+
+    Args:
+        up: (n, 3) in the base frame, at each joint sample.
+        clear: height above the floor that counts as off it [m].
+    """
     time = moving.joints.time
-    up_at = np.column_stack([np.interp(time, moving.imu.time, up[:, axis]) for axis in range(3)])
-    before = legs.feet(rest_position[None])[0] @ up_at[0]
-    heights = np.einsum("nli,ni->nl", legs.feet(moving.joints.position), up_at) - before
+    before = legs.feet(rest.joints.position.mean(axis=0)[None])[0] @ up[0]
+    heights = np.einsum("nli,ni->nl", legs.feet(moving.joints.position), up) - before
     standing = np.array([leg in DIAGONALS[diagonal] for leg in LEG_NAMES])
     up_in_air = heights[:, ~standing].min(axis=1) > heights[:, standing].mean(axis=1) + clear
     edges = np.flatnonzero(np.diff(np.concatenate([[False], up_in_air, [False]]).astype(int)))

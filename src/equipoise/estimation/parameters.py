@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from equipoise.errors import SettingsError
 from equipoise.estimation.tilt_equation import GRAVITY, SensorBiases
 from equipoise.robot.inertial import InertialParameters, base_parameters
-from equipoise.robot.model import RobotModel
+from equipoise.robot.model import A1_TORQUE_SCALE, RobotModel
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-A1_TORQUE_SCALE = 38.0  # m g h of an A1 [Nm]; friction and armature scale with it
 COMPONENTS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Order in which the ten inertial parameters of a body are reported; inertia about the CoM, in base axes."""
 _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
@@ -73,12 +72,13 @@ class Unknowns:
         torque_gain, coulomb, viscous, armature: slices.
         biases: slice of all that the kinematics depend on.
         scale: (size,) what one unit is; one for the base.
+        torque_scale: the robot's m g h over an A1's.
     """
 
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
         self.robot, self.stance, self.priors = robot, stance, priors
         joints = len(robot.joint_names)
-        torque_scale = robot.mass * GRAVITY * stance.hip_height / A1_TORQUE_SCALE
+        self.torque_scale = robot.mass * GRAVITY * stance.hip_height / A1_TORQUE_SCALE
         blocks = [
             ("base", 10, 1.0),
             ("links", joints, priors.leg_mass),
@@ -90,9 +90,9 @@ class Unknowns:
             ("floor_slope", 2, priors.floor_slope),
             ("floor_warp", 1, priors.floor_warp * stance.hip_height),
             ("torque_gain", joints, priors.torque_gain),
-            ("coulomb", 1, priors.coulomb * torque_scale),
-            ("viscous", 1, priors.viscous * torque_scale),
-            ("armature", 1, priors.armature * torque_scale),
+            ("coulomb", 1, priors.coulomb * self.torque_scale),
+            ("viscous", 1, priors.viscous * self.torque_scale),
+            ("armature", 1, priors.armature * self.torque_scale),
         ]
         self._slices: dict[str, slice] = {}
         position = 0

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from equipoise.estimation.leg_motion import LegChains, cross
-from equipoise.estimation.lift_samples import attitudes
+from equipoise.estimation.lift_samples import at_times, attitudes
 from equipoise.estimation.tilt_equation import SensorBiases
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import RobotModel
@@ -28,23 +27,16 @@ class Posture:
 
     Attributes:
         joint_position: (nj,) [rad].
-        joint_torque: (nj,) as reported [Nm], or None.
         acceleration: (3,) in the IMU frame [m/s2].
     """
 
     joint_position: FloatArray
-    joint_torque: FloatArray | None
     acceleration: FloatArray
 
     @classmethod
     def of(cls, still: Recording) -> Posture:
         """Of a recording in which nothing moves."""
-        torque = still.joints.torque
-        return cls(
-            still.joints.position.mean(axis=0),
-            None if torque is None else torque.mean(axis=0),
-            still.imu.acceleration.mean(axis=0),
-        )
+        return cls(still.joints.position.mean(axis=0), still.imu.acceleration.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +64,11 @@ def read_move(
     first, last = Posture.of(before), Posture.of(after)
     up = attitude.inv().apply(first.acceleration / np.linalg.norm(first.acceleration)) @ rotation.T
     joints = moving.joints
-    at_joints = [np.interp(joints.time, moving.imu.time, up[:, axis]) for axis in range(3)]
+    up = at_times(joints.time, moving.imu.time, up)
     velocity = joints.velocity if joints.velocity is not None else np.gradient(joints.position, joints.time, axis=0)
-    turning = (moving.imu.angular_velocity - gyro_bias) @ rotation.T
-    turning = np.column_stack([np.interp(joints.time, moving.imu.time, turning[:, axis]) for axis in range(3)])
+    turning = at_times(joints.time, moving.imu.time, (moving.imu.angular_velocity - gyro_bias) @ rotation.T)
     foot = legs.motion(joints.position, velocity, turning).foot_angular_velocity
-    rolling = cross(foot, legs.foot_radius[:, None] * np.stack(at_joints, axis=-1)[:, None])
+    rolling = cross(foot, legs.foot_radius[:, None] * up[:, None])
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
     rolled = np.trapezoid(np.einsum("nij,nlj->nli", to_before, rolling), joints.time, axis=0)
@@ -88,27 +79,25 @@ class PlantedRows:
     """Residuals of planted moves and rests at any sensor biases."""
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, moves: Sequence[PlantedMove]) -> None:
-        self.legs, self._rotation, self.moves = legs, rotation_imu_to_base, moves
+        self.legs, self._rotation = legs, rotation_imu_to_base
         self._position = np.array([[move.before.joint_position, move.after.joint_position] for move in moves])
         self._acceleration = np.array([[move.before.acceleration, move.after.acceleration] for move in moves])
         self._to_before = np.array([move.rotation_to_before for move in moves])
         self._rolled = np.array([move.rolled for move in moves])
 
-    def displacements(self, biases: SensorBiases) -> FloatArray:
-        """(moves, 4, 3) by how much the feet seem to have moved relative to their mean, in base axes before [m]."""
-        mounting = self._rotation @ Rotation.from_rotvec(biases.imu_tilt).as_matrix()
+    def residuals(self, biases: SensorBiases) -> tuple[FloatArray, FloatArray]:
+        """What should be zero at the right biases.
+
+        Returns:
+            (moves, 4, 3) by how much the feet seem to have moved relative to their mean, in base axes before [m];
+            (moves, 2, 4) heights of the feet's centres above their mean, against gravity, at the rests [m].
+        """
+        mounting = biases.tilted(self._rotation)
         count = len(self._position)
         feet = self.legs.feet((self._position - biases.joint_zero).reshape(2 * count, -1)).reshape(count, 2, 4, 3)
         to_before = mounting @ self._to_before @ mounting.T
         moved = np.einsum("mij,mlj->mli", to_before, feet[:, 1]) - feet[:, 0] - biases.foot_radius * self._rolled
-        return moved - moved.mean(axis=1, keepdims=True)
-
-    def heights(self, biases: SensorBiases) -> FloatArray:
-        """(moves, 2, 4) heights of the feet's centres above their mean, against gravity, at the rests [m]."""
-        mounting = self._rotation @ Rotation.from_rotvec(biases.imu_tilt).as_matrix()
-        count = len(self._position)
-        feet = self.legs.feet((self._position - biases.joint_zero).reshape(2 * count, -1)).reshape(count, 2, 4, 3)
         gravity = (self._acceleration - biases.accelerometer_bias) @ mounting.T
         up = gravity / np.linalg.norm(gravity, axis=2, keepdims=True)
         heights = np.einsum("mrlj,mrj->mrl", feet, up)
-        return heights - heights.mean(axis=2, keepdims=True)
+        return moved - moved.mean(axis=1, keepdims=True), heights - heights.mean(axis=2, keepdims=True)

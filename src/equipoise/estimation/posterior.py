@@ -119,7 +119,7 @@ class _Problem:
     def __init__(
         self, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors, mass: tuple[float, float] | None
     ) -> None:
-        self.robot, self.stance, self.mass = robot, stance, mass
+        self.mass = mass
         self.converged = False
         self.unknowns = Unknowns(robot, stance, priors)
         legs = LegChains(robot)

@@ -7,6 +7,7 @@ each motion fits. `differentiate` renews the columns of the sensor biases, `rene
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.lift_samples import LiftSamples
-from equipoise.estimation.parameters import A1_TORQUE_SCALE, Unknowns
+from equipoise.estimation.parameters import Unknowns
 from equipoise.estimation.planted_moves import PlantedMove, PlantedRows
 from equipoise.estimation.tilt_equation import GRAVITY, TiltEquation
 from equipoise.estimation.torque_balance import TorqueSamples, torque_rows
@@ -53,18 +54,60 @@ class Misfit:
     used: bool
 
 
-class TiltBlock:
+class _MotionBlock(ABC):
+    """Rows that depend on sensor biases, of motions that each have a noise level of their own.
+
+    Attributes:
+        motions: index of each recording, and its rows.
+        scale: (motions,) noise of each over what its sensors explain.
+    """
+
+    def __init__(self, unknowns: Unknowns, biases: slice, motions: list[tuple[int, slice]]) -> None:
+        self.unknowns, self.motions = unknowns, motions
+        self.scale = np.ones(len(motions))
+        self._biases, self._bias_columns = biases, np.zeros((0, 0))
+
+    @abstractmethod
+    def residual(self, x: FloatArray) -> FloatArray:
+        """All rows."""
+
+    @abstractmethod
+    def chi(self, x: FloatArray) -> FloatArray:
+        """(motions,) misfit of each, over what its sensors' noise explains."""
+
+    def differentiate(self, x: FloatArray) -> None:
+        """Columns of the sensor biases, by differences."""
+        here = self.residual(x)
+        self._bias_columns = np.zeros((len(here), self.unknowns.size))
+        for index in range(self._biases.start, self._biases.stop):
+            ahead = x.copy()
+            ahead[index] += _DIFFERENCE
+            self._bias_columns[:, index] = (self.residual(ahead) - here) / _DIFFERENCE
+
+    def renew_noise(self, x: FloatArray) -> None:
+        chi = self.chi(x)
+        median = float(np.median(chi))
+        self.scale = np.where(chi > _OUTLIER * max(median, 1.0), _MANY, np.maximum(chi, max(0.7 * median, 1.0)))
+
+    def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
+        return tuple(
+            Misfit(index, float(chi), bool(scale < _MANY))
+            for (index, _), chi, scale in zip(self.motions, self.chi(x), self.scale, strict=True)
+        )
+
+
+class TiltBlock(_MotionBlock):
     """Rows of the tilt equation of all lifts, whitened."""
 
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, lifts: Sequence[tuple[int, LiftSamples]]
     ) -> None:
-        self.unknowns, self.lifts = unknowns, [lift for _, lift in lifts]
+        self.lifts = [lift for _, lift in lifts]
         self.equation = TiltEquation(legs, rotation, self.lifts)
-        self.motions = [(index, rows) for (index, _), rows in zip(lifts, self.equation.trials, strict=True)]
-        self.scale = np.ones(len(lifts))
+        motions = [(index, rows) for (index, _), rows in zip(lifts, self.equation.trials, strict=True)]
+        # All but the floor's warp: two feet do not feel it.
+        super().__init__(unknowns, slice(unknowns.biases.start, unknowns["floor_warp"].start), motions)
         self._whitening: list[FloatArray] = []
-        self._bias_columns = np.zeros((0, 0))
 
     def prepare(self, x: FloatArray) -> None:
         """Noise of each trial's residual, propagated from that of its sensors."""
@@ -89,19 +132,6 @@ class TiltBlock:
             ]
         )
 
-    def differentiate(self, x: FloatArray) -> None:
-        """Columns of the sensor biases, by differences."""
-        here = self.residual(x)
-        biases = self.unknowns.biases
-        columns = np.zeros((sum(len(w) for w in self._whitening), self.unknowns.size))
-        skipped = self.unknowns["floor_warp"].start
-        for index in range(biases.start, biases.stop):
-            if index != skipped:
-                ahead = x.copy()
-                ahead[index] += _DIFFERENCE
-                columns[:, index] = (self.residual(ahead) - here) / _DIFFERENCE
-        self._bias_columns = columns
-
     def jacobian(self, x: FloatArray) -> FloatArray:
         rows, line_inertia = self.equation.rows(self.unknowns.sensor_biases(x))
         inertial = self.unknowns.inertial(x)
@@ -115,21 +145,9 @@ class TiltBlock:
         return np.concatenate(parts) @ self.unknowns.inertial_jacobian(x) + self._bias_columns
 
     def chi(self, x: FloatArray) -> FloatArray:
-        """(trials,) misfit of each trial, over what its sensors' noise explains."""
         residual = self.residual(x)
         return self.scale * np.array(
             [np.sqrt(residual[rows] @ residual[rows] / (rows.stop - rows.start - 1)) for rows in self.equation.trials]
-        )
-
-    def renew_noise(self, x: FloatArray) -> None:
-        chi = self.chi(x)
-        median = float(np.median(chi))
-        self.scale = np.where(chi > _OUTLIER * max(median, 1.0), _MANY, np.maximum(chi, max(0.7 * median, 1.0)))
-
-    def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
-        return tuple(
-            Misfit(index, float(chi), bool(scale < _MANY))
-            for (index, _), chi, scale in zip(self.motions, self.chi(x), self.scale, strict=True)
         )
 
 
@@ -157,18 +175,17 @@ def _whitening(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=float)
 
 
-class PlantedBlock:
+class PlantedBlock(_MotionBlock):
     """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
 
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, moves: Sequence[tuple[int, PlantedMove]]
     ) -> None:
-        self.unknowns = unknowns
+        motions = [(index, slice(20 * k, 20 * k + 20)) for k, (index, _) in enumerate(moves)]
+        super().__init__(unknowns, unknowns.biases, motions)
         self.rows = PlantedRows(legs, rotation, [move for _, move in moves])
-        self.scale = np.ones(len(moves))
-        self.motions = [(index, slice(20 * k, 20 * k + 20)) for k, (index, _) in enumerate(moves)]
         feet = unknowns.stance.feet_in_base - unknowns.stance.feet_in_base.mean(axis=0)
-        size = unknowns.stance.hip_height / 0.312
+        size = unknowns.stance.size
         turns = np.asarray([np.cross(axis, feet).ravel() for axis in np.eye(3)], dtype=float)
         moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
         leaning = feet[:, :2] @ feet[:, :2].T
@@ -178,7 +195,6 @@ class PlantedBlock:
         whitening[12:16, 12:16] = whitening[16:, 16:] = _whitening(heights)
         self._whitening = whitening
         self._plane = feet[:, :2]
-        self._columns = np.zeros((0, 0))
 
     def prepare(self, x: FloatArray) -> None:
         """Nothing to do: these rows' noise does not depend on x."""
@@ -187,39 +203,19 @@ class PlantedBlock:
         biases = self.unknowns.sensor_biases(x)
         warp = float(self.unknowns.value(x, "floor_warp")[0])
         floor = -self._plane @ biases.floor_slope + warp * np.array([1.0, -1.0, -1.0, 1.0])
-        moved = self.rows.displacements(biases).reshape(len(self.scale), 12)
-        heights = (self.rows.heights(biases) - floor).reshape(len(self.scale), 8)
-        return np.hstack([moved, heights]) @ self._whitening.T
+        moved, heights = self.rows.residuals(biases)
+        count = len(self.scale)
+        return np.hstack([moved.reshape(count, 12), (heights - floor).reshape(count, 8)]) @ self._whitening.T
 
     def residual(self, x: FloatArray) -> FloatArray:
         return (self._unscaled(x) / self.scale[:, None]).ravel()
 
-    def differentiate(self, x: FloatArray) -> None:
-        """Columns of the sensor biases, by differences."""
-        here = self.residual(x)
-        self._columns = np.zeros((20 * len(self.scale), self.unknowns.size))
-        for index in range(self.unknowns.biases.start, self.unknowns.biases.stop):
-            ahead = x.copy()
-            ahead[index] += _DIFFERENCE
-            self._columns[:, index] = (self.residual(ahead) - here) / _DIFFERENCE
-
     def jacobian(self, x: FloatArray) -> FloatArray:
-        return self._columns
+        return self._bias_columns
 
     def chi(self, x: FloatArray) -> FloatArray:
-        """(moves,) misfit of each move; of its 20 rows 15 say something (means are taken off)."""
+        # Of a move's 20 rows 15 say something: means are taken off.
         return np.sqrt((self._unscaled(x) ** 2).sum(axis=1) / 15)
-
-    def renew_noise(self, x: FloatArray) -> None:
-        chi = self.chi(x)
-        median = float(np.median(chi))
-        self.scale = np.where(chi > _OUTLIER * max(median, 1.0), _MANY, np.maximum(chi, max(0.7 * median, 1.0)))
-
-    def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
-        return tuple(
-            Misfit(index, float(chi), bool(scale < _MANY))
-            for (index, _), chi, scale in zip(self.motions, self.chi(x), self.scale, strict=True)
-        )
 
 
 class TorqueBlock:
@@ -240,7 +236,7 @@ class TorqueBlock:
         """The rows as a linear system in (inertial, gains, coulomb, viscous, armature), whitened."""
         unknowns = self.unknowns
         rows = torque_rows(unknowns.robot, self.samples, unknowns.sensor_biases(x))
-        scale = unknowns.robot.mass * GRAVITY * unknowns.stance.hip_height / A1_TORQUE_SCALE
+        scale = unknowns.torque_scale
         coulomb = max(float(np.abs(unknowns.value(x, "coulomb")[0])), 0.02 * scale)
         direction = np.abs(rows.friction_direction)
         unknown = coulomb**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2

@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from equipoise.estimation.findings import SensorFinding
 from equipoise.estimation.posterior import Posterior
 from equipoise.robot.model import RobotModel
 
 _SURE = 3.0  # standard deviations from zero
 
 
-@dataclass(frozen=True)
-class Finding:
-    """As `result.SensorFinding`."""
-
-    name: str
-    value: float
-    deviation: float
-    sentence: str
-    notable: bool
-
-
-def sensor_findings(robot: RobotModel, posterior: Posterior) -> list[Finding]:
+def sensor_findings(robot: RobotModel, posterior: Posterior) -> list[SensorFinding]:
     """Every nuisance parameter of the estimate, the surest first."""
     unknowns, x = posterior.unknowns, posterior.x
-    findings: list[Finding] = []
+    findings: list[SensorFinding] = []
 
     def add(name: str, block: str, index: int, least: float, sentence: str) -> None:
         value = float(unknowns.value(x, block)[index])
         deviation = float(posterior.deviation(block)[index])
         notable = abs(value) > _SURE * deviation and abs(value) > least
-        findings.append(Finding(name, value, deviation, sentence.format(value=value, deviation=deviation), notable))
+        findings.append(
+            SensorFinding(name, value, deviation, sentence.format(value=value, deviation=deviation), notable)
+        )
 
     def add_angle(name: str, block: str, index: int, least: float, sentence: str) -> None:
         value = float(np.degrees(unknowns.value(x, block)[index]))

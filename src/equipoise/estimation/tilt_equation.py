@@ -57,6 +57,10 @@ class SensorBiases:
         """Perfect sensors on a level floor."""
         return cls(np.zeros(joints), np.zeros(3), np.zeros(3), 0.0, 1.0, np.zeros(2))
 
+    def tilted(self, rotation_imu_to_base: FloatArray) -> FloatArray:
+        """(3, 3) the IMU's rotation to the base as it is, given where it should be."""
+        return rotation_imu_to_base @ Rotation.from_rotvec(self.imu_tilt).as_matrix()
+
 
 class TiltEquation:
     """The rows of y(t) for a set of trials, at any sensor biases.
@@ -92,7 +96,7 @@ class TiltEquation:
             order, about the base's origin) and a factor on each leg link's;
             (trials, 10 + links) columns of l . I_o l at each trial's first sample.
         """
-        rotation = self._rotation @ Rotation.from_rotvec(biases.imu_tilt).as_matrix()
+        rotation = biases.tilted(self._rotation)
         # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
         late = biases.clock_offset
         turning = (self._turning - late * self._turning_rate) @ rotation.T

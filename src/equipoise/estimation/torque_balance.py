@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from equipoise.estimation.smoothing import fit_spline
 from equipoise.estimation.tilt_equation import SensorBiases
@@ -120,7 +119,7 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases)
     model = robot.pinocchio.copy()
     model.gravity.linear = np.zeros(3)
     data = model.createData()
-    mounting = np.array(robot.imu_in_base.rotation) @ Rotation.from_rotvec(biases.imu_tilt).as_matrix()
+    mounting = biases.tilted(np.array(robot.imu_in_base.rotation))
     arm = np.array(robot.imu_in_base.translation)
     turning = samples.angular_velocity @ mounting.T
     turning_rate = samples.angular_acceleration @ mounting.T

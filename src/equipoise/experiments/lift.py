@@ -173,8 +173,17 @@ def replant(motion: Motion, home: FloatArray, diagonal: str, settings: LiftSetti
     for standing in (DIAGONALS[diagonal], tuple(leg for leg in LEG_NAMES if leg not in DIAGONALS[diagonal])):
         raised = home.copy()
         raised[[leg not in standing for leg in LEG_NAMES], 2] += _STEP_RATIO * settings.height
-        motion.shift_load(standing, settings.unload_time)
-        motion.step_feet(raised, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
+        step_pair(motion, standing, raised, settings)
+
+
+def step_pair(motion: Motion, standing: tuple[str, ...], raised: FloatArray, settings: LiftSettings) -> Motion:
+    """Stand on some legs, step once with the others, and stand on all.
+
+    Args:
+        raised: (4, 3) feet in the base frame at the top of the step [m].
+    """
+    motion.shift_load(standing, settings.unload_time).step_feet(raised, settings.step_time)
+    return motion.shift_load(LEG_NAMES, settings.unload_time)
 
 
 def _not_at_rest(planted: PlantedRobot, recording: Recording, settings: LiftSettings) -> str | None:

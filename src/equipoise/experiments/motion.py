@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -127,18 +128,7 @@ class Motion:
             knots: number of parameter values at which inverse kinematics runs.
             parameter: (n,) parameter at each control period.
         """
-        grid = np.linspace(float(parameter.min()), float(parameter.max()), knots)
-        first = int(np.argmin(np.abs(grid - parameter[0])))
-        solved = np.empty((knots, len(self.target.joint_position)))
-        for order in (range(first, knots), range(first - 1, -1, -1)):
-            guess = self.target.joint_position if order.start == first else solved[first]
-            for knot in order:
-                guess = solved[knot] = inverse_kinematics(self.robot, feet_at(float(grid[knot])), guess)
-        torques = np.array([static_torques(self.robot, position, self.target.legs) for position in solved])
-        from scipy.interpolate import CubicSpline  # noqa: PLC0415 - a third of a second to import
-
-        path = np.asarray(CubicSpline(grid, np.hstack([solved, torques]))(parameter))
-        self._append(*np.hsplit(path, 2))
+        self._append(*_path(self.robot, self.target.joint_position, feet_at, knots, parameter, self.target.legs))
         self.target = replace(self.target, feet_in_base=feet_at(float(parameter[-1])))
         return self
 
@@ -153,10 +143,14 @@ class Motion:
         return Trajectory(position, torque=np.concatenate(self._torques), events=tuple(self._events))
 
     def _move_along_lines(self, feet_in_base: FloatArray, parameter: FloatArray) -> Motion:
-        start, end = self.target.feet_in_base, np.array(feet_in_base)
-        longest = float(np.linalg.norm(end - start, axis=1).max())
-        knots = 3 + math.ceil(longest / (_KNOT_SPACING_RATIO * self.robot.leg_length))
-        return self.follow(lambda s: start + s * (end - start), knots, parameter)
+        start, end = self.target.feet_in_base, np.array(feet_in_base, dtype=float)
+        joints = self.target.joint_position
+        path = _line(
+            self.robot, joints.tobytes(), start.tobytes(), end.tobytes(), parameter.tobytes(), self.target.legs
+        )
+        self._append(*path)
+        self.target = replace(self.target, feet_in_base=start + parameter[-1] * (end - start))
+        return self
 
     def _count(self, duration: float) -> int:
         return max(1, round(duration / self.control_period))
@@ -177,6 +171,41 @@ class Motion:
                 f"with {_SPEED_MARGIN:.0%} of its limit of {self.robot.velocity_limit[worst]:.2f} rad/s at most: "
                 "ask for a smaller or slower motion"
             )
+
+
+def _path(
+    robot: RobotModel, guess: FloatArray, feet_at: Callable[[float], FloatArray], knots: int, parameter: FloatArray,
+    legs: tuple[str, ...],
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """(n, nj) joint positions and torques along a family of foot positions; `guess` is near its start."""
+    grid = np.linspace(float(parameter.min()), float(parameter.max()), knots)
+    first = int(np.argmin(np.abs(grid - parameter[0])))
+    solved = np.empty((knots, len(guess)))
+    for order in (range(first, knots), range(first - 1, -1, -1)):
+        near = guess if order.start == first else solved[first]
+        for knot in order:
+            near = solved[knot] = inverse_kinematics(robot, feet_at(float(grid[knot])), near)
+    torques = np.array([static_torques(robot, position, legs) for position in solved])
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415 - a third of a second to import
+
+    position, torque = np.hsplit(np.asarray(CubicSpline(grid, np.hstack([solved, torques]))(parameter)), 2)
+    return position, torque
+
+
+@lru_cache(maxsize=512)  # a search makes the same moves again and again: half of one run's, nearly all of many runs'
+def _line(
+    robot: RobotModel, guess: bytes, start: bytes, end: bytes, parameter: bytes, legs: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """`_path` on straight lines of the feet; arrays as bytes, so that they can be looked up."""
+    begin, goal = (np.frombuffer(feet).reshape(4, 3) for feet in (start, end))
+    longest = float(np.linalg.norm(goal - begin, axis=1).max())
+    knots = 3 + math.ceil(longest / (_KNOT_SPACING_RATIO * robot.leg_length))
+    path = _path(
+        robot, np.frombuffer(guess), lambda s: begin + s * (goal - begin), knots, np.frombuffer(parameter), legs
+    )
+    for array in path:
+        array.setflags(write=False)
+    return path
 
 
 def smooth_step(count: int) -> FloatArray:

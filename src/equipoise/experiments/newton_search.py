@@ -6,7 +6,6 @@ Where a Newton step cannot be taken (the feet hardly leave the floor, the steps 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from equipoise.estimation.support_planes import CentreShift, centre_shift
 from equipoise.estimation.tilt import support_plane_of
 from equipoise.experiments.com_search import find_support_vector
 from equipoise.experiments.posture import BodyPosture
-from equipoise.experiments.precise_trials import REFERENCE_HEIGHT, LiftDesign, PreciseTrials
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
 from equipoise.experiments.trial_runner import ComSearchSettings, TrialRunner
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters
@@ -32,46 +31,25 @@ _FARTHEST = 0.08  # [m] on an A1: a CoM farther off than this is no Newton step
 _MASS_KNOWN = 0.04  # what joint torques at rest say of the mass counts beyond this fraction: gains and friction
 
 
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """What the search found.
+def find_com_fast(trials: PreciseTrials, report: Callable[[str], None]) -> None:
+    """The planar CoM by lifts on both diagonals; `trials.com` and the robot under command follow as it is found.
 
-    Attributes:
-        robot: the robot with a base whose CoM, and mass as the torques have it, are as found: for plans and feed-forward.
-        com: (3,) CoM at the nominal stance in the base frame; z by the model [m].
-        lifts: number of lifts done.
-        bisected: diagonals on which bisection had to do it.
+    Args:
+        report: told the diagonal before every lift.
     """
-
-    robot: RobotModel
-    com: FloatArray
-    lifts: int
-    bisected: tuple[str, ...]
-
-
-def find_com_fast(trials: PreciseTrials, report: Callable[[str, int], None] | None = None) -> SearchResult:
-    """The planar CoM by lifts on both diagonals; `trials.com` and the robot under command follow as it is found."""
-    model = trials.planted.robot
-    stance = trials.stance
-    size = stance.hip_height / REFERENCE_HEIGHT
-    count = 0
-    bisected: list[str] = []
+    model, size = trials.planted.robot, trials.stance.size
     for diagonal in DIAGONALS:
         for attempt in range(_MOST_LIFTS):
-            if report is not None:
-                report(diagonal, count)
+            report(diagonal)
             side = 0 if attempt == 0 else 1
             recording = trials.lift(LiftDesign(BodyPosture(), diagonal, side))
-            count += 1
             shift = _newton_step(trials, recording)
             if shift is None or abs(shift.distance) > _FARTHEST * size:
-                bisected.append(diagonal)
-                count += _bisect(trials, diagonal)
+                _bisect(trials, diagonal)
                 break
             _follow(trials, model, recording, shift)
             if attempt > 0 and abs(shift.distance) < _SETTLED * size:
                 break
-    return SearchResult(trials.planted.robot, trials.com, count, tuple(bisected))
 
 
 def _newton_step(trials: PreciseTrials, recording: Recording) -> CentreShift | None:
@@ -106,7 +84,7 @@ def loaded_robot(model: RobotModel, trials: PreciseTrials, mass: float) -> Robot
     return model.with_base(loaded.to_pinocchio())
 
 
-def _bisect(trials: PreciseTrials, diagonal: str) -> int:
+def _bisect(trials: PreciseTrials, diagonal: str) -> None:
     """Algorithm 1 on one diagonal; the CoM moves to the plane that it finds."""
     settings = ComSearchSettings()
     runner = TrialRunner(trials.planted, trials.stance, settings)
@@ -118,4 +96,3 @@ def _bisect(trials: PreciseTrials, diagonal: str) -> int:
     distance = plane.distance_to(trials.com)
     horizontal = plane.normal * [1, 1, 0]
     trials.com = trials.com - distance * horizontal / float(horizontal @ horizontal)
-    return len(vector.trials)

@@ -23,12 +23,7 @@ from equipoise.estimation.parameters import COMPONENTS, Priors, Unknowns, compon
 from equipoise.estimation.posterior import body_jacobian, prior_rows
 from equipoise.estimation.residual_blocks import PlantedBlock, TiltBlock
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture
-from equipoise.experiments.precise_trials import (
-    AMPLITUDES,
-    REFERENCE_HEIGHT,
-    LiftDesign,
-    check_lift,
-)
+from equipoise.experiments.precise_trials import AMPLITUDES, LiftDesign, check_lift
 from equipoise.experiments.predict import Predictor
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
@@ -90,8 +85,7 @@ class Goals:
 
     def vector(self, body: FloatArray, stance: Stance) -> FloatArray:
         """(10,) in the order of COMPONENTS, for a body with those parameters."""
-        size = stance.hip_height / REFERENCE_HEIGHT
-        lengths = size * np.array([self.com_planar, self.com_planar, self.com_height])
+        lengths = stance.size * np.array([self.com_planar, self.com_planar, self.com_height])
         return np.concatenate(
             [[self.mass * body[0]], lengths, self.inertia * body[4:7], np.full(3, self.products * body[4])]
         )
@@ -162,7 +156,7 @@ class Durations:
     @classmethod
     def of(cls, stance: Stance) -> Durations:
         """For a robot of a stance's size."""
-        clock = math.sqrt(stance.hip_height / REFERENCE_HEIGHT)
+        clock = stance.clock
         return cls(
             clock * _POSTURE_TIME, clock * _REPLANT_TIME, clock * _LIFT_TIME, clock * 4 * _LIFT_TIME, clock * _END_TIME
         )

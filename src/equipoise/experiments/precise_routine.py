@@ -16,7 +16,8 @@ from equipoise.estimation.posterior import Posterior, estimate_posterior, prior_
 from equipoise.experiments.newton_search import find_com_fast, loaded_robot
 from equipoise.experiments.plan import Candidates, Durations, Goals, Plan, describe, make_plan
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.precise_trials import REFERENCE_HEIGHT, LiftDesign, PreciseTrials
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
+from equipoise.experiments.progress import Progress
 from equipoise.experiments.sway import sway_all_axes, sway_time
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters
@@ -60,7 +61,7 @@ class PreciseSettings:
 
     def budget_for(self, stance: Stance) -> float:
         """[s]."""
-        return self.budget or _BUDGET * float(np.sqrt(stance.hip_height / REFERENCE_HEIGHT))
+        return self.budget or _BUDGET * stance.clock
 
     @property
     def scale(self) -> tuple[float, float] | None:
@@ -68,15 +69,6 @@ class PreciseSettings:
         if self.mass is None:
             return None
         return self.mass, self.mass_sd or 0.005 * self.mass
-
-
-@dataclass(frozen=True)
-class Step:
-    """What the routine is about to do: in words, and how many motions are done of how many expected."""
-
-    doing: str
-    done: int
-    expected: int
 
 
 def plan_ahead(robot: RobotModel, stance: Stance, settings: PreciseSettings) -> Plan:
@@ -104,7 +96,7 @@ class PreciseRoutine:
         stance: Stance,
         settings: PreciseSettings,
         recordings: Sequence[Recording],
-        report: Callable[[Step], None] | None = None,
+        report: Callable[[Progress], None] | None = None,
     ) -> None:
         self.planted, self.robot, self.stance, self.settings = planted, robot, stance, settings
         self._recordings = recordings
@@ -120,7 +112,7 @@ class PreciseRoutine:
             MotionError: the robot could not do, or did not do, what was asked.
         """
         self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
-        find_com_fast(self.trials, lambda diagonal, count: self._tell(f"search on {diagonal}"))
+        find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
         candidates = Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.priors)
         plan = make_plan(candidates, _budget(self.stance, self.settings), self.settings.goals)
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.sway
@@ -207,4 +199,4 @@ class PreciseRoutine:
     def _tell(self, doing: str) -> None:
         if self._report is not None:
             done = len(self._recordings)
-            self._report(Step(doing, done, max(self._expected, done + 1)))
+            self._report(Progress(doing, done, max(self._expected, done + 1)))

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.errors import ReachError
-from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, tilt_limit
+from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, step_pair, tilt_limit
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture
 from equipoise.experiments.trial_runner import ComSearchSettings
@@ -21,8 +21,7 @@ from equipoise.robot.stance import Stance
 FloatArray = NDArray[np.float64]
 Rotation = Literal["roll", "pitch", "yaw"]
 
-# Sizes that were tried on an A1 (hips 0.312 m high); lengths scale with the hip height, times with its square root.
-REFERENCE_HEIGHT = 0.312
+# On an A1; lengths scale with the stance's size, times with its clock.
 _LIFT, _STEP_RATIO = 0.024, 0.5  # [m]; height of a replanting step over that of a lift
 _OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
@@ -64,18 +63,16 @@ class Times:
     @classmethod
     def of(cls, stance: Stance) -> Times:
         """For a robot of a stance's size."""
-        clock = float(np.sqrt(stance.hip_height / REFERENCE_HEIGHT))
+        clock = stance.clock
         return cls(settle=0.12 * clock, move=0.3 * clock, watch=0.35 * clock, turn=_TURN_TIME * clock)
 
 
 def lift_settings(stance: Stance) -> LiftSettings:
     """Heights and times of the precise method's lifts."""
-    size = stance.hip_height / REFERENCE_HEIGHT
-    clock = float(np.sqrt(size))
-    times = Times.of(stance)
+    times, clock = Times.of(stance), stance.clock
     return replace(
         ComSearchSettings().lift(stance),
-        height=_LIFT * size,
+        height=_LIFT * stance.size,
         settle_time=times.settle,
         rest_time=0.3 * clock,
         unload_time=0.12 * clock,
@@ -90,7 +87,7 @@ def lift_settings(stance: Stance) -> LiftSettings:
 
 def offset_of(stance: Stance, side: int) -> float:
     """Distance of the line from the CoM [m]."""
-    return side * _OFFSET * stance.hip_height / REFERENCE_HEIGHT
+    return side * _OFFSET * stance.size
 
 
 class PreciseTrials:
@@ -140,7 +137,7 @@ class PreciseTrials:
             FallError: it does not stand upright.
         """
         stance_legs, settings = DIAGONALS[design.diagonal], self.settings
-        feet, lifted = self._lift_feet(design)
+        feet, lifted = lift_feet(self.stance, self.com, design, settings.height)
         motion = self.planted.motion().event(
             TRIAL, kind="lift", diagonal=design.diagonal, side=design.side, turn=design.turn,
             posture=vars(design.posture), offset=0.0, lift_height=settings.height,
@@ -164,9 +161,7 @@ class PreciseTrials:
         if self._stands_up_again(landed, design.posture):
             # The robot has tipped onto its lifted feet: they stand where they landed, and the legs pull. Step once.
             stepped = feet + _STEP_RATIO * (lifted - feet)
-            replant = self.planted.motion().phase("replant").shift_load(stance_legs, settings.unload_time)
-            replant.step_feet(stepped, settings.step_time).shift_load(LEG_NAMES, settings.unload_time)
-            self.planted.play(replant)
+            self.planted.play(step_pair(self.planted.motion().phase("replant"), stance_legs, stepped, settings))
         return self.planted.finish()
 
     def _stands_up_again(self, landed: Recording, posture: BodyPosture) -> bool:
@@ -180,9 +175,6 @@ class PreciseTrials:
                 return True
             landed = self.planted.play(self.planted.motion().hold(self.times.settle))
         return False
-
-    def _lift_feet(self, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
-        return lift_feet(self.stance, self.com, design, self.settings.height)
 
     def _move_time(self, feet: FloatArray, least: float) -> float:
         return self.planted.move_time(feet, self.planted.target.feet_in_base, least, _ACCELERATION)

@@ -19,7 +19,6 @@ from equipoise.estimation.smoothing import fit_spline
 from equipoise.estimation.tilt_equation import GRAVITY
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
 from equipoise.experiments.precise_trials import (
-    REFERENCE_HEIGHT,
     LiftDesign,
     Times,
     lift_feet,
@@ -57,14 +56,10 @@ class Predictor:
     stance: Stance
     com: FloatArray
 
-    @property
-    def _clock(self) -> float:
-        return float(np.sqrt(self.stance.hip_height / REFERENCE_HEIGHT))
-
     @cached_property
     def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Sample times of a lift, and the covariances of smoothed velocities and angular velocities there."""
-        times, clock = Times.of(self.stance), self._clock
+        times, clock = Times.of(self.stance), self.stance.clock
         sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / _RATE)
         time = np.arange(0.0, times.watch, _STEP * clock)
         blank = np.zeros((len(sensed), 1))
@@ -112,7 +107,7 @@ class Predictor:
         return LiftSamples(
             design.diagonal,
             0.0,
-            _STEP * self._clock,
+            _STEP * stance.clock,
             position + np.outer(angle, per_angle),
             np.outer(angle_rate, per_angle),
             in_imu,
@@ -136,11 +131,11 @@ class Predictor:
     def _rest(self, posture: BodyPosture, mounting: FloatArray) -> Posture:
         feet = feet_in_posture(self.stance, self.com, posture)
         position = check_posture(self.robot, self.stance, feet)
-        return Posture(position, None, GRAVITY * posture.rotation[2] @ mounting)
+        return Posture(position, GRAVITY * posture.rotation[2] @ mounting)
 
     def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> Evidence:
         """All of them as evidence; motions are numbered lifts first."""
         motions = [Motion(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)]
         for index, (before, after) in enumerate(moves, start=len(lifts)):
             motions.append(Motion(index, {}, None, self.move(before, after), (), None, 0.0))
-        return Evidence(tuple(motions), np.zeros(3))
+        return Evidence(tuple(motions))

@@ -21,7 +21,6 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-_REFERENCE_HEIGHT = 0.312  # [m]; frequencies scale with the square root of its ratio to the hip height
 _KNOTS = 9
 _RAMP_PERIODS = 1.5
 _LAG_PERIODS = 0.5  # after the ramp, until the base follows steadily
@@ -66,7 +65,7 @@ class SwaySettings:
 
     def frequency_for(self, stance: Stance) -> float:
         """[Hz]."""
-        return self.frequency or 2.0 * float(np.sqrt(_REFERENCE_HEIGHT / stance.hip_height))
+        return self.frequency or 2.0 / stance.clock
 
 
 def sway_axis(planted: PlantedRobot, stance: Stance, axis: Axis, settings: SwaySettings) -> None:
@@ -189,9 +188,8 @@ def sway_all_axes(planted: PlantedRobot, stance: Stance, com: FloatArray) -> Non
     axes: list[Axis] = [axis for axis in AXES if why_unreachable(robot, stance, axis, settings) is None]
     if not axes:
         return
-    slow = np.sqrt(_REFERENCE_HEIGHT / stance.hip_height)
     frequencies: dict[Axis, float] = {
-        axis: slow * f for axis, f in zip(AXES, _ALL_AXES_FREQUENCIES, strict=True) if axis in axes
+        axis: f / stance.clock for axis, f in zip(AXES, _ALL_AXES_FREQUENCIES, strict=True) if axis in axes
     }
     amplitudes = {
         axis: _amplitude_for(robot, stance, axis, replace(settings, frequency=frequency)) / np.sqrt(len(axes))
@@ -223,5 +221,5 @@ def sway_all_axes(planted: PlantedRobot, stance: Stance, com: FloatArray) -> Non
 
 def sway_time(stance: Stance) -> float:
     """Robot time of `sway_all_axes` [s]."""
-    slowest = min(_ALL_AXES_FREQUENCIES) * float(np.sqrt(_REFERENCE_HEIGHT / stance.hip_height))
+    slowest = min(_ALL_AXES_FREQUENCIES) / stance.clock
     return (_ALL_AXES_PERIODS + 2 * _RAMP_PERIODS) / slowest + 3 * _SETTLE_TIME

@@ -20,9 +20,7 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-# Sizes that were tried on an A1 and scale with the hip height (lengths) or its square root (times).
-_REFERENCE_HEIGHT = 0.312
-_BOUND = 0.06
+_BOUND = 0.06  # [m] on an A1
 # A robot that tips onto its lifted feet must come to rest on them: its CoM must be this much farther inside its feet than
 # the speed that it has by then would carry it.
 _TIP_OVER_FACTOR = 1.5
@@ -68,7 +66,7 @@ class ComSearchSettings:
 
     def bounds(self, stance: Stance) -> tuple[float, float]:
         """x_l and x_u for a robot of this size [m]; raises SettingsError if there is nothing to search between them."""
-        default = _BOUND * stance.hip_height / _REFERENCE_HEIGHT
+        default = _BOUND * stance.size
         lower = -default if self.lower is None else self.lower
         upper = default if self.upper is None else self.upper
         _check_order(lower, upper)
@@ -80,7 +78,7 @@ class ComSearchSettings:
 
     def lift(self, stance: Stance) -> LiftSettings:
         """The lift trial for a robot of this size."""
-        clock = float(np.sqrt(stance.hip_height / _REFERENCE_HEIGHT))
+        clock = stance.clock
         usual = LiftSettings(height=0.0)
         height = self.lift_height or _LIFT_RATIO * stance.hip_height
         if not _SMALLEST_LIFT_RATIO <= height / stance.hip_height <= _LARGEST_LIFT_RATIO:

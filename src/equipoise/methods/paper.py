@@ -14,6 +14,7 @@ from equipoise.estimation.paper import AXES, AxisFit, between, commanded_plane, 
 from equipoise.estimation.tilt import SupportPlane, support_plane_of, tilt_of
 from equipoise.experiments.com_search import find_com
 from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.progress import Progress
 from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted, why_unreachable
 from equipoise.experiments.trial_runner import (
     ComSearchSettings,
@@ -23,7 +24,7 @@ from equipoise.experiments.trial_runner import (
     lift_heights,
     shifted_feet,
 )
-from equipoise.methods.settings import CalibrationSettings, Progress
+from equipoise.methods.settings import CalibrationSettings
 from equipoise.recordings.recording import Recording
 from equipoise.result import (
     BodyEstimate,

@@ -18,17 +18,16 @@ from equipoise.estimation.sensor_findings import sensor_findings
 from equipoise.experiments.plan import describe
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import BodyPosture
-from equipoise.experiments.precise_routine import PreciseRoutine, Step, plan_ahead
+from equipoise.experiments.precise_routine import PreciseRoutine, plan_ahead
+from equipoise.experiments.progress import Progress
 from equipoise.methods.paper import estimate_sways
-from equipoise.methods.settings import CalibrationSettings, Progress
+from equipoise.methods.settings import CalibrationSettings
 from equipoise.recordings.recording import Recording
 from equipoise.result import (
     BodyEstimate,
     Calibration,
-    Check,
     Evidence,
     Interval,
-    SensorFinding,
     SwayEstimate,
     Trial,
     Uncertainty,
@@ -67,12 +66,7 @@ def run(
     report: Callable[[Progress], None] | None = None,
 ) -> None:
     """Search, planned trials, sway; recordings go where `planted.keep` takes them."""
-
-    def told(step: Step) -> None:
-        if report is not None:
-            report(Progress(step.doing, step.done, step.expected))
-
-    PreciseRoutine(planted, planted.robot, stance, settings.precise, recordings, told).run()
+    PreciseRoutine(planted, planted.robot, stance, settings.precise, recordings, report).run()
 
 
 def estimate(
@@ -91,8 +85,8 @@ def estimate(
     with _Timed(timings, "estimate"):
         posterior = estimate_posterior(robot, stance, evidence, settings.precise.priors, settings.precise.scale)
     with _Timed(timings, "check"):
-        judgement = judge(robot, evidence, posterior)
-        findings = sensor_findings(robot, posterior)
+        checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
+        findings = tuple(sensor_findings(robot, posterior))
     with _Timed(timings, "the paper's I and C"):
         sways, fits, _ = estimate_sways(robot, recordings, posterior.robot_body.com, stance, settings.sway)
         sways = {axis: _explained(sway) for axis, sway in sways.items()}
@@ -103,10 +97,6 @@ def estimate(
             posterior.stance_effective_body, posterior.stance_effective_covariance, posterior.prior_deviation,
         ),
     }  # fmt: skip
-    checks = tuple(
-        Check(check.name, bool(check.passed), check.message)
-        for check in sorted(judgement, key=lambda check: check.passed)
-    )
     return Calibration(
         **model_facts(robot, stance.joint_position),
         method=settings.method,
@@ -115,7 +105,7 @@ def estimate(
         base=BodyEstimate.known(posterior.base_body),
         stance_effective=BodyEstimate.known(posterior.stance_effective_body),
         uncertainty={name: _uncertainty(*body) for name, body in bodies.items()},
-        sensors=tuple(SensorFinding(**dataclasses.asdict(finding)) for finding in findings),
+        sensors=findings,
         checks=checks,
         sways=sways,
         support_lines={},

@@ -1,4 +1,4 @@
-"""What a calibration does and how, and how it tells what it is doing."""
+"""What a calibration does and how."""
 
 from __future__ import annotations
 
@@ -40,12 +40,3 @@ class CalibrationSettings:
             raise SettingsError(f"method {self.method!r} is not known; it is one of {', '.join(METHODS)}")
         if self.feet not in ("measured", "commanded"):
             raise SettingsError(f"feet are 'measured' or 'commanded', not {self.feet!r}")
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What a calibration is doing: in words, and how many trials are done of how many expected."""
-
-    doing: str
-    done: int
-    expected: int

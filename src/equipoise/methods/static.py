@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from equipoise.errors import RecordingError
 from equipoise.experiments.lift import LiftSettings, come_to_rest
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.methods.settings import CalibrationSettings, Progress
+from equipoise.experiments.progress import Progress
+from equipoise.methods.settings import CalibrationSettings
 from equipoise.recordings.recording import TRIAL, Recording
 from equipoise.result import BodyEstimate, Calibration, Trial, model_facts
 from equipoise.robot.inertial import composite_parameters, nominal_inertia

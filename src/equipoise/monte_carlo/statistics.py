@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -240,11 +240,7 @@ def slopes(rows: Sequence[Row], method: str, resamples: int = 200) -> list[Slope
     scale = float(squares.mean())
 
     def solve(picked: NDArray[np.intp]) -> FloatArray:
-        matrix, target = design[picked], squares[picked] / scale
-        # A squared error scatters as much as it is large: without weights a few large ones would decide alone.
-        expected = np.maximum(matrix @ nnls(matrix, target)[0], 1e-3)
-        solution, _ = nnls(matrix / expected[:, None], target / expected)
-        return np.sqrt(solution[:-1] * scale) / units
+        return np.sqrt(_weighted(nnls, design[picked], squares[picked] / scale)[:-1] * scale) / units
 
     generator = np.random.default_rng(0)
     everything = np.arange(len(chosen))
@@ -254,6 +250,22 @@ def slopes(rows: Sequence[Row], method: str, resamples: int = 200) -> list[Slope
         Slope(method, source, float(slope), float(deviation))
         for source, slope, deviation in zip(sources, best, drawn.std(axis=0), strict=True)
     ]
+
+
+def line_in_squares(size: FloatArray, error: FloatArray) -> tuple[float, float]:
+    """Floor and slope of rms error = root of (floor squared + (slope x size) squared), from (n,) sizes and errors."""
+    from scipy.optimize import nnls  # noqa: PLC0415 - a third of a second to import
+
+    unit, scale = float(np.sqrt(np.mean(size**2))), float(np.mean(error**2))
+    solution = _weighted(nnls, np.column_stack([np.ones(len(size)), (size / unit) ** 2]), error**2 / scale)
+    floor, slope = np.sqrt(solution * scale)
+    return float(floor), float(slope) / unit
+
+
+def _weighted(solver: Callable[..., Any], matrix: FloatArray, squares: FloatArray) -> FloatArray:
+    """Least squares of squared errors. They scatter as much as they are large: unweighted, a few would decide alone."""
+    expected = np.maximum(matrix @ solver(matrix, squares)[0], 1e-3)
+    return np.asarray(solver(matrix / expected[:, None], squares / expected)[0], dtype=float)
 
 
 def to_dict(summaries: Sequence[MethodSummary]) -> list[dict[str, Any]]:

@@ -35,7 +35,7 @@ except ModuleNotFoundError as error:
 SCHEMA = "equipoise.study/1"
 _HEADER, _TRIALS, FAILURES = "study.json", "trials", "failures"
 _FLUSH_INTERVAL = 5.0  # [s] that a kill may cost
-_INTEGERS = ("trial", "engine_steps", "lifts", "worker")
+_INTEGERS = ("trial", "lifts", "worker")
 _TEXTS = ("method", "status", "message", "log")
 _NUMBERS = (
     *("robot_mass", "leg_length", "hip_height", "payload_mass", "payload_x", "payload_y", "payload_z"),
@@ -43,7 +43,7 @@ _NUMBERS = (
     *("joint_zero_rms", "foot_error_rms", "imu_tilt_size"),
     *(f"{kind}_{name}" for kind in ("true", "estimated", "deviation") for name in COMPONENTS),
     *(f"{kind}_{axis}" for kind in ("true_stance_effective", "moment") for axis in AXES),
-    *("robot_time", "wall_time", "cpu_time", "estimation_time"),
+    *("timestep", "simulated_time", "robot_time", "wall_time", "cpu_time", "estimation_time"),
 )
 _LISTS = ("iteration_x", "iteration_y")
 COLUMNS = arrow.schema(

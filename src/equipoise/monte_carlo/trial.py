@@ -78,6 +78,7 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
         timestep = study.timestep
         if timestep is None:
             timestep = study.coarser(method) * stable_timestep(drawn.robot, drawn.stance, drawn.sizes.armature)
+        row["timestep"] = timestep
         with simulate(drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep) as simulation:
             row |= _truth(simulation)
             if drawn.scale_reading is not None:
@@ -87,7 +88,7 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
     except Exception as error:  # a study of thousands of robots counts what goes wrong, our own mistakes included
         row = _failed(row, error, _kept(logs, drawn, settings, recordings, row, simulation))
     if simulation is not None:
-        row["engine_steps"] = simulation.platform.engine_steps
+        row["simulated_time"] = simulation.platform.read().time
     return row | {
         "robot_time": sum(recording.duration for recording in recordings),
         "wall_time": time.perf_counter() - started,

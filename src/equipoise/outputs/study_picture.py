@@ -56,7 +56,7 @@ def _draw_distribution(axes: Axes, rows: Sequence[Row], summaries: Sequence[Meth
     )
     if axes.lines[:-1]:  # the last is the 5 mm
         axes.legend(loc="lower right", fontsize=SMALL, frameon=False, bbox_to_anchor=(1, 0.1))
-    _tidy(axes)
+    tidy(axes)
 
 
 def _draw_coverage(axes: Axes, summary: MethodSummary) -> None:
@@ -73,7 +73,7 @@ def _draw_coverage(axes: Axes, summary: MethodSummary) -> None:
     axes.set(ylim=(0, 104), ylabel="truth inside [%]")
     axes.set_title(f"{summary.method}: does an interval hold the truth as often as it says?", fontsize=TEXT, loc="left")
     axes.legend(loc="lower right", fontsize=SMALL, frameon=False)
-    _tidy(axes)
+    tidy(axes)
 
 
 def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Figure:
@@ -103,7 +103,7 @@ def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Fi
         axes.set_title(f"{source_label(slope.source)}\n{steepness:.2g} ± {deviation:.1g} mm per {unit}", fontsize=SMALL)
         axes.set_xlabel(unit, fontsize=SMALL)
         axes.set(xlim=(0, None), ylim=(0, float(np.quantile(errors, 0.995))))
-        _tidy(axes)
+        tidy(axes)
     for axes in grid.flat[len(of_method) :]:
         axes.set_visible(False)
     for axes in grid[:, 0]:
@@ -116,7 +116,8 @@ def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Fi
     return figure
 
 
-def _tidy(axes: Axes) -> None:
+def tidy(axes: Axes) -> None:
+    """Light grid, no frame on the right and on top."""
     axes.tick_params(labelsize=SMALL)
     axes.grid(color=LIGHT_GREY, lw=0.5)
     for side in ("top", "right"):

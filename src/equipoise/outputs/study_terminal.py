@@ -26,7 +26,7 @@ class StudyLine:
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=True)
         self._quiet = quiet
-        self._told = time.monotonic()
+        self._told, self._what = time.monotonic(), ""
         self._live = Progress(
             TextColumn("trials"),
             BarColumn(bar_width=30),
@@ -48,6 +48,16 @@ class StudyLine:
         if due and not self._quiet and not self._console.is_terminal:
             self._told = time.monotonic()
             print(f"[{progress.done}/{progress.total}] {text}", file=sys.stderr, flush=True)
+
+    def doing(self, what: str, progress: StudyProgress | None) -> None:
+        """Show how far one of several studies is."""
+        if what != self._what:
+            self._what = what
+            self._live.reset(self._task, total=None, description="starting")
+            if not self._quiet:
+                self._console.print(what, highlight=False)
+        if progress is not None:
+            self.update(progress)
 
     def __enter__(self) -> StudyLine:
         self._live.start()

@@ -43,6 +43,7 @@ class MujocoPlatform:
         stance: the nominal stance, in which (or lying under which) the robot starts.
         start: "standing" or "lying".
         control_period: [s]; a multiple of the engine's time step.
+        data: the engine's state, for those who also watch the simulation from outside; default: one of its own.
     """
 
     def __init__(
@@ -52,11 +53,12 @@ class MujocoPlatform:
         stance: Stance,
         start: Literal["standing", "lying"] = "standing",
         control_period: float = 2e-3,
+        data: mujoco.MjData | None = None,
     ) -> None:
         self._robot = robot
         self._simulated = simulated
         self._model = simulated.model
-        self._data = mujoco.MjData(self._model)
+        self._data = mujoco.MjData(self._model) if data is None else data
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._rollout = rollout.Rollout(nthread=0)
         self._substeps = _whole_steps(control_period, self._model.opt.timestep)
@@ -69,7 +71,7 @@ class MujocoPlatform:
         self._accelerometer = slice(address, address + 3)
         self._raw_past = np.zeros((0, self._raw_width))
         self._late_control = np.zeros((0, self._model.nu))
-        self._periods = self._engine_steps = 0
+        self._periods = 0
         self._settle(stance, start)
 
     @property
@@ -80,28 +82,22 @@ class MujocoPlatform:
     def joint_names(self) -> tuple[str, ...]:
         return self._robot.joint_names
 
-    @property
-    def engine_steps(self) -> int:
-        """Steps that the engine has done so far, those of settling included."""
-        return self._engine_steps
-
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._raw_now()[None]])
-        sample = self._sensed(raw, first=len(raw) - 1, count=1)
+        sample = self._sensed(raw, len(raw) - 1, 1, self._periods)
         joints = len(self.joint_names)
-        position, velocity, torque, gyro, acceleration = np.split(sample[0], [joints, 2 * joints, 3 * joints, -3])
-        return RobotState(self._time(self._periods), position, velocity, torque, gyro, acceleration)
+        position, velocity, torque = sample[0, : 3 * joints].reshape(3, joints)
+        return RobotState(self._time(self._periods), position, velocity, torque, sample[0, -6:-3], sample[0, -3:])
 
     def step(self, command: JointCommand) -> RobotState:
         velocity, torque = command.velocity, command.torque
         self._set_gains(command.kp, command.kd)
-        self._play(
-            Trajectory(
-                command.position[None],
-                None if velocity is None else velocity[None],
-                None if torque is None else torque[None],
-            )
+        trajectory = Trajectory(
+            command.position[None],
+            None if velocity is None else velocity[None],
+            None if torque is None else torque[None],
         )
+        self._advance(self._control(trajectory))
         return self.read()
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
@@ -109,8 +105,6 @@ class MujocoPlatform:
         return self._play(trajectory, stop)
 
     def _play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        if self._closed:
-            raise MotionError("the simulated robot is closed; simulate it again to move it")
         control = self._control(trajectory)
         samples: list[FloatArray] = []
         first = self._periods
@@ -193,6 +187,8 @@ class MujocoPlatform:
 
     def _control(self, trajectory: Trajectory) -> FloatArray:
         """(n substeps, nu) position targets; feed-forward folds into the target of a PD loop."""
+        if self._closed:
+            raise MotionError("the simulated robot is closed; simulate it again to move it")
         joints = len(self.joint_names)
         if trajectory.position.shape[1] != joints:
             raise SettingsError(
@@ -207,6 +203,11 @@ class MujocoPlatform:
 
     def _roll(self, control: FloatArray) -> FloatArray:
         """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start."""
+        first, past = self._periods, len(self._raw_past)
+        return self._sensed(self._advance(control), past, len(control) // self._substeps, first)
+
+    def _advance(self, control: FloatArray) -> FloatArray:
+        """Roll the engine forward; returns raw sensor values at every engine step, the kept past first."""
         delayed = np.concatenate([self._late_control, control])
         control = delayed[: len(control)]
         data, model, simulated = self._data, self._model, self._simulated
@@ -218,7 +219,7 @@ class MujocoPlatform:
         )
         states, sensors = states[0], sensors[0]
         # The engine restarts at time zero when it diverges.
-        if not (np.diff(states[:, 0], prepend=initial[0]) > 0).all():
+        if not (states[0, 0] > initial[0] and (states[1:, 0] > states[:-1, 0]).all()):
             raise FallError(
                 f"the simulation of {self._robot.name!r} became unstable at t = {initial[0]:.2f} s; "
                 "are its inertias and gains plausible?"
@@ -239,14 +240,11 @@ class MujocoPlatform:
             ],
             axis=1,
         )
-        past = len(self._raw_past)
         history = np.concatenate([self._raw_past, raw])
-        samples = self._sensed(history, past, len(control) // self._substeps)
         self._late_control = delayed[len(control) :]
         self._raw_past = history[len(history) - min(len(history), self._past_steps) :]
         self._periods += len(control) // self._substeps
-        self._engine_steps += len(control)
-        return samples
+        return history
 
     def _raw_now(self) -> FloatArray:
         """The raw sensor values of the present state, as `_roll` will find them when the robot moves on.
@@ -271,8 +269,14 @@ class MujocoPlatform:
             ]
         )
 
-    def _sensed(self, raw: FloatArray, first: int, count: int) -> FloatArray:
-        """Delay, clock offset, bias and noise: raw values at every engine step to samples at every control period."""
+    def _sensed(self, raw: FloatArray, first: int, count: int, period: int) -> FloatArray:
+        """Delay, clock offset, bias and noise: raw values at every engine step to samples at every control period.
+
+        Args:
+            first: row of the first sample's moment.
+            count: of samples.
+            period: number of the first sample's control period, which its noise is keyed by.
+        """
         errors = self._simulated.errors
         step = self._model.opt.timestep
         joints = 3 * len(self.joint_names)
@@ -285,7 +289,7 @@ class MujocoPlatform:
         samples[:, : len(self.joint_names)] += errors.joint_zero
         samples[:, -6:-3] += errors.gyro_bias
         samples[:, -3:] += errors.accelerometer_bias
-        return samples + errors.noise(self._periods, count)
+        return samples + errors.noise(period, count)
 
     def _recording(self, trajectory: Trajectory, samples: list[FloatArray], first: int) -> Recording:
         stacked = np.concatenate(samples)
@@ -328,10 +332,10 @@ def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
     """Rows at ticks + offset engine steps, linear in between, the ends held."""
-    whole = int(np.floor(offset))
+    whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
     fraction = offset - whole
     last = len(raw) - 1
     before = raw[np.clip(ticks + whole, 0, last)]
-    if fraction == 0:
+    if fraction < 1e-6:
         return before
     return (1 - fraction) * before + fraction * raw[np.clip(ticks + whole + 1, 0, last)]

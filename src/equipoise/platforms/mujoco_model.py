@@ -58,7 +58,7 @@ class SimulatedRobot:
 
 
 def build_simulated_robot(
-    robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None = None, timestep: float = 1e-3
+    robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None, timestep: float
 ) -> SimulatedRobot:
     """Build the MuJoCo model of a robot, from the file that the robot model came from.
 

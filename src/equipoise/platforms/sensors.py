@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import SettingsError
+from equipoise.robot.model import A1_TORQUE_SCALE
 
 FloatArray = NDArray[np.float64]
 Noise = Literal["ideal", "realistic"]
 
-# m g h of the Unitree A1 [Nm], which the torque-like values of `realistic` belong to.
-A1_TORQUE_SCALE = 38.0
 _NOISE_BLOCK = 1024
 
 

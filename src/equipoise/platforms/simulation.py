@@ -20,7 +20,7 @@ try:
 
     from equipoise.platforms.mujoco import MujocoPlatform
     from equipoise.platforms.mujoco_model import build_simulated_robot
-    from equipoise.platforms.truth import simulated_truth
+    from equipoise.platforms.truth import Witness, simulated_truth
 except ModuleNotFoundError as error:
     raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
 
@@ -36,11 +36,15 @@ class Simulation:
         platform: what experiments may use.
         truth: what they may not: join it to a result afterwards.
         engine: MuJoCo's version.
+        errors: what was drawn for its sensors and actuators; for studies, not for experiments.
+        witness: sees what the robot really does; for judging, not for control.
     """
 
     platform: MujocoPlatform
     truth: RobotInertia
     engine: str
+    errors: DrawnErrors
+    witness: Witness
 
     def __enter__(self) -> Simulation:
         return self
@@ -79,7 +83,9 @@ def simulate(
         timestep = stable_timestep(robot, stance, sizes.armature)
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
     truth = simulated_truth(robot, simulated, stance.joint_position)
-    return Simulation(MujocoPlatform(robot, simulated, stance, start), truth, mujoco.__version__)
+    data = mujoco.MjData(simulated.model)
+    platform = MujocoPlatform(robot, simulated, stance, start, data=data)
+    return Simulation(platform, truth, mujoco.__version__, errors, Witness(robot, simulated, data))
 
 
 def stable_timestep(robot: RobotModel, stance: Stance, armature: float = 0.0) -> float:

@@ -1,4 +1,4 @@
-"""What the simulated robot really weighs: computed from the engine's model, by no code that an estimator uses."""
+"""What the simulated robot really weighs and does: computed from the engine's model, by no code that an estimator uses."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.platforms.glimpse import Glimpse
 from equipoise.platforms.mujoco_model import SimulatedRobot
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
@@ -46,3 +47,36 @@ def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) 
     arms = positions - com
     inertia += np.einsum("b,bk,bk->", masses, arms, arms) * np.eye(3) - np.einsum("b,bi,bj->ij", masses, arms, arms)
     return InertialParameters(float(masses.sum()), com, inertia)
+
+
+class Witness:
+    """Sees what the simulated robot really does, beside the platform: for judging, never for control.
+
+    Args:
+        present: the engine's state that the platform moves.
+    """
+
+    def __init__(self, robot: RobotModel, simulated: SimulatedRobot, present: mujoco.MjData) -> None:
+        self._present = present
+        self._model = simulated.model
+        self._data = mujoco.MjData(self._model)
+        self._feet = [self._model.geom(f"equipoise_{leg}_foot").id for leg in robot.legs]
+        self._base = simulated.base_body
+        self._up = -np.array(simulated.errors.gravity_direction)
+
+    def look(self) -> Glimpse:
+        """The present moment."""
+        model, data = self._model, self._data
+        data.qpos[:] = self._present.qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        feet = np.array(data.geom_xpos[self._feet])
+        cosine = float(data.xmat[self._base].reshape(3, 3)[:, 2] @ self._up)
+        return Glimpse(
+            float(self._present.time),
+            feet,
+            feet[:, 2] - model.geom_size[self._feet, 0],
+            np.array(data.subtree_com[0]),
+            self._up,
+            float(np.arccos(np.clip(cosine, -1, 1))),
+        )

@@ -20,24 +20,29 @@ _MAX_JOINT_STEP = 0.3  # [rad], keeps Newton steps where the linearisation holds
 
 def foot_positions(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     """(4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
-    data = robot.pinocchio_data
-    pin.framesForwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
-    return np.array([data.oMf[leg.foot_frame_id].translation for leg in robot.legs.values()])
+    model, data = robot.pinocchio, robot.pinocchio_data
+    pin.forwardKinematics(model, data, robot.configuration(joint_position))
+    return np.array([pin.updateFramePlacement(model, data, frame).translation for frame in robot.foot_frames])
 
 
 def foot_jacobians(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     """(4, 3, n) derivative of each foot's position by its own leg's n joints, hip first, in base axes [m/rad]."""
-    data = robot.pinocchio_data
-    pin.computeJointJacobians(robot.pinocchio, data, robot.configuration(joint_position))
-    pin.updateFramePlacements(robot.pinocchio, data)
-    return np.array(
-        [
-            pin.getFrameJacobian(robot.pinocchio, data, leg.foot_frame_id, pin.LOCAL_WORLD_ALIGNED)[
-                :3, [6 + joint for joint in leg.joints]
-            ]
-            for leg in robot.legs.values()
-        ]
-    )
+    return feet_and_jacobians(robot, joint_position)[1]
+
+
+def feet_and_jacobians(robot: RobotModel, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`foot_positions` and `foot_jacobians` at the cost of one."""
+    model, data = robot.pinocchio, robot.pinocchio_data
+    columns = pin.computeJointJacobians(model, data, robot.configuration(joint_position))
+    feet = np.array([pin.updateFramePlacement(model, data, frame).translation for frame in robot.foot_frames])
+    # A column holds how a joint moves the point of its body that is at the origin, and how it turns: (6, 4, n).
+    moved = columns[:, 6 + robot.leg_joints]
+    turn_x, turn_y, turn_z = moved[3], moved[4], moved[5]
+    x, y, z = feet.T[:, :, None]
+    moved[0] += turn_y * z - turn_z * y
+    moved[1] += turn_z * x - turn_x * z
+    moved[2] += turn_x * y - turn_y * x
+    return feet, moved[:3].transpose(1, 0, 2)
 
 
 def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> FloatArray:
@@ -49,12 +54,15 @@ def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, join
         joint_position: (nj,) [rad].
         joint_torque: (nj,) [Nm].
     """
-    joints = np.array([leg.joints for leg in robot.legs.values()])
-    transposed = foot_jacobians(robot, joint_position).transpose(0, 2, 1)
-    torques = joint_torque[joints][:, :, None]
-    if joints.shape[1] == 3:
-        return np.asarray(-np.linalg.solve(transposed, torques)[:, :, 0], dtype=float)
-    return np.asarray(-(np.linalg.pinv(transposed) @ torques)[:, :, 0], dtype=float)
+    return massless_leg_forces(foot_jacobians(robot, joint_position), joint_torque[robot.leg_joints])
+
+
+def massless_leg_forces(jacobians: FloatArray, leg_torques: FloatArray) -> FloatArray:
+    """(..., 4, 3) forces as of `foot_forces_from_torques`, of (..., 4, 3, n) Jacobians and (..., 4, n) torques."""
+    transposed, torques = np.swapaxes(jacobians, -1, -2), leg_torques[..., None]
+    square = jacobians.shape[-1] == 3
+    solved = np.linalg.solve(transposed, torques) if square else np.linalg.pinv(transposed) @ torques
+    return np.asarray(-solved[..., 0], dtype=float)
 
 
 def inverse_kinematics(
@@ -98,12 +106,12 @@ def inverse_kinematics(
 def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, start: FloatArray) -> FloatArray:
     """As `inverse_kinematics`, but returns the nearest posture it finds, however far that is."""
     position = np.clip(start, robot.lower_limit, robot.upper_limit)
-    joints = np.array([leg.joints for leg in robot.legs.values()])
+    joints = robot.leg_joints
     damping = (1e-4 * robot.leg_length) ** 2
     identity = np.eye(joints.shape[1])
     for _ in range(_MAX_ITERATIONS):
-        jacobians = foot_jacobians(robot, position)
-        errors = feet_in_base - _feet_of_last_call(robot)
+        feet, jacobians = feet_and_jacobians(robot, position)
+        errors = feet_in_base - feet
         transposed = jacobians.transpose(0, 2, 1)
         normal = transposed @ jacobians + damping * identity
         steps = np.linalg.solve(normal, transposed @ errors[:, :, None])[:, :, 0]
@@ -115,12 +123,6 @@ def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, 
         if moved < _CONVERGED:
             break
     return position
-
-
-def _feet_of_last_call(robot: RobotModel) -> FloatArray:
-    """Foot positions at the configuration that Pinocchio's data holds already."""
-    data = robot.pinocchio_data
-    return np.array([data.oMf[leg.foot_frame_id].translation for leg in robot.legs.values()])
 
 
 def feet_under_base(feet_in_base: FloatArray, translation: FloatArray, rotation: FloatArray) -> FloatArray:

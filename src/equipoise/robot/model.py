@@ -31,10 +31,10 @@ FloatArray = NDArray[np.float64]
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
 """The two diagonals; each support line runs from the right foot to the left one."""
 
+A1_TORQUE_SCALE = 38.0  # m g h of an A1 [Nm]; gains, friction and armature scale from there
+
 # A model without foot spheres gets feet of this fraction of the leg length: Solo's 16 mm feet on 0.32 m legs.
 _DEFAULT_FOOT_RADIUS_RATIO = 0.05
-# Gains scale with m g h, from those an A1 (38 Nm) is usually run with.
-_GAIN_REFERENCE = 38.0
 _GRAVITY = 9.81
 
 
@@ -144,13 +144,23 @@ class RobotModel:
         """Thigh plus shank of the mean leg, measured across the hip pitch axis [m]."""
         return float(np.mean([self._leg_length(leg) for leg in self.legs.values()]))
 
+    @cached_property
+    def leg_joints(self) -> NDArray[np.intp]:
+        """(4, n) indices of the joints of the legs FL FR RL RR in the joint vectors, from the hip down."""
+        return np.array([leg.joints for leg in self.legs.values()])
+
+    @cached_property
+    def foot_frames(self) -> tuple[int, ...]:
+        """Pinocchio's ids of the frames at the feet FL FR RL RR."""
+        return tuple(leg.foot_frame_id for leg in self.legs.values())
+
     def configuration(self, joint_position: FloatArray) -> FloatArray:
         """(7 + nj,) Pinocchio configuration with the base frame at the world's origin."""
         return np.concatenate([_BASE_AT_ORIGIN, joint_position])
 
     def gains(self, hip_height: float) -> tuple[float, float]:
         """Joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or scaled with m g h from an A1's."""
-        scale = self.mass * _GRAVITY * hip_height / _GAIN_REFERENCE
+        scale = self.mass * _GRAVITY * hip_height / A1_TORQUE_SCALE
         kp, kd = self.description.kp, self.description.kd
         return (100.0 * scale if kp is None else kp), (3.0 * scale if kd is None else kd)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -15,6 +16,7 @@ from equipoise.robot.tree import joint_axis
 
 FloatArray = NDArray[np.float64]
 
+A1_HIP_HEIGHT = 0.312  # [m]; sizes and times throughout were tried on an A1 and scale from there
 # Hip heights tried, as fractions of the leg length, the usual one first.
 _HEIGHT_RATIOS = (0.75, 0.72, 0.78, 0.70, 0.80, 0.65, 0.85)
 _GRID = 13  # seeds per joint of the search for a first posture
@@ -41,7 +43,18 @@ class Stance:
         self.joint_position.setflags(write=False)
         self.feet_in_base.setflags(write=False)
 
+    @property
+    def size(self) -> float:
+        """Hip height over an A1's: lengths scale with it."""
+        return self.hip_height / A1_HIP_HEIGHT
 
+    @property
+    def clock(self) -> float:
+        """The square root of the size: times scale with it, as those of a pendulum do."""
+        return float(np.sqrt(self.size))
+
+
+@lru_cache(maxsize=16)  # of a robot that is asked for again and again, by everything that is told where it stands
 def nominal_stance(robot: RobotModel) -> Stance:
     """The stance that results refer to: the described one, or feet under the hip pitch joints.
 

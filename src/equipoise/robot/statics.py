@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.robot.kinematics import foot_forces_from_torques, foot_jacobians, foot_positions
+from equipoise.robot.kinematics import feet_and_jacobians, foot_forces_from_torques, foot_positions
 from equipoise.robot.model import RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +24,10 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
         joint_position: (nj,) [rad].
         legs: that stand, of FL FR RL RR.
     """
-    feet = foot_positions(robot, joint_position)
+    return _forces_on(robot, joint_position, foot_positions(robot, joint_position), legs)
+
+
+def _forces_on(robot: RobotModel, joint_position: FloatArray, feet: FloatArray, legs: Collection[str]) -> FloatArray:
     com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joint_position)))
     standing = [index for index, leg in enumerate(robot.legs) if leg in legs]
     balance = np.zeros((6, 3 * len(standing)))
@@ -40,11 +43,11 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
 
 def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
     """(nj,) joint torques that hold a level robot at rest on some of its legs [Nm]."""
-    forces = foot_forces(robot, joint_position, legs)
+    feet, jacobians = feet_and_jacobians(robot, joint_position)
+    forces = _forces_on(robot, joint_position, feet, legs)
     configuration = robot.configuration(joint_position)
     torques = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration)[6:])
-    joints = np.array([leg.joints for leg in robot.legs.values()])
-    torques[joints] -= np.einsum("lcj,lc->lj", foot_jacobians(robot, joint_position), forces)
+    torques[robot.leg_joints] -= (forces[:, None] @ jacobians)[:, 0]
     return torques
 
 

@@ -1,0 +1,1 @@
+"""Standing on two diagonal feet by feedback: what a right centre of mass is good for."""

@@ -1,0 +1,164 @@
+"""Did it balance? By what a bystander saw, where there was one, else by what the robot felt of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.balance.posture import stance_legs
+from equipoise.balance.run import ENDINGS, BalanceRun
+from equipoise.platforms.glimpse import Glimpse
+from equipoise.robot.description import LEG_NAMES
+
+FloatArray = NDArray[np.float64]
+
+LIFT_GRACE = 0.2  # [s] from the lift's start, before which nothing is judged
+_SETTLING = 2.0  # [s] after the lift, before which sway is not counted
+# What balancing means. A foot's centre also travels as its sphere rolls: 8 mm for 0.4 rad of an A1's shank.
+_CLEAR = 0.5e-3  # [m] that lifted feet must be above the floor, as a bystander sees it
+_FELT_CLEAR = 0.1  # of the lift's height: the same, as joint encoders and IMU feel it
+_PLANTED = 10e-3  # [m] that a standing foot may leave the floor
+_TRAVEL = 20e-3  # [m] that the centre of a standing foot may move
+_TILT = 0.6  # [rad]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a trial went.
+
+    Attributes:
+        balanced: whether it stood on two feet for all of the time that was asked for.
+        time_balanced: how long it did [s].
+        failure: what ended it, in words; None if nothing did.
+        judged_by: "truth" or "senses".
+        sway: rms of the centre of mass about its mean, across the support line [m]; None if it fell too soon.
+        off_line: mean of the distance of the centre of mass in front of the line [m]; likewise.
+        tilt: of the base, mean of the last second [rad].
+        largest_tilt: of the base [rad].
+        largest_torque: of any joint, as reported [Nm]; None where torques are not.
+        rms_torque: over all joints [Nm]; likewise.
+        foot_travel: farthest that the centre of a standing foot moved [m]; None without a bystander.
+        observed_error: how far the believed centre of mass was in front of the true one, as observed [m]; None if it was not.
+    """
+
+    balanced: bool
+    time_balanced: float
+    failure: str | None
+    judged_by: str
+    sway: float | None
+    off_line: float | None
+    tilt: float
+    largest_tilt: float
+    largest_torque: float | None
+    rms_torque: float | None
+    foot_travel: float | None
+    observed_error: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What is judged: from the lift on, by whichever eyes.
+
+    Attributes:
+        time: (n,) from the lift's start [s].
+        clearance: (n,) of the lower lifted foot [m].
+        com_ahead: (n,) of the centre of mass in front of the line [m].
+        tilt: (n,) [rad].
+        planted: (n,) how far the higher standing foot is off the floor [m], or None.
+        travel: (n,) how far standing feet's centres have moved [m], or None.
+    """
+
+    time: FloatArray
+    clearance: FloatArray
+    com_ahead: FloatArray
+    tilt: FloatArray
+    planted: FloatArray | None = None
+    travel: FloatArray | None = None
+
+
+def felt_course(run: BalanceRun) -> Course:
+    """As the robot felt it."""
+    felt = run.felt
+    return Course(felt.time, felt.clearance, felt.com_ahead, felt.tilt)
+
+
+def seen_course(run: BalanceRun, glimpses: Sequence[Glimpse]) -> Course:
+    """As a bystander saw it."""
+    end = run.lift_off + float(run.felt.time[-1])
+    seen = [glimpse for glimpse in glimpses if run.lift_off - 1e-9 <= glimpse.time <= end + 1e-9]
+    right, left = (LEG_NAMES.index(leg) for leg in stance_legs(run.diagonal))
+    lifted = [row for row in range(4) if row not in (right, left)]
+    clearance = np.array([glimpse.clearance for glimpse in seen])
+    feet = np.array([glimpse.feet for glimpse in seen])[:, [right, left], :2]
+    return Course(
+        np.array([glimpse.time - run.lift_off for glimpse in seen]),
+        clearance[:, lifted].min(axis=1),
+        np.array([_ahead(glimpse, right, left) for glimpse in seen]),
+        np.array([glimpse.tilt for glimpse in seen]),
+        clearance[:, [right, left]].max(axis=1),
+        np.linalg.norm(feet - feet[0], axis=2).max(axis=1),
+    )
+
+
+def judge(run: BalanceRun, glimpses: Sequence[Glimpse] = ()) -> Verdict:
+    """Judge a trial; with glimpses, which begin before the lift, by them."""
+    course = seen_course(run, glimpses) if glimpses else felt_course(run)
+    failures = {
+        "a lifted foot touched the floor": course.clearance < (_CLEAR if glimpses else _FELT_CLEAR * run.swing_height),
+        "the base tilted over": course.tilt > _TILT,
+    }
+    if course.planted is not None and course.travel is not None:
+        failures["a standing foot left the floor"] = course.planted > _PLANTED
+        failures["a standing foot slipped away"] = course.travel > _TRAVEL
+    counted = course.time >= LIFT_GRACE
+    first, failure = float(course.time[-1]), None if run.ending == "balanced" else ENDINGS[run.ending]
+    for sentence, failed in failures.items():
+        if (failed & counted).any():
+            moment = float(course.time[np.argmax(failed & counted)])
+            if moment < first or failure is None:
+                first, failure = moment, sentence
+    stood = run.duration if failure is None else min(first, run.duration)
+    return Verdict(
+        failure is None, stood, failure, "truth" if glimpses else "senses", *_sway(course, first), *_tilts(course, first),
+        *_torques(run), None if course.travel is None else float(course.travel[course.time <= first].max()),
+        _observed_error(run),
+    )  # fmt: skip
+
+
+def _sway(course: Course, end: float) -> tuple[float | None, float | None]:
+    settled = course.com_ahead[(course.time > _SETTLING) & (course.time <= end)]
+    return (float(settled.std()), float(settled.mean())) if settled.size else (None, None)
+
+
+def _tilts(course: Course, end: float) -> tuple[float, float]:
+    until = course.time <= end
+    return float(course.tilt[until & (course.time >= end - 1)].mean()), float(course.tilt[until].max())
+
+
+def _torques(run: BalanceRun) -> tuple[float | None, float | None]:
+    joints = run.recording.between(run.lift_off, run.lift_off + float(run.felt.time[-1])).joints
+    if joints.torque is None:
+        return None, None
+    return float(np.abs(joints.torque).max()), float(np.sqrt(np.mean(joints.torque**2)))
+
+
+def _observed_error(run: BalanceRun) -> float | None:
+    """Mean over the later half: less noise than the last value, and the observer has settled."""
+    if not run.observing:
+        return None
+    return -float(run.felt.offset[run.felt.time >= run.felt.time[-1] / 2].mean())
+
+
+def _ahead(glimpse: Glimpse, right: int, left: int) -> float:
+    """Of the true centre of mass in front of the plane through the feet that holds gravity [m]."""
+    along = glimpse.feet[left] - glimpse.feet[right]
+    forward = np.cross(along, glimpse.up)
+    return float(forward @ (glimpse.com - glimpse.feet[right]) / np.linalg.norm(forward))

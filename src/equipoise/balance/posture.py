@@ -1,0 +1,122 @@
+"""Postures in which a robot's centre of mass is over its support line, and the torques that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.errors import ReachError
+from equipoise.robot.description import LEG_NAMES
+from equipoise.robot.kinematics import foot_positions, inverse_kinematics
+from equipoise.robot.model import DIAGONALS, RobotModel
+
+FloatArray = NDArray[np.float64]
+
+_UP = np.array([0.0, 0.0, 1.0])
+_ITERATIONS = 20
+_OVER_LINE = 1e-9  # [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """A level robot at rest whose centre of mass is over its support line. The base frame is at the origin.
+
+    Attributes:
+        joint_position: (nj,) [rad].
+        torque: (nj,) that hold it on the two feet [Nm].
+        foot_force: (6,) of the ground on the right foot and on the left one, least along the line between them [N].
+        com: (3,) [m].
+        middle: (3,) of the line between the two contact points [m].
+        left: (3,) unit vector along the support line, to the robot's left.
+        forward: (3,) its horizontal normal, left x up: a robot that turns about +left tips this way.
+    """
+
+    joint_position: FloatArray
+    torque: FloatArray
+    foot_force: FloatArray
+    com: FloatArray
+    middle: FloatArray
+    left: FloatArray
+    forward: FloatArray
+
+
+def stance_legs(diagonal: str) -> tuple[str, str]:
+    """The right foot and the left one of a diagonal: `DIAGONALS` names the front foot first."""
+    front, rear = DIAGONALS[diagonal]
+    return (rear, front) if front == "FL" else (front, rear)
+
+
+def line_through(right: FloatArray, left: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit vector along a support line to the left, and its horizontal normal, which points forward."""
+    along = (left - right) / np.linalg.norm(left - right)
+    x, y, _ = along
+    return along, np.array([y, -x, 0.0]) / np.hypot(x, y)
+
+
+def contact_jacobian(robot: RobotModel, configuration: FloatArray, legs: Sequence[str]) -> FloatArray:
+    """(3 feet, nv) velocity of the material points that touch a level floor, in world axes, by the robot's velocity.
+
+    Feet are spheres: v_contact = v + w x (-r e_z), so J = J_linear + [r e_z]x J_angular. A foot that rolls without
+    slipping has J v = 0.
+    """
+    model, data = robot.pinocchio, robot.pinocchio_data
+    pin.computeJointJacobians(model, data, configuration)
+    pin.updateFramePlacements(model, data)
+    rows: list[FloatArray] = []
+    for leg in legs:
+        jacobian = pin.getFrameJacobian(model, data, robot.legs[leg].foot_frame_id, pin.LOCAL_WORLD_ALIGNED)
+        rows.append(jacobian[:3] + pin.skew(robot.legs[leg].foot_radius * _UP) @ jacobian[3:])
+    return np.concatenate(rows)
+
+
+def posture_over_line(
+    robot: RobotModel, feet: FloatArray, diagonal: str, swing_height: float, guess: FloatArray
+) -> Posture:
+    """The level posture over given footholds in which the centre of mass is over the middle of the support line.
+
+    Args:
+        robot: as it is believed to be.
+        feet: (4, 3) centres of the planted feet, in axes of which the third is vertical; where their origin is does not
+            matter [m].
+        swing_height: how far the other two feet are above their footholds [m].
+        guess: (nj,) joint positions to start from.
+
+    Raises:
+        ReachError: the posture is out of the legs' reach.
+    """
+    right, left = stance_legs(diagonal)
+    index = {leg: row for row, leg in enumerate(LEG_NAMES)}
+    raised = np.array(feet)
+    raised[[leg not in (right, left) for leg in LEG_NAMES], 2] += swing_height
+    along, forward = line_through(raised[index[right]], raised[index[left]])
+    joints, miss = guess, np.zeros(3)
+    for _ in range(_ITERATIONS):
+        joints = inverse_kinematics(robot, raised, joints)
+        com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joints)))
+        middle = (raised[index[right]] + raised[index[left]]) / 2
+        miss = (com - middle) * [1.0, 1.0, 0.0]
+        if np.linalg.norm(miss) < _OVER_LINE:
+            break
+        raised = raised + miss
+    else:
+        raise ReachError(
+            f"no posture brings the centre of mass of {robot.name!r} over the line {diagonal}: it stays "
+            f"{1000 * float(np.linalg.norm(miss)):.1f} mm off; is the model's centre of mass plausible?"
+        )
+    middle = foot_positions(robot, joints)[[index[right], index[left]]].mean(axis=0)
+    middle = middle - np.mean([robot.legs[leg].foot_radius for leg in (right, left)]) * _UP
+    torque, force = _holding(robot, joints, (right, left))
+    return Posture(joints, torque, force, com, middle, along, forward)
+
+
+def _holding(robot: RobotModel, joints: FloatArray, legs: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Joint torques and foot forces at rest: J_base^T f = g_base, tau = g_joints - J_joints^T f."""
+    configuration = robot.configuration(joints)
+    gravity = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration))
+    jacobian = contact_jacobian(robot, configuration, legs)
+    force, *_ = np.linalg.lstsq(jacobian[:, :6].T, gravity[:6], rcond=1e-9)
+    return gravity[6:] - jacobian[:, 6:].T @ force, np.asarray(force, dtype=float)

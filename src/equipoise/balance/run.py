@@ -1,0 +1,132 @@
+"""What a balance trial leaves behind: its recording, and what the robot felt of itself while two feet were up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.platforms.platform import RobotState
+from equipoise.recordings.recording import PHASE, CommandStream, Event, ImuStream, JointStream, Recording
+
+FloatArray = NDArray[np.float64]
+
+Ending = Literal["balanced", "tilted", "touched"]
+ENDINGS: dict[Ending, str] = {
+    "balanced": "the time was over",
+    "tilted": "the base tilted beyond the limit",
+    "touched": "a lifted foot came down",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What the robot felt of itself, by joint encoders, IMU and the believed model, once a control period.
+
+    Attributes:
+        time: (n,) from the moment at which two feet began to lift [s].
+        up_in_base: (n, 3) unit vector against gravity.
+        com_ahead: (n,) how far the believed centre of mass was in front of the support line [m].
+        clearance: (n,) of the lower one of the lifted feet, over where it stood [m].
+        offset: (n,) how far the true centre of mass was in front of the believed one, as observed; zero if it was not [m].
+    """
+
+    time: FloatArray
+    up_in_base: FloatArray
+    com_ahead: FloatArray
+    clearance: FloatArray
+    offset: FloatArray
+
+    @property
+    def tilt(self) -> FloatArray:
+        """(n,) of the base's z axis from up [rad]."""
+        return np.arccos(np.clip(self.up_in_base[:, 2], -1, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceRun:
+    """One trial on one diagonal.
+
+    Attributes:
+        robot: its name.
+        diagonal: that it stood on.
+        duration: how long it was to balance, once its feet were up [s].
+        swing_height: of the lifted feet, as commanded [m].
+        observing: whether the offset of the centre of mass was observed.
+        lift_off: when two feet began to lift [s].
+        ending: why the law was switched off.
+        recording: all of it, with phases rest, move, unload, lift, balance, lower.
+        felt: from the lift to the end.
+        unstable_pole: at which the believed robot with locked joints tips over [1/s].
+    """
+
+    robot: str
+    diagonal: str
+    duration: float
+    swing_height: float
+    observing: bool
+    lift_off: float
+    ending: Ending
+    recording: Recording
+    felt: Felt
+    unstable_pole: float
+
+
+class Samples:
+    """Collects what is sensed, sent and felt while a trial runs."""
+
+    def __init__(self) -> None:
+        self._samples: list[tuple[RobotState, FloatArray]] = []
+        self._events: list[Event] = []
+        self._felt: list[tuple[float, FloatArray, float, float, float]] = []
+
+    def phase(self, name: str, time: float) -> None:
+        """A phase begins."""
+        self._events.append(Event(time, PHASE, {"name": name}))
+
+    def add(self, state: RobotState, target: FloatArray) -> None:
+        """A sample, and the joint targets that are sent on it; a moment that is there already stays as it is."""
+        if not self._samples or state.time > self._samples[-1][0].time:
+            self._samples.append((state, target))
+
+    def feel(self, time: float, up_in_base: FloatArray, com_ahead: float, clearance: float, offset: float) -> None:
+        """What the robot feels of itself, as in `Felt`; the time is the platform's [s]."""
+        self._felt.append((time, up_in_base, com_ahead, clearance, offset))
+
+    def felt(self, lift_off: float) -> Felt:
+        """All that was felt."""
+        time, up, ahead, clearance, offset = (np.array(column) for column in zip(*self._felt, strict=True))
+        return Felt(time - lift_off, up, ahead, clearance, offset)
+
+    def recording(self, joint_names: tuple[str, ...]) -> Recording:
+        """All that was sensed and sent, without samples that hold no numbers."""
+        good = [(state, target) for state, target in self._samples if _finite(state)]
+        states = [state for state, _ in good]
+        time = np.array([state.time for state in states])
+        velocities = [state.joint_velocity for state in states if state.joint_velocity is not None]
+        torques = [state.joint_torque for state in states if state.joint_torque is not None]
+        return Recording(
+            joint_names,
+            JointStream(
+                time,
+                np.array([state.joint_position for state in states]),
+                np.array(velocities) if len(velocities) == len(states) else None,
+                np.array(torques) if len(torques) == len(states) else None,
+            ),
+            ImuStream(
+                time,
+                np.array([state.angular_velocity for state in states]),
+                np.array([state.acceleration for state in states]),
+            ),
+            CommandStream(time, np.array([target for _, target in good])),
+            tuple(self._events),
+        )
+
+
+def _finite(state: RobotState) -> bool:
+    arrays = (
+        state.joint_position, state.joint_velocity, state.joint_torque, state.angular_velocity, state.acceleration
+    )  # fmt: skip
+    return all(array is None or bool(np.isfinite(array).all()) for array in arrays)
