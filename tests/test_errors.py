@@ -19,6 +19,7 @@ EXIT_CODES = {
     "OutputError": 6,
     "MissingDependencyError": 7,
     "NotEstimatedError": 8,
+    "WorkerError": 9,
 }
 STANDARD = {
     "SettingsError": ValueError,
@@ -33,6 +34,7 @@ STANDARD = {
     "OutputError": OSError,
     "MissingDependencyError": ImportError,
     "NotEstimatedError": ValueError,
+    "WorkerError": RuntimeError,
 }
 
 

@@ -77,7 +77,7 @@ def monte_carlo(
     """
     from equipoise.monte_carlo.runner import run_study
     from equipoise.monte_carlo.statistics import slopes, summarize
-    from equipoise.monte_carlo.study import Study, draw
+    from equipoise.monte_carlo.study import Study
     from equipoise.outputs.pictures import save_figures
     from equipoise.outputs.study_picture import draw_slopes, draw_study
     from equipoise.outputs.study_report import save_summary, summary_markdown, summary_table
@@ -87,12 +87,12 @@ def monte_carlo(
         robot, names(methods), noise, names(only), vary_noise, payload, spread, scale_error, tolerance, seconds(budget),
         timestep, seed, described(description_file, description),
     )  # fmt: skip
-    draw(study, 0)  # what is wrong with the robot is wrong with every trial
     folder = out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
     with _executor(executor, scheduler) as (pool, threads), StudyLine(quiet or json) as line:
-        rows = run_study(study, trials, folder, pool, workers or threads, line.update)
+        rows = run_study(study, trials, folder, pool, threads if workers is None else workers, line.update)
     summaries = summarize(rows)
-    costs = [slope for method in study.methods for slope in slopes(rows, method)]
+    # Sizes that vary with the robots alone vary together: nothing tells their shares apart.
+    costs = [slope for method in study.methods if vary_noise for slope in slopes(rows, method)]
     table = summary_table(study, summaries, costs)
     files = save_summary(folder, table, summary_markdown(study, summaries, costs))
     if pictures:

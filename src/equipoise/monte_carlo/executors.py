@@ -6,10 +6,12 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Generator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -25,8 +27,22 @@ def process_pool(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_begin_worker)
 
 
+@contextmanager
+def ctrl_c_held() -> Generator[None]:
+    """Ctrl-C waits until this is left, and processes started in here hold it until they have begun.
+
+    A worker takes a second to begin; Ctrl-C in that second would print a traceback for each.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker at once and without a traceback
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     parent = multiprocessing.parent_process()
     if parent is not None:
 
@@ -39,7 +55,7 @@ def _begin_worker() -> None:
 
 @contextmanager
 def dask_cluster(scheduler: str) -> Generator[tuple[Executor, int]]:
-    """The workers of a Dask cluster as an executor, and how many trials they run at once.
+    """The workers of a Dask cluster as an executor, and how many trials they run at once: one each.
 
     Trials of a worker that dies run again on another one.
 
@@ -57,14 +73,25 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, int]]:
         raise MissingDependencyError("a Dask cluster needs its client: pip install 'equipoise[dask]'") from error
     if "://" not in scheduler:
         raise SettingsError(f"{scheduler!r} is no scheduler's address; it looks like tcp://192.168.1.2:8786")
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # its errors are ours to tell: they come as tracebacks
     try:
         client = Client(scheduler, timeout=_PATIENCE)
     except (OSError, ValueError) as error:  # TimeoutError is an OSError
+        log.setLevel(level)
         raise WorkerError(f"no Dask scheduler answers at {scheduler!r}: {error}") from error
     try:
-        threads = sum(client.nthreads().values())
+        threads: list[int] = list(client.nthreads().values())
         if not threads:
             raise WorkerError(f"the scheduler at {scheduler!r} has no workers: dask worker {scheduler} --nthreads 1")
-        yield client.get_executor(pure=False), threads
+        if sum(threads) > len(threads):
+            warnings.warn(
+                f"{len(threads)} workers with {sum(threads)} threads run {len(threads)} trials at once, one in each process: "
+                f"dask worker {scheduler} --nworkers {sum(threads)} --nthreads 1",
+                stacklevel=3,
+            )
+        yield client.get_executor(pure=False), len(threads)
     finally:
         client.close()
+        log.setLevel(level)

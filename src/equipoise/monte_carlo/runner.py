@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from equipoise.errors import SettingsError, WorkerError
-from equipoise.monte_carlo.executors import process_pool
+from equipoise.monte_carlo.executors import ctrl_c_held, process_pool
 from equipoise.monte_carlo.store import FAILURES, TrialStore
 from equipoise.monte_carlo.study import Study
-from equipoise.monte_carlo.trial import SUCCEEDED, Row, run_trial
+from equipoise.monte_carlo.trial import SUCCEEDED, Row, check_study, run_trial
 
 LOST = "WorkerLost"
 """Status of a trial whose worker process died of it, twice."""
@@ -58,43 +58,74 @@ def run_study(
         trials: how many; more than in an earlier run extends it.
         folder: of the study; made if need be, and gone on with if it holds this study.
         executor: any of `concurrent.futures`; None: a process for each core. It is not shut down.
-        workers: how many trials run at once; default the number of cores.
+        workers: how many trials run at once; default the number of cores that this process may use.
         report: told after every trial.
+
+    A script that calls this without an executor does so below `if __name__ == "__main__":`, as with any process pool.
 
     Raises:
         SettingsError: the folder holds another study, or a number makes no sense.
         OutputError: the rows cannot be written.
-        WorkerError: a given executor broke. What arrived is kept; run again to go on.
+        WorkerError: workers cannot begin, or a given executor broke. What arrived is kept; run again to go on.
+        EquipoiseError: what every trial would fail with: no such robot, settings that do not fit it.
     """
     if trials < 1:
         raise SettingsError(f"{trials} trials are none; ask for one at least")
     if workers is not None and workers < 1:
         raise SettingsError(f"{workers} workers do nothing; give one at least")
+    check_study(study)
     store = TrialStore(folder, study)
     missing = deque(trial for trial in range(trials) if trial not in store.done)
     if missing:
-        crew = _Crew(executor, workers or os.cpu_count() or 1)
+        crew = _Crew(executor, workers or _cores())
         try:
-            _run(study, missing, trials, store, crew, report)
+            _run(study, missing, _Arrivals(store, trials, len(missing), report), crew)
         finally:
-            crew.dismiss()
-            store.flush()
+            try:
+                store.flush()  # first: a second Ctrl-C may cut the other short
+            finally:
+                crew.dismiss()
     return [row for row in store.rows() if row["trial"] < trials]
 
 
-def _run(
-    study: Study, missing: deque[int], trials: int, store: TrialStore, crew: _Crew,
-    report: Callable[[StudyProgress], None] | None,
-) -> None:  # fmt: skip
-    logs = str(store.folder / FAILURES)
+def _cores() -> int:
+    """Those that this process may use: a batch system lends some of a machine's."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _Arrivals:
+    """Stores rows as they come, counts them and tells of them."""
+
+    def __init__(
+        self, store: TrialStore, total: int, missing: int, report: Callable[[StudyProgress], None] | None
+    ) -> None:
+        self.store = store
+        self._total, self._missing, self._report = total, missing, report
+        self._begin, self._finished, self._failed = time.monotonic(), 0, 0
+
+    def add(self, rows: list[Row]) -> None:
+        self.store.add(rows)
+        self._finished += 1
+        self._failed += sum(row["status"] != SUCCEEDED for row in rows)
+        if self._report is not None:
+            rate = self._finished / (time.monotonic() - self._begin)
+            left = self._missing - self._finished
+            self._report(StudyProgress(self._total - left, self._total, self._failed, rate, left / rate))
+
+
+def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) -> None:
+    logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may be at home in other folders
     flying: dict[Future[list[Row]], int] = {}
     suspects: set[int] = set()  # in flight when a worker died; they run alone until it is known which one it was
-    begin, finished, failed, before = time.monotonic(), 0, 0, trials - len(missing)
     while missing or flying:
-        while missing and len(flying) < (1 if suspects else crew.width):
-            trial = missing.popleft()
-            flying[crew.submit(study, trial, logs)] = trial
-        done, _ = wait(flying, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
+        broken = False
+        while missing and not broken and len(flying) < (1 if suspects else crew.width):
+            try:
+                flying[crew.submit(study, missing[0], logs)] = missing[0]
+                missing.popleft()
+            except BrokenExecutor:  # a worker died since we last looked
+                broken = True
+        done, _ = wait(flying, timeout=0 if broken else _PATIENCE, return_when=FIRST_COMPLETED)
         died: list[int] = []
         for future in done:
             trial = flying.pop(future)
@@ -103,23 +134,22 @@ def _run(
             except (BrokenExecutor, CancelledError):
                 died.append(trial)
                 continue
+            except ImportError as error:
+                raise WorkerError(
+                    f"the workers lack a package: {error}; install there what is installed here"
+                ) from error
             except Exception as error:  # of the executor: trials raise nothing
                 rows = _lost(study, trial, error)
             suspects.discard(trial)
-            store.add(rows)
-            finished += 1
-            failed += sum(row["status"] != SUCCEEDED for row in rows)
-            if report is not None:
-                rate = finished / (time.monotonic() - begin)
-                report(StudyProgress(before + finished, trials, failed, rate, (len(missing) + len(flying)) / rate))
-        if died:
+            arrivals.add(rows)
+        arrivals.store.flush_if_due()
+        if died or broken:
             died += flying.values()
             flying.clear()
             crew.replace()
             if len(died) == 1 and died[0] in suspects:  # alone, and it was in flight the last time too
                 suspects.discard(died[0])
-                store.add(_lost(study, died[0], None))
-                finished, failed = finished + 1, failed + len(study.methods)
+                arrivals.add(_lost(study, died[0], None))
             else:
                 suspects.update(died)
                 missing.extendleft(sorted(died, reverse=True))
@@ -142,7 +172,7 @@ class _Crew:
         executor = self._given or self._own
         if executor is None:
             executor = self._own = process_pool(self._workers)
-        with _one_thread_each():
+        with ctrl_c_held(), _one_thread_each():
             return executor.submit(run_trial, study, trial, logs)
 
     def replace(self) -> None:
@@ -151,6 +181,16 @@ class _Crew:
                 "the workers are gone; what arrived is kept: start them again and repeat the command to go on"
             )
         self.dismiss()
+        self._own = process_pool(self._workers)
+        with ctrl_c_held(), _one_thread_each():
+            begun = self._own.submit(os.getpid)
+        try:
+            begun.result()
+        except BrokenExecutor as error:  # no trial's fault
+            raise WorkerError(
+                "worker processes die as they begin; is there memory for them? A script that runs a study does so below "
+                'if __name__ == "__main__":'
+            ) from error
 
     def dismiss(self) -> None:
         if self._own is not None:

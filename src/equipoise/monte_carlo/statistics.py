@@ -89,6 +89,7 @@ class MethodSummary:
         method: its name.
         trials: how many.
         failures: how many failed, by kind.
+        reasons: what the first one of each kind said.
         within: 5 mm of the true planar CoM; failures are not.
         errors: by quantity.
         robot_time, cpu_time: medians of those that succeeded [s].
@@ -97,6 +98,7 @@ class MethodSummary:
     method: str
     trials: int
     failures: dict[str, int]
+    reasons: dict[str, str]
     within: Rate
     errors: tuple[ErrorStatistics, ...]
     robot_time: float
@@ -164,11 +166,17 @@ def _summary(method: str, rows: list[Row]) -> MethodSummary:
         method,
         len(rows),
         dict(failures.most_common()),
+        {kind: _reason(next(row for row in rows if row["status"] == kind)) for kind, _ in failures.most_common()},
         Rate(int(np.sum(planar <= WITHIN)), len(rows)),
         tuple(errors),
         _median(column(succeeded, "robot_time")),
         _median(column(succeeded, "cpu_time")),
     )
+
+
+def _reason(row: Row) -> str:
+    """A failed trial's number and message; of a traceback its last line."""
+    return f"trial {row['trial']}: {(str(row.get('message') or '').splitlines() or ['no message'])[-1]}"
 
 
 def _unit_of(component: str, rows: list[Row]) -> tuple[str, FloatArray | float]:
@@ -191,7 +199,7 @@ def _statistics(
         len(found),
         float(found.mean()),
         float(np.sqrt(np.mean(found**2))),
-        float(np.quantile(sizes, 0.95, method="higher")),
+        float(np.quantile(sizes, 0.95, method="inverted_cdf")),
         {} if relative is None else _coverage(relative[np.isfinite(relative)]),
     )
 

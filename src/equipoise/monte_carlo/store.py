@@ -85,9 +85,12 @@ class TrialStore:
         self._written = time.monotonic()
 
     def add(self, rows: Sequence[Row]) -> None:
-        """All rows of one trial; they reach the disk together, within seconds."""
+        """All rows of one trial; they reach the disk together."""
         self._waiting += rows
         self.done.update(row["trial"] for row in rows)
+
+    def flush_if_due(self) -> None:
+        """Write what waits, if the last time is seconds ago. Call it often."""
         if time.monotonic() - self._written > _FLUSH_INTERVAL:
             self.flush()
 
@@ -118,7 +121,8 @@ class TrialStore:
                 theirs = found.get("study", {})
                 differing = [key for key, value in study.to_dict().items() if theirs.get(key) != value]
                 raise SettingsError(
-                    f"{str(self.folder)!r} holds another study (it differs in {', '.join(differing) or 'its version'}): "
+                    f"{str(self.folder)!r} holds another study (it differs in "
+                    f"{', '.join(differing) or 'the model file, or the version of equipoise'}): "
                     "give the same flags to go on with it, or another --out"
                 )
             return
@@ -140,7 +144,7 @@ def read_rows(folder: str | Path, columns: Sequence[str] | None = None) -> list[
     folder = Path(folder)
     _read_header(folder)
     rows: dict[tuple[int, str], Row] = {}
-    for path in sorted((folder / _TRIALS).glob("*.parquet")):
+    for path in sorted((folder / _TRIALS).glob("part-*.parquet")):
         try:
             table = parquet.read_table(path, columns=None if columns is None else list(columns))
         except (OSError, ValueError) as error:  # ArrowInvalid is a ValueError

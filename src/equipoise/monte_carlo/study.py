@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -87,6 +89,13 @@ class Study:
             )
         if self.scale_error is not None and not 0 < self.scale_error < 1:
             raise SettingsError(f"the scale's error is {self.scale_error:g}; give a fraction, as 0.005 for 0.5 %")
+        if self.timestep is not None and not 0 < self.timestep < math.inf:
+            raise SettingsError(f"the time step is {self.timestep:g} s; it must be positive, as 0.001")
+        if "imu_clock_offset" in self.only and "sensor_delay" not in self.only:
+            raise SettingsError(
+                "imu_clock_offset alone would be none: without a delay IMU samples would be younger than the moment at which "
+                "they are read; keep sensor_delay too"
+            )
         self.settings("paper", None)  # tolerance and budget are checked where they belong
 
     def _check_methods(self) -> None:
@@ -118,8 +127,11 @@ class Study:
 
     @property
     def fingerprint(self) -> str:
-        """Tells studies apart: trials of one fingerprint belong together."""
-        return hashlib.sha256(json.dumps(self.to_dict(), sort_keys=True).encode()).hexdigest()[:16]
+        """Tells studies apart: trials of one fingerprint belong together. A model file counts by what it says."""
+        table = self.to_dict()
+        if Path(self.robot).is_file():
+            table["model"] = hashlib.sha256(Path(self.robot).read_bytes()).hexdigest()
+        return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +160,7 @@ def draw(study: Study, trial: int) -> Draw:
     stream = np.random.SeedSequence(study.seed, spawn_key=(trial,))
     # One stream for each thing that is drawn, so that switching one off leaves the others as they were.
     robots, payloads, sizes, scales, noise = (np.random.default_rng(child) for child in stream.spawn(5))
-    robot, stance = _robot(study.robot, study.description)
+    robot, stance = nominal_robot(study)
     if study.spread:
         robot = vary(robot, study.spread, robots)
         stance = nominal_stance(robot)
@@ -162,14 +174,15 @@ def draw(study: Study, trial: int) -> Draw:
     )
 
 
+def nominal_robot(study: Study) -> tuple[RobotModel, Stance]:
+    """A study's robot as its model file has it, and its stance; they are shared by all who ask."""
+    return _load(study.robot, json.dumps(dataclasses.asdict(study.description)))
+
+
 @lru_cache(maxsize=8)  # a worker runs many trials of one robot
 def _load(robot: str, description: str) -> tuple[RobotModel, Stance]:
     model = load_robot(robot, RobotDescription.from_dict(json.loads(description)))
     return model, nominal_stance(model)
-
-
-def _robot(robot: str, description: RobotDescription) -> tuple[RobotModel, Stance]:
-    return _load(robot, json.dumps(dataclasses.asdict(description)))
 
 
 def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> Payload | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import threading
 import time
 import traceback
 import warnings
@@ -12,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from equipoise.calibration import CalibrationSettings, calibrate
+from equipoise.calibration import CalibrationSettings, calibrate, check
 from equipoise.errors import EquipoiseError
 from equipoise.estimation.paper import AXES
 from equipoise.estimation.parameters import COMPONENTS, components
 from equipoise.methods.paper import com_by_iteration
 from equipoise.methods.settings import Method
-from equipoise.monte_carlo.study import SOURCES, Draw, Study, draw
+from equipoise.monte_carlo.study import SOURCES, Draw, Study, draw, nominal_robot
 from equipoise.platforms.sensors import DrawnErrors
 from equipoise.platforms.simulation import Simulation, simulate, stable_timestep
 from equipoise.recordings.recording import Recording
@@ -29,6 +31,23 @@ from equipoise.run_folder import RunFolder
 Row = dict[str, Any]
 SUCCEEDED = "ok"
 
+# Trials of a process share its robot models, whose scratch memory every call overwrites: one at a time, whoever asks.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def check_study(study: Study) -> None:
+    """Refuse what is wrong with every trial, before any is run: the robot, or settings that do not fit it.
+
+    Raises:
+        EquipoiseError: what each trial would have failed with.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot, _ = nominal_robot(study)
+        for method in study.methods:
+            check(robot, study.settings(method, None))
+        simulate(robot, timestep=study.timestep).platform.close()
+
 
 def run_trial(study: Study, trial: int, logs: str | None = None) -> list[Row]:
     """One row for each of the study's methods. A calibration that fails is a row too, never an exception.
@@ -36,14 +55,15 @@ def run_trial(study: Study, trial: int, logs: str | None = None) -> list[Row]:
     Args:
         study: what is drawn and done.
         trial: its number.
-        logs: folder for the recordings of calibrations that fail; None keeps none. (All can be run again by number.)
+        logs: folder, in one that exists, for the recordings of calibrations that fail; None keeps none. (All can be run
+            again by number.)
     """
-    with warnings.catch_warnings():
+    with _ONE_AT_A_TIME, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             drawn = draw(study, trial)
             facts = {"trial": trial, **_facts(drawn)}
-        except EquipoiseError as error:  # a random robot that cannot stand, say
+        except Exception as error:  # a random robot that cannot stand, say
             return [_failed({"trial": trial, "method": method}, error, None) for method in study.methods]
         return [_calibrated(study, drawn, facts, method, logs) for method in study.methods]
 
@@ -55,9 +75,10 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
     started, busy = time.perf_counter(), time.process_time()
     simulation: Simulation | None = None
     try:
-        row["timestep"] = timestep = study.timestep or study.coarser(method) * stable_timestep(
-            drawn.robot, drawn.stance, drawn.sizes.armature
-        )
+        timestep = study.timestep
+        if timestep is None:
+            timestep = study.coarser(method) * stable_timestep(drawn.robot, drawn.stance, drawn.sizes.armature)
+        row["timestep"] = timestep
         with simulate(drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep) as simulation:
             row |= _truth(simulation)
             if drawn.scale_reading is not None:
@@ -88,17 +109,19 @@ def _kept(
     simulation: Simulation | None,
 ) -> str | None:  # fmt: skip
     """Keep what a calibration measured before it failed; None where it cannot be kept."""
-    if logs is None:
+    if logs is None or not Path(logs).parent.is_dir():  # a worker elsewhere does not see the study's folder
         return None
+    path = Path(logs) / f"trial-{row['trial']:06d}-{row['method']}"
     try:
-        name = f"trial-{row['trial']:06d}-{row['method']}"
-        folder = RunFolder.create(Path(logs) / name, drawn.robot, settings, {"trial": row["trial"]})
+        if path.exists():  # of the same trial, killed before its row was written
+            shutil.rmtree(path)
+        folder = RunFolder.create(path, drawn.robot, settings, {"trial": row["trial"]})
         if simulation is not None:
             folder.save_truth(simulation.truth)
         for recording in recordings:
             folder.keep(recording)
         return str(folder.path)
-    except (EquipoiseError, OSError):  # a worker elsewhere may not see the folder; the trial's number is enough
+    except (EquipoiseError, OSError):  # the trial's number is enough
         return None
 
 

@@ -54,7 +54,8 @@ def _draw_distribution(axes: Axes, rows: Sequence[Row], summaries: Sequence[Meth
     axes.set(
         xlim=(0, largest), ylim=(0, 101), xlabel="planar CoM error [mm]", ylabel="calibrations at most so far off [%]"
     )
-    axes.legend(loc="lower right", fontsize=SMALL, frameon=False, bbox_to_anchor=(1, 0.1))
+    if axes.lines[:-1]:  # the last is the 5 mm
+        axes.legend(loc="lower right", fontsize=SMALL, frameon=False, bbox_to_anchor=(1, 0.1))
     tidy(axes)
 
 

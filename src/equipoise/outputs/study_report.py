@@ -67,14 +67,18 @@ def summary_markdown(study: Study, summaries: Sequence[MethodSummary], slopes: S
     for summary in summaries:
         failed = ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
         lines.append(
-            f"| {summary.method} | {rate_text(summary.within)} | {failed} | {summary.robot_time:.0f} s | "
-            f"{summary.cpu_time:.2f} s |"
+            f"| {summary.method} | {rate_text(summary.within)} | {failed} | {_time(summary.robot_time, 0)} | "
+            f"{_time(summary.cpu_time, 2)} |"
         )
     for summary in summaries:
         lines += ["", f"## {summary.method}", "", *_error_table(summary)]
     for method in dict.fromkeys(slope.method for slope in slopes):
         lines += ["", f"## What costs {method} its planar accuracy", "", *_slope_table(slopes, method)]
     return "\n".join(lines) + "\n"
+
+
+def _time(value: float, digits: int) -> str:
+    return f"{value:.{digits}f} s" if math.isfinite(value) else ""
 
 
 def _error_table(summary: MethodSummary) -> list[str]:
@@ -93,6 +97,8 @@ def _error_table(summary: MethodSummary) -> list[str]:
         lines += [
             "",
             f"Bias and RMS are of those that succeeded; in the 95th percentile the {failed} failed ones count as worse.",
+            "",
+            *(f"- {kind}, the first in {reason}" for kind, reason in summary.reasons.items()),
         ]
     return lines
 

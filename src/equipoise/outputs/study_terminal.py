@@ -91,6 +91,10 @@ def _print_method(console: Console, summary: MethodSummary) -> None:
         f"[bold]{summary.method}[/bold]: {summary.trials} trials, within 5 mm {escape(rate_text(summary.within))}, "
         f"failed: {failed}"
     )
+    for kind, reason in summary.reasons.items():
+        console.print(escape(f"  {kind}, the first in {reason}"), soft_wrap=True)
+    if not summary.errors:
+        return
     covered = any(error.coverage for error in summary.errors)
     table = Table(box=box.SIMPLE_HEAD)
     for name in ("error of", "unit", "bias", "RMS", "95th pct.", *(f"in {level} %" for level in LEVELS if covered)):

@@ -1,0 +1,92 @@
+"""What tests of Monte Carlo studies share: cheap trials, an executor that is none, and processes that are killed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+from equipoise.monte_carlo.study import Study
+
+STATIC = Study(methods=("static",), seed=11)  # 0.1 s a trial
+TIMES = ("wall_time", "cpu_time", "estimation_time", "worker")
+HERE = Path(__file__).parent
+
+
+def facts(rows):
+    """Rows without what depends on the machine."""
+    return [{name: value for name, value in row.items() if name not in TIMES} for row in rows]
+
+
+class Inline(Executor):
+    """Runs what it is given at once, in this process."""
+
+    def submit(self, function, /, *arguments, **others):
+        future = Future()
+        try:
+            future.set_result(function(*arguments, **others))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def cheap_trial(study, trial, logs=None):
+    """A trial without a robot. It kills its process where the environment tells it to: always, or the first time."""
+    if str(trial) == os.environ.get("LETHAL_TRIAL"):
+        once = os.environ.get("LETHAL_ONCE")
+        if once is None or not Path(once).exists():
+            if once is not None:
+                Path(once).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return [
+        {"trial": trial, "method": method, "status": "ok", "message": "", "worker": os.getpid()}
+        for method in study.methods
+    ]
+
+
+def start_study(folder, *flags, setup="pass"):
+    """`equipoise monte-carlo` in a session of its own, its progress on stderr after every trial."""
+    code = (
+        "import sys; from equipoise.cli import main; import equipoise.monte_carlo.store as store; "
+        f"import equipoise.outputs.study_terminal as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", code, "monte-carlo", "--methods", "static", "--seed", "11", "--no-pictures",
+         "--out", str(folder), *map(str, flags)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+
+
+def wait_for(process, words):
+    """Read a process's stderr until a line begins so; what was read."""
+    seen = []
+    for line in process.stderr:
+        seen.append(line)
+        if line.startswith(words):
+            return seen
+    raise AssertionError(f"{words!r} was never said: {''.join(seen)}")
+
+
+def alive(session):
+    """Processes of a session that run (a zombie does not)."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, _, owner = path.read_text(encoding="utf-8").rpartition(")")[2].split()[:4]
+        except (OSError, ValueError):
+            continue
+        if int(owner) == session and state not in "ZX":
+            found.append(int(path.parent.name))
+    return found
+
+
+def eventually(condition, seconds=20):
+    """Whether something becomes so."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.05)
+    return False
