@@ -3,9 +3,9 @@
 import json
 
 import pytest
-from equipoise.cli.balance import metres
 
 from equipoise.cli import main
+from equipoise.cli.balance import metres
 from equipoise.errors import SettingsError
 from equipoise.platforms.mujoco import MujocoPlatform
 from equipoise.recordings.storage import load_recording
