@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.platforms.platform import RobotState
-from equipoise.recordings.recording import PHASE, CommandStream, Event, ImuStream, JointStream, Recording
+from equipoise.platforms.platform import RobotState, recording_of
+from equipoise.recordings.recording import PHASE, Event, Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -103,26 +103,8 @@ class Samples:
     def recording(self, joint_names: tuple[str, ...]) -> Recording:
         """All that was sensed and sent, without samples that hold no numbers."""
         good = [(state, target) for state, target in self._samples if _finite(state)]
-        states = [state for state, _ in good]
-        time = np.array([state.time for state in states])
-        velocities = [state.joint_velocity for state in states if state.joint_velocity is not None]
-        torques = [state.joint_torque for state in states if state.joint_torque is not None]
-        return Recording(
-            joint_names,
-            JointStream(
-                time,
-                np.array([state.joint_position for state in states]),
-                np.array(velocities) if len(velocities) == len(states) else None,
-                np.array(torques) if len(torques) == len(states) else None,
-            ),
-            ImuStream(
-                time,
-                np.array([state.angular_velocity for state in states]),
-                np.array([state.acceleration for state in states]),
-            ),
-            CommandStream(time, np.array([target for _, target in good])),
-            tuple(self._events),
-        )
+        targets = np.array([target for _, target in good])
+        return recording_of(joint_names, [state for state, _ in good], targets, tuple(self._events))
 
 
 def _finite(state: RobotState) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -161,12 +162,19 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
             if stop is not None and stop.reached(turned):
                 break
     except KeyboardInterrupt:
-        recording = _recording(platform.joint_names, states[:played], trajectory) if played else None
-        raise MotionInterrupted(recording) from None
-    return _recording(platform.joint_names, states[:played], trajectory)
+        raise MotionInterrupted(_played(platform, states[:played], trajectory) if played else None) from None
+    return _played(platform, states[:played], trajectory)
 
 
-def _recording(joint_names: tuple[str, ...], states: list[RobotState], trajectory: Trajectory) -> Recording:
+def _played(platform: Platform, states: list[RobotState], trajectory: Trajectory) -> Recording:
+    events = started_events(trajectory.events, states[0].time, states[-1].time)
+    return recording_of(platform.joint_names, states, trajectory.position[: len(states)], events)
+
+
+def recording_of(
+    joint_names: tuple[str, ...], states: Sequence[RobotState], targets: FloatArray, events: tuple[Event, ...]
+) -> Recording:
+    """What was sensed, one state a control period, and the (n, nj) joint targets that were sent at those moments [rad]."""
     time = np.array([state.time for state in states])
     velocities = [state.joint_velocity for state in states if state.joint_velocity is not None]
     torques = [state.joint_torque for state in states if state.joint_torque is not None]
@@ -183,8 +191,8 @@ def _recording(joint_names: tuple[str, ...], states: list[RobotState], trajector
             np.array([state.angular_velocity for state in states]),
             np.array([state.acceleration for state in states]),
         ),
-        CommandStream(time, trajectory.position[: len(states)]),
-        started_events(trajectory.events, float(time[0]), float(time[-1])),
+        CommandStream(time, targets),
+        events,
     )
 
 
