@@ -278,7 +278,7 @@ def draw(rows: list[dict]) -> None:
         axes.set_ylim(-0.04, 1.04)
         axes.grid(color=LIGHT_GREY)
         axes.set_axisbelow(True)
-    panels[0].set_ylabel("probability of balancing for 10 s, 95 %", fontsize=TEXT)
+    panels[0].set_ylabel("share that balanced for 10 s; bands: 95 %", fontsize=TEXT)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=SMALL, frameon=False)
     figure.savefig(RESULTS / "balance.png", dpi=DPI)
@@ -294,10 +294,8 @@ def _curve(axes, rows, kind, robot, diagonal, style, label) -> None:
             points.append((error + shift, stood / len(runs), *interval(stood, len(runs))))
     if points:
         x, share, low, high = np.transpose(points)
-        bars = np.maximum([share - low, high - share], 0)
-        axes.errorbar(
-            x, share, yerr=bars, color=colour, marker=marker, linestyle=line, markersize=5, capsize=2.5, label=label
-        )
+        axes.fill_between(x, low, high, color=colour, alpha=0.12, lw=0)
+        axes.plot(x, share, color=colour, marker=marker, linestyle=line, markersize=5, label=label)
 
 
 def write_tables() -> str:
