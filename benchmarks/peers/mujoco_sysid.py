@@ -9,9 +9,9 @@ that rollouts start from, what is unknown, and how sensors see it.
 
 It is given more than any other peer: the simulated robot is made by the same engine, step, contacts and joint control as
 its model, its delays are known, and so are all positions and torques that were commanded. On a real robot none of that is
-exact. Unknown are the base's ten parameters, friction, damping and armature of all joints, and, with `biases`, the joint
-zeros, the IMU's tilt, the floor's slope and, with `gains`, the motors' torque gains, all with priors of the sizes that they have. Rollouts begin at rest, after a while
-of holding still, so that no initial velocity has to be known.
+exact. Unknown are the base's ten parameters, friction, damping and armature of all joints; with `biases` the joint zeros, the
+IMU's tilt and the floor's slope; with `gains` the motors' torque gains; all with priors of the sizes that they have. Rollouts
+begin at rest, after a while of holding still, so that no initial velocity has to be known.
 """
 
 from __future__ import annotations
