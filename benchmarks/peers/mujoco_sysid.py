@@ -49,7 +49,7 @@ _A1_MASS = 12.5  # [kg]
 
 @dataclass(frozen=True)
 class SysidSettings:
-    """How it is used; the defaults are the best of those that were tried.
+    """How it is used; the defaults are the best of the few that were tried by hand on tuning seeds.
 
     Attributes:
         shake: how much of the shake is given [s].
