@@ -57,6 +57,11 @@ bench-monte-carlo: $(ROBOTS_STAMP)
 bench-paper: $(DEV_STAMP)
 	$(BIN)/equipoise reproduce --out benchmarks/results/paper
 
+# Twenty minutes on one core, most of it mujoco.sysid. Peers whose packages are missing get a row that says so:
+# pip install cvxpy 'mujoco[sysid]' into the environment for all of them.
+bench-peers: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/peers/run.py
+
 lock:
 	for extras in run: dev:dev robots:dev,robots; do \
 	  uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-annotate --no-strip-extras \

@@ -63,7 +63,7 @@ def monte_carlo(
         scale_error: precise: each robot is weighed, with this relative error; 0.005 is half a percent.
         tolerance: paper: the search ends when the bounds of the offset are this close [m].
         budget: precise: robot time, as 60s or 2min.
-        timestep: Of the simulation [s]; default 2 ms for paper and static, 0.5 ms for precise.
+        timestep: Of the simulation [s]; default 1 ms for paper and static, 0.5 ms for precise.
         seed: Of everything drawn.
         workers: Processes; default one for each core.
         executor: process: on this machine; dask: on the cluster of --scheduler.
