@@ -283,7 +283,8 @@ def report(found: dict[str, object]) -> str:
         lines += [
             "", "## Engine steps", "",
             "The same trials at another engine step: RMS of how far results move, beside the RMS of their errors. Up to a "
-            "tenth a coarser step may be used. Studies use 1 ms for `paper` and `static` (less where legs are light), and 0.5 ms for `precise`.",
+            "tenth a coarser step may be used. Studies use 1 ms for `paper` and `static` (less where legs are light), and "
+            "0.5 ms for `precise`.",
             "", "| robot | method | trials | steps | planar CoM moves | its error | ratio | I moves | its error | ratio "
             "| failed |",
             "|---|---|---|---|---|---|---|---|---|---|---|",
