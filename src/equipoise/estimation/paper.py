@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from equipoise.errors import RecordingError
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.recordings.recording import Recording
-from equipoise.robot.kinematics import feet_and_jacobians, massless_leg_forces
+from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 FloatArray = NDArray[np.float64]
@@ -203,9 +203,8 @@ def torque_about_com(
         array[:count].reshape(-1, stride, *array.shape[1:]).mean(axis=1)
         for array in (joints.time, joints.position, joints.torque)
     )
-    feet, jacobians = (np.array(part) for part in zip(*(feet_and_jacobians(robot, q) for q in positions), strict=True))
+    feet, forces = feet_and_forces(robot, positions, torques)
     coms = [pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(q)) for q in positions]
-    forces = massless_leg_forces(jacobians, torques[:, robot.leg_joints])
     return time, np.cross(feet - (np.array(coms) + offset)[:, None], forces).sum(axis=1)
 
 

@@ -98,7 +98,7 @@ class Motion:
 
     def shift_load(self, legs: tuple[str, ...], duration: float) -> Motion:
         """Keep the posture, and shift the load to some of the legs by their torques."""
-        torque = static_torques(self.robot, self.target.joint_position, legs)
+        torque = _held(self.robot, self.target.joint_position.tobytes(), legs)
         step = smooth_step(self._count(duration))[:, None]
         self._append(
             np.repeat(self.target.joint_position[None], len(step), axis=0),
@@ -190,6 +190,14 @@ def _path(
 
     position, torque = np.hsplit(np.asarray(CubicSpline(grid, np.hstack([solved, torques]))(parameter)), 2)
     return position, torque
+
+
+@lru_cache(maxsize=512)
+def _held(robot: RobotModel, joint_position: bytes, legs: tuple[str, ...]) -> FloatArray:
+    """`static_torques`, looked up."""
+    torque = static_torques(robot, np.frombuffer(joint_position), legs)
+    torque.setflags(write=False)
+    return torque
 
 
 @lru_cache(maxsize=512)  # a search makes the same moves again and again: half of one run's, nearly all of many runs'

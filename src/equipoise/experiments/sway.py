@@ -15,7 +15,11 @@ from equipoise.estimation.paper import AXES, Axis
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.recordings.recording import TRIAL, Recording
 from equipoise.robot.inertial import composite_parameters
-from equipoise.robot.kinematics import feet_under_base, foot_forces_from_torques, foot_positions, inverse_kinematics
+from equipoise.robot.kinematics import (
+    feet_and_forces,
+    feet_under_base,
+    inverse_kinematics,
+)
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -152,16 +156,15 @@ def why_not_planted(robot: RobotModel, recording: Recording) -> str | None:
     Feet that stay planted keep their distances from each other, and their loads, from the joint torques, stay positive.
     """
     steady = recording.phase("sway").joints
-    sample = slice(None, None, _PLANTED_STRIDE)
-    feet = np.array([foot_positions(robot, position) for position in steady.position[sample]])
+    torques = np.zeros_like(steady.position) if steady.torque is None else steady.torque
+    feet, forces = feet_and_forces(robot, steady.position[::_PLANTED_STRIDE], torques[::_PLANTED_STRIDE])
     pairs = feet[:, :, None] - feet[:, None]
     spread = np.linalg.norm(pairs, axis=-1).std(axis=0).max()
     length = float(np.ptp(feet[0, :, 0]))
     if spread > _SLIP_RATIO * length:
         return f"the distances between the feet change by {spread * 1000:.1f} mm"
     if steady.torque is not None:
-        samples = zip(steady.position[sample], steady.torque[sample], strict=True)
-        loads = np.array([foot_forces_from_torques(robot, q, tau)[:, 2] for q, tau in samples])
+        loads = forces[:, :, 2]
         if loads.min() < 0.05 * loads.mean():
             return f"a foot carries only {loads.min():.1f} N of {loads.mean():.1f} N at the lightest"
     return None

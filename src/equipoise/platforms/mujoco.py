@@ -333,8 +333,7 @@ def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
     """Rows at ticks + offset engine steps, linear in between, the ends held."""
     whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
     fraction = offset - whole
-    last = len(raw) - 1
-    before = raw[np.clip(ticks + whole, 0, last)]
+    before = raw.take(ticks + whole, axis=0, mode="clip")
     if fraction < 1e-6:
         return before
-    return (1 - fraction) * before + fraction * raw[np.clip(ticks + whole + 1, 0, last)]
+    return (1 - fraction) * before + fraction * raw.take(ticks + whole + 1, axis=0, mode="clip")

@@ -65,6 +65,15 @@ def massless_leg_forces(jacobians: FloatArray, leg_torques: FloatArray) -> Float
     return np.asarray(-solved[..., 0], dtype=float)
 
 
+def feet_and_forces(
+    robot: RobotModel, joint_positions: FloatArray, joint_torques: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 4, 3) feet [m] and forces on them as of `foot_forces_from_torques` [N], of (n, nj) samples."""
+    pairs = (feet_and_jacobians(robot, position) for position in joint_positions)
+    feet, jacobians = (np.array(part) for part in zip(*pairs, strict=True))
+    return feet, massless_leg_forces(jacobians, joint_torques[:, robot.leg_joints])
+
+
 def inverse_kinematics(
     robot: RobotModel, feet_in_base: FloatArray, start: FloatArray, tolerance: float | None = None
 ) -> FloatArray:
