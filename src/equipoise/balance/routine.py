@@ -20,13 +20,12 @@ from equipoise.experiments.stand import move_to, stand_up
 from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics_best_effort
-from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.model import A1_TORQUE_SCALE, DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import static_torques
 
 FloatArray = NDArray[np.float64]
 
-A1_TORQUE_SCALE = 38.0  # m g h of a Unitree A1 [Nm], which weights and armature belong to
 _GRAVITY = 9.81
 _HEIGHTS = 7  # of the lifted feet, at which the posture over the line is computed
 _TOUCHING = 0.1  # of its lift's height: a foot that the encoders say is lower than that touches the floor, or soon will

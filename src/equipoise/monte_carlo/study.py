@@ -29,7 +29,6 @@ SOURCES = tuple(f.name for f in dataclasses.fields(SensorErrors) if f.name != "f
 """What a simulated robot can be wrong in."""
 
 _GRAVITY = 9.81
-_REFERENCE_HEIGHT = 0.312  # [m] hip height of the A1 that random payloads were thought out for
 # Random payloads: 5 to 30 % of the base's mass, in a box on its back, as large as a battery and a computer.
 _PAYLOAD_SHARE = (0.05, 0.30)
 _PAYLOAD_BOX = ((-0.12, 0.12), (-0.05, 0.05), (0.03, 0.12))  # [m] on an A1
@@ -191,7 +190,7 @@ def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.rando
         return None
     if wanted != "random":
         return Payload.parse(wanted)
-    size = stance.hip_height / _REFERENCE_HEIGHT
+    size = stance.size
     mass = generator.uniform(*_PAYLOAD_SHARE) * float(robot.pinocchio.inertias[1].mass)
     place = [size * generator.uniform(*bounds) for bounds in _PAYLOAD_BOX]
     inertia = mass * (size * np.array(_PAYLOAD_GYRATION)) ** 2
