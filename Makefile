@@ -57,9 +57,9 @@ bench-monte-carlo: $(ROBOTS_STAMP)
 bench-paper: $(DEV_STAMP)
 	$(BIN)/equipoise reproduce --out benchmarks/results/paper
 
-# What each error source costs the paper's method; five minutes.
+# What each error source costs the paper's method; three minutes.
 bench-sources: $(DEV_STAMP)
-	$(BIN)/equipoise monte-carlo --trials 400 --vary-noise --out benchmarks/results/sources
+	$(BIN)/equipoise monte-carlo --trials 240 --vary-noise --out benchmarks/results/sources
 
 # Twenty minutes on one core, most of it mujoco.sysid. Peers whose packages are missing get a row that says so:
 # pip install cvxpy 'mujoco[sysid]' into the environment for all of them.
