@@ -48,7 +48,21 @@ def test_the_exit_codes_in_the_readme_are_those_of_the_errors(text):
     assert listed == (raised - {1}) | {0, INTERRUPTED}
 
 
-@pytest.mark.parametrize("target", ["demo", "test", "lint", "types", "bench", "bench-accuracy", "bench-speed"])
+@pytest.mark.parametrize(
+    "target",
+    [
+        "demo",
+        "test",
+        "lint",
+        "types",
+        "bench",
+        "bench-accuracy",
+        "bench-balance",
+        "bench-monte-carlo",
+        "bench-peers",
+        "bench-speed",
+    ],
+)
 def test_make_has_the_targets_that_documents_name(target):
     makefile = README.with_name("Makefile").read_text(encoding="utf-8")
     assert re.search(rf"^{target}:", makefile, re.MULTILINE)
