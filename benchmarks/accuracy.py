@@ -145,7 +145,7 @@ def run(case: Case, keep: Path | None, again: bool) -> dict[str, object]:
     stance = nominal_stance(robot)
     generator = np.random.default_rng([case.seed, 77])
     payload = payload_of(robot, generator)
-    sizes = errors_of(case, robot.mass * 9.81 * stance.hip_height)
+    sizes = errors_of(case, robot.torque_scale(stance.hip_height))
     row: dict[str, object] = {"key": case.key, **dataclasses.asdict(case), "payload": payload}
     row["leg_length"], row["hip_height"] = robot.leg_length, stance.hip_height
     folder = None if keep is None else keep / case.key.replace("/", "-").replace(" ", "_")

@@ -108,7 +108,7 @@ def record(case: Case, kept: Path) -> None:
     folder = case.folder(kept)
     generator = np.random.default_rng([case.seed, 77])
     payload = accuracy.payload_of(case.robot, generator)
-    sizes = REALISTIC.scaled_to(case.robot.mass * _GRAVITY * case.stance.hip_height)
+    sizes = REALISTIC.scaled_to(case.robot.torque_scale(case.stance.hip_height))
     settings: CalibrationSettings | None = None
     for run in RUNS:
         if settings is not None and (folder / run / FEED_FORWARD).exists():

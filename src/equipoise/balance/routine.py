@@ -26,7 +26,6 @@ from equipoise.robot.statics import static_torques
 
 FloatArray = NDArray[np.float64]
 
-_GRAVITY = 9.81
 _HEIGHTS = 7  # of the lifted feet, at which the posture over the line is computed
 _TOUCHING = 0.1  # of its lift's height: a foot that the encoders say is lower than that touches the floor, or soon will
 _CROUCH = 0.5  # of the hip height
@@ -155,7 +154,7 @@ class _Trial:
         self._watch = watch
         hip_height = self._hip_height = nominal_stance(robot).hip_height
         self.swing_height = settings.swing_height * hip_height
-        self._scale = believed.mass * _GRAVITY * hip_height / A1_TORQUE_SCALE
+        self._scale = believed.torque_scale(hip_height) / A1_TORQUE_SCALE
         kp, kd = robot.gains(hip_height)
         self._gains = (kp, kd)
         self._kp, self._kd = (np.full(len(robot.joint_names), gain) for gain in (kp, kd))

@@ -9,7 +9,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.errors import SettingsError
-from equipoise.estimation.tilt_equation import GRAVITY, SensorBiases
+from equipoise.estimation.tilt_equation import SensorBiases
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.model import A1_TORQUE_SCALE, RobotModel
 from equipoise.robot.stance import Stance
@@ -78,7 +78,7 @@ class Unknowns:
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
         self.robot, self.stance, self.priors = robot, stance, priors
         joints = len(robot.joint_names)
-        self.torque_scale = robot.mass * GRAVITY * stance.hip_height / A1_TORQUE_SCALE
+        self.torque_scale = robot.torque_scale(stance.hip_height) / A1_TORQUE_SCALE
         blocks = [
             ("base", 10, 1.0),
             ("links", joints, priors.leg_mass),

@@ -97,10 +97,9 @@ class Predictor:
         # Small motions of the feet in the base frame, through each leg's Jacobian.
         nearby = 1e-3
         moved = (turned_feet(lifted, self.com, design.turn, nearby) - lifted) / nearby
-        joints = np.array([leg.joints for leg in robot.legs.values()])
         per_angle = np.zeros(len(position))
         inverse = np.linalg.pinv(foot_jacobians(robot, position))
-        per_angle[joints] = np.einsum("lji,li->lj", inverse, moved)
+        per_angle[robot.leg_joints] = np.einsum("lji,li->lj", inverse, moved)
         mounting = np.array(robot.imu_in_base.rotation)
         in_imu = turning @ mounting
         up = design.posture.rotation[2] @ mounting

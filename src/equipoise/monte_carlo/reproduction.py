@@ -14,7 +14,7 @@ from equipoise.calibration import calibrate
 from equipoise.estimation.paper import AXES
 from equipoise.methods.settings import CalibrationSettings, Method
 from equipoise.monte_carlo.runner import StudyProgress, run_study
-from equipoise.monte_carlo.statistics import MethodSummary, column, line_in_squares, planar_errors, summarize
+from equipoise.monte_carlo.statistics import MethodSummary, column, lines_in_squares, planar_errors, summarize
 from equipoise.monte_carlo.study import Study
 from equipoise.monte_carlo.trial import SUCCEEDED, Row
 from equipoise.platforms.simulation import simulate
@@ -76,18 +76,16 @@ class Reproduction:
 
     Attributes:
         table: rows of Table I; each truth, then the estimates of it.
-        study: the Monte Carlo study behind what follows.
         summaries: of the methods.
         iterations: (n trials, k) norm of the planar CoM error after each halving [m]; nan for trials that failed.
-        finals: planar CoM errors by method [m]; nan for trials that failed.
+        precise_errors: planar CoM errors of the precise method [m]; nan for trials that failed.
         proportion: of the CoM error to joint and end-effector error.
     """
 
     table: tuple[TableRow, ...]
-    study: Study
     summaries: tuple[MethodSummary, ...]
     iterations: FloatArray
-    finals: dict[str, FloatArray]
+    precise_errors: FloatArray
     proportion: Proportion
 
 
@@ -123,10 +121,9 @@ def reproduce(
     ours = run(precise, precise_trials, "precise", "Monte Carlo of the precise method")
     return Reproduction(
         table,
-        study,
         (*summarize(rows), *summarize(ours)),
         _iterations(rows),
-        {"paper": planar_errors(rows), "precise": planar_errors(ours)},
+        planar_errors(ours),
         _proportion(proportional),
     )
 
@@ -169,7 +166,6 @@ def _proportion(rows: Sequence[Row]) -> Proportion:
     succeeded = [row for row in rows if row["status"] == SUCCEEDED]
     foot, joint = (column(succeeded, name) for name in ("foot_error_rms", "joint_zero_rms"))
     error = planar_errors(succeeded)
-
-    floor, per_foot = line_in_squares(foot, error)
-    _, per_joint = line_in_squares(joint, error)
-    return Proportion(foot, joint, error, per_foot, per_joint, floor)
+    floor, per_foot = lines_in_squares(foot[:, None], error)
+    _, per_joint = lines_in_squares(joint[:, None], error)
+    return Proportion(foot, joint, error, float(per_foot[0]), float(per_joint[0]), floor)

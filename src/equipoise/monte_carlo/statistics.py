@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -227,45 +227,37 @@ def slopes(rows: Sequence[Row], method: str, resamples: int = 200) -> list[Slope
     Independent errors add in squares: the mean of error squared is a constant plus the sum of (slope x size) squared. The
     slopes come from least squares with none of them negative, their standard errors from a bootstrap over trials.
     """
-    from scipy.optimize import nnls  # noqa: PLC0415 - a third of a second to import
-
     chosen = [row for row in rows if row["method"] == method and row["status"] == SUCCEEDED]
     sources = varied_sources(chosen) if chosen else []
     if not sources or len(chosen) < _TRIALS_PER_SLOPE * len(sources):
         return []
     sizes = np.column_stack([column(chosen, source) for source in sources])
-    units = np.sqrt(np.mean(sizes**2, axis=0))
-    design = np.column_stack([(sizes / units) ** 2, np.ones(len(chosen))])
-    squares = planar_errors(chosen) ** 2
-    scale = float(squares.mean())
-
-    def solve(picked: NDArray[np.intp]) -> FloatArray:
-        return np.sqrt(_weighted(nnls, design[picked], squares[picked] / scale)[:-1] * scale) / units
-
+    errors = planar_errors(chosen)
     generator = np.random.default_rng(0)
-    everything = np.arange(len(chosen))
-    best = solve(everything)
-    drawn = np.array([solve(generator.choice(everything, len(everything))) for _ in range(resamples)])
+    picks = (generator.choice(len(chosen), len(chosen)) for _ in range(resamples))
+    drawn = np.array([lines_in_squares(sizes[picked], errors[picked])[1] for picked in picks])
     return [
         Slope(method, source, float(slope), float(deviation))
-        for source, slope, deviation in zip(sources, best, drawn.std(axis=0), strict=True)
+        for source, slope, deviation in zip(sources, lines_in_squares(sizes, errors)[1], drawn.std(axis=0), strict=True)
     ]
 
 
-def line_in_squares(size: FloatArray, error: FloatArray) -> tuple[float, float]:
-    """Floor and slope of rms error = root of (floor squared + (slope x size) squared), from (n,) sizes and errors."""
+def lines_in_squares(sizes: FloatArray, errors: FloatArray) -> tuple[float, FloatArray]:
+    """Floor and (k,) slopes of rms error = root of (floor squared + the sum of (slope x size) squared).
+
+    Squared errors scatter as much as they are large: unweighted, a few would decide alone.
+
+    Args:
+        sizes: (n, k).
+        errors: (n,).
+    """
     from scipy.optimize import nnls  # noqa: PLC0415 - a third of a second to import
 
-    unit, scale = float(np.sqrt(np.mean(size**2))), float(np.mean(error**2))
-    solution = _weighted(nnls, np.column_stack([np.ones(len(size)), (size / unit) ** 2]), error**2 / scale)
-    floor, slope = np.sqrt(solution * scale)
-    return float(floor), float(slope) / unit
-
-
-def _weighted(solver: Callable[..., Any], matrix: FloatArray, squares: FloatArray) -> FloatArray:
-    """Least squares of squared errors. They scatter as much as they are large: unweighted, a few would decide alone."""
-    expected = np.maximum(matrix @ solver(matrix, squares)[0], 1e-3)
-    return np.asarray(solver(matrix / expected[:, None], squares / expected)[0], dtype=float)
+    units, scale = np.sqrt(np.mean(sizes**2, axis=0)), float(np.mean(errors**2))
+    design, squares = np.column_stack([(sizes / units) ** 2, np.ones(len(errors))]), errors**2 / scale
+    expected = np.maximum(design @ nnls(design, squares)[0], 1e-3)
+    shares = np.sqrt(nnls(design / expected[:, None], squares / expected)[0] * scale)
+    return float(shares[-1]), shares[:-1] / units
 
 
 def to_dict(summaries: Sequence[MethodSummary]) -> list[dict[str, Any]]:

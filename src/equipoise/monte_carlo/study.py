@@ -28,14 +28,10 @@ from equipoise.robot.variation import LARGEST_SPREAD, vary
 SOURCES = tuple(f.name for f in dataclasses.fields(SensorErrors) if f.name != "floor_friction")
 """What a simulated robot can be wrong in."""
 
-_GRAVITY = 9.81
 # Random payloads: 5 to 30 % of the base's mass, in a box on its back, as large as a battery and a computer.
 _PAYLOAD_SHARE = (0.05, 0.30)
 _PAYLOAD_BOX = ((-0.12, 0.12), (-0.05, 0.05), (0.03, 0.12))  # [m] on an A1
 _PAYLOAD_GYRATION = (0.08, 0.12, 0.10)  # [m] on an A1
-# At steps twice the usual the paper's estimates stay the same to a tenth of their errors. At four times its I moves by a
-# little more than that, and the precise method needs the usual: `make bench-monte-carlo`.
-_COARSER = {"paper": 2, "static": 2, "precise": 1}
 
 
 @dataclass(frozen=True)
@@ -116,10 +112,6 @@ class Study:
             precise=PreciseSettings(self.budget, mass=weighed, mass_sd=mass_sd),
         )
 
-    def coarser(self, method: Method) -> int:
-        """How many times the simulator's usual step a method's trials run at, where `timestep` is None."""
-        return _COARSER[method]
-
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         table = dataclasses.asdict(self)
@@ -198,7 +190,7 @@ def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.rando
 
 
 def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> SensorErrors:
-    sizes = PRESETS[study.noise].scaled_to(robot.mass * _GRAVITY * stance.hip_height)
+    sizes = PRESETS[study.noise].scaled_to(robot.torque_scale(stance.hip_height))
     factors = generator.uniform(0, 2, len(SOURCES)) if study.vary_noise else np.ones(len(SOURCES))
     kept = study.only or SOURCES
     changed = {name: getattr(sizes, name) * float(f) * (name in kept) for name, f in zip(SOURCES, factors, strict=True)}

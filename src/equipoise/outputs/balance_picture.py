@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from equipoise.balance.report import BalanceReport, BalanceTrial
-from equipoise.errors import OutputError
 from equipoise.outputs.balance_terminal import sentence, title
 from equipoise.outputs.figure import (
     BLUE,
-    DPI,
     GREEN,
     GREY,
     LIGHT_GREY,
@@ -28,6 +25,7 @@ from equipoise.outputs.figure import (
     VERMILLION,
     new_figure,
 )
+from equipoise.outputs.pictures import save_figures
 
 _BEFORE, _AFTER = 0.7, 0.5  # [s] shown around the time on two feet
 
@@ -64,15 +62,7 @@ def draw_balance(report: BalanceReport) -> Figure:
 
 def save_balance_picture(report: BalanceReport, folder: Path) -> Path:
     """Write balance.png; raises OutputError if it cannot be written."""
-    buffer = io.BytesIO()
-    draw_balance(report).savefig(buffer, format="png", dpi=DPI)
-    path = folder / "balance.png"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(buffer.getvalue())
-    except OSError as error:
-        raise OutputError(f"cannot write the picture to {str(folder)!r}: {error.strerror or error}") from error
-    return path
+    return save_figures({"balance.png": draw_balance(report)}, folder)[0]
 
 
 def _draw_tilt(axes: Axes, trial: BalanceTrial) -> None:

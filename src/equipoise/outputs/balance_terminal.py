@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.balance.report import BalanceReport, BalanceTrial
+from equipoise.outputs.terminal import number
 
 
 def print_balance(report: BalanceReport, files: Sequence[Path]) -> None:
@@ -53,20 +54,16 @@ def _rows(report: BalanceReport) -> list[list[str]]:
     verdicts = [trial.verdict for trial in report.trials]
     rows = [
         ["time balanced [s]", *(f"{v.time_balanced:.2f}" for v in verdicts)],
-        ["sway of the CoM about its mean, rms [mm]", *(_number(v.sway, 1000, ".2f") for v in verdicts)],
-        ["CoM in front of the line, mean [mm]", *(_number(v.off_line, 1000, "+.2f") for v in verdicts)],
-        ["tilt of the base, last second [deg]", *(_number(np.degrees(v.tilt), 1, ".1f") for v in verdicts)],
-        ["largest tilt [deg]", *(_number(np.degrees(v.largest_tilt), 1, ".1f") for v in verdicts)],
-        ["largest joint torque [Nm]", *(_number(v.largest_torque, 1, ".1f") for v in verdicts)],
-        ["joint torque, rms [Nm]", *(_number(v.rms_torque, 1, ".2f") for v in verdicts)],
+        ["sway of the CoM about its mean, rms [mm]", *(number(v.sway, 1000, ".2f") for v in verdicts)],
+        ["CoM in front of the line, mean [mm]", *(number(v.off_line, 1000, "+.2f") for v in verdicts)],
+        ["tilt of the base, last second [deg]", *(number(np.degrees(v.tilt), 1, ".1f") for v in verdicts)],
+        ["largest tilt [deg]", *(number(np.degrees(v.largest_tilt), 1, ".1f") for v in verdicts)],
+        ["largest joint torque [Nm]", *(number(v.largest_torque, 1, ".1f") for v in verdicts)],
+        ["joint torque, rms [Nm]", *(number(v.rms_torque, 1, ".2f") for v in verdicts)],
     ]
     if any(trial.believed_error is not None for trial in report.trials):
-        errors = [_number(trial.believed_error, 1000, "+.2f") for trial in report.trials]
+        errors = [number(trial.believed_error, 1000, "+.2f") for trial in report.trials]
         rows.append(["believed CoM in front of the true one [mm]", *errors])
     if report.settings.observe_offset:
-        rows.append(["the same, as observed [mm]", *(_number(v.observed_error, 1000, "+.2f") for v in verdicts)])
+        rows.append(["the same, as observed [mm]", *(number(v.observed_error, 1000, "+.2f") for v in verdicts)])
     return rows
-
-
-def _number(value: float | None, factor: float, form: str) -> str:
-    return "-" if value is None else format(value * factor, form)

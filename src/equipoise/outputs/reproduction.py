@@ -25,15 +25,14 @@ from equipoise.monte_carlo.reproduction import (
     Reproduction,
 )
 from equipoise.monte_carlo.statistics import WITHIN
-from equipoise.outputs.figure import BLACK, BLUE, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
+from equipoise.outputs.figure import BLACK, BLUE, GREY, SMALL, TEXT, VERMILLION, new_figure
 from equipoise.outputs.pictures import save_figures
-from equipoise.outputs.study_picture import tidy
+from equipoise.outputs.study_picture import draw_line_in_squares, tidy
 from equipoise.outputs.study_report import rate_text
 
 FloatArray = NDArray[np.float64]
 
 _BAND = (5, 95)  # percentiles
-_BINS = 6
 
 
 def save_reproduction(done: Reproduction, folder: str | Path) -> list[Path]:
@@ -188,7 +187,7 @@ def draw_iterations(done: Reproduction) -> Figure:
     axes.fill_between(iterations, 1000 * lower, 1000 * upper, color=VERMILLION, alpha=0.18, lw=0,
                       label=f"{_BAND[0]} to {_BAND[1]} % of {len(done.iterations)} trials")  # fmt: skip
     axes.plot(iterations, 1000 * median, "o-", color=VERMILLION, lw=2, label="median of the paper's method")
-    found = done.finals["precise"]
+    found = done.precise_errors
     if np.isfinite(found).any():
         value = 1000 * float(np.nanmedian(found))
         axes.axhline(value, color=BLUE, lw=1.5, label=f"median of the precise method: {value:.1f} mm")
@@ -210,39 +209,18 @@ def draw_iterations(done: Reproduction) -> Figure:
 def draw_proportion(proportion: Proportion) -> Figure:
     """CoM error against joint error and against foot error, each with its line."""
     figure = new_figure(9.5, 4.2)
-    panels = zip(
-        figure.subplots(1, 2, sharey=True),
-        (
-            (
-                proportion.joint_error,
-                proportion.per_joint_error,
-                "joint error, rms over joints [mrad]",
-                "mm per mrad",
-                1e3,
-            ),
-            (
-                proportion.foot_error,
-                proportion.per_foot_error,
-                "planar foot error, rms over feet [mm]",
-                "mm per mm",
-                1e3,
-            ),
-        ),
-        strict=True,
+    panels = (
+        (proportion.joint_error, proportion.per_joint_error, "joint error, rms over joints [mrad]", "mm per mrad"),
+        (proportion.foot_error, proportion.per_foot_error, "planar foot error, rms over feet [mm]", "mm per mm"),
     )
-    for axes, (size, slope, label, unit, factor) in panels:
-        axes.plot(factor * size, 1000 * proportion.com_error, ".", ms=4, color=LIGHT_GREY, label="one robot")
-        order = np.argsort(size)
-        parts = np.array_split(order, _BINS)
-        axes.plot([factor * size[p].mean() for p in parts],
-                  [1000 * np.sqrt(np.mean(proportion.com_error[p] ** 2)) for p in parts],
-                  "o", color=VERMILLION, label="RMS of a sixth of them")  # fmt: skip
-        line = np.arange(51) / 50 * float(size.max())
-        axes.plot(factor * line, 1000 * np.hypot(proportion.floor, slope * line), color=BLACK, lw=1.5,
-                  label=f"{1000 * slope / factor:.2f} {unit}, above {1000 * proportion.floor:.1f} mm")  # fmt: skip
-        axes.set(xlabel=label, xlim=(0, None), ylim=(0, None))
+    for axes, (size, slope, label, unit) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
+        floor = 1000 * proportion.floor
+        draw_line_in_squares(
+            axes, 1000 * size, 1000 * proportion.com_error, floor, slope, VERMILLION,
+            f"{slope:.2f} {unit}, above {floor:.1f} mm",
+        )  # fmt: skip
+        axes.set_xlabel(label)
         axes.legend(fontsize=SMALL, frameon=False)
-        tidy(axes)
     figure.axes[0].set_ylabel("planar CoM error [mm]")
     figure.suptitle("Method paper, joint zeros alone wrong", fontsize=TEXT, x=0.01, ha="left", fontweight="bold")
     figure.tight_layout(rect=(0, 0, 1, 0.98))

@@ -6,19 +6,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from equipoise.monte_carlo.statistics import LEVELS, WITHIN, MethodSummary, Slope, column, planar_errors
 from equipoise.monte_carlo.trial import SUCCEEDED, Row
 from equipoise.outputs.figure import BLACK, BLUE, GREEN, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
-from equipoise.outputs.study_report import rate_text, source_label, source_unit
+from equipoise.outputs.study_report import rate_text, slope_numbers, source_label, source_unit
+
+FloatArray = NDArray[np.float64]
 
 METHOD_COLOURS = {"precise": BLUE, "paper": VERMILLION, "static": GREEN}
-_BINS = 6
+_BINS = 6  # of size, with as many trials each
 
 
 def draw_study(rows: Sequence[Row], summaries: Sequence[MethodSummary], title: str) -> Figure:
@@ -85,25 +87,16 @@ def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Fi
     figure = new_figure(2.9 * columns, 2.5 * lines + 0.5)
     grid = figure.subplots(lines, columns, squeeze=False, sharey=True)
     errors = 1000 * planar_errors(chosen)
-    squares = errors**2
     for axes, slope in zip(grid.flat, of_method, strict=False):
         unit, factor = source_unit(slope.source)
         size = factor * column(chosen, slope.source)
-        steepness = 1000 * slope.slope / factor
-        axes.plot(size, errors, ".", ms=3, color=LIGHT_GREY, rasterized=True)
+        steepness, deviation, per_unit = slope_numbers(slope)
         # What the others cost on average stays: the line is the root of its square and this source's.
-        others = max(0.0, float(np.mean(squares)) - steepness**2 * float(np.mean(size**2)))
-        edges = np.quantile(size, np.linspace(0, 1, _BINS + 1))
-        inside = [(size >= low) & (size <= high) for low, high in pairwise(edges)]
-        axes.plot([size[mask].mean() for mask in inside], [np.sqrt(squares[mask].mean()) for mask in inside], "o",
-                  ms=5, color=METHOD_COLOURS.get(method, BLACK))  # fmt: skip
-        line = np.arange(51) / 50 * float(size.max())
-        axes.plot(line, np.sqrt(others + (steepness * line) ** 2), color=BLACK, lw=1.2)
-        deviation = 1000 * slope.deviation / factor
-        axes.set_title(f"{source_label(slope.source)}\n{steepness:.2g} ± {deviation:.1g} mm per {unit}", fontsize=SMALL)
+        others = float(np.sqrt(max(0.0, float(np.mean(errors**2) - steepness**2 * np.mean(size**2)))))
+        draw_line_in_squares(axes, size, errors, others, steepness, METHOD_COLOURS.get(method, BLACK))
+        axes.set_title(f"{source_label(slope.source)}\n{steepness:.2g} ± {deviation:.1g} {per_unit}", fontsize=SMALL)
         axes.set_xlabel(unit, fontsize=SMALL)
-        axes.set(xlim=(0, None), ylim=(0, float(np.quantile(errors, 0.995))))
-        tidy(axes)
+        axes.set_ylim(0, float(np.quantile(errors, 0.995)))
     for axes in grid.flat[len(of_method) :]:
         axes.set_visible(False)
     for axes in grid[:, 0]:
@@ -114,6 +107,24 @@ def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Fi
     )  # fmt: skip
     figure.tight_layout(rect=(0, 0, 1, 0.98))
     return figure
+
+
+def draw_line_in_squares(
+    axes: Axes, size: FloatArray, errors: FloatArray, floor: float, slope: float, colour: str, line: str | None = None
+) -> None:
+    """Each trial's error, their RMS by size, and root of (floor squared + (slope x size) squared), all in one unit each.
+
+    Args:
+        line: what the line is called in a legend; None: there will be none.
+    """
+    axes.plot(size, errors, ".", ms=3, color=LIGHT_GREY, rasterized=True, label="one robot")
+    parts = np.array_split(np.argsort(size), _BINS)
+    axes.plot([size[part].mean() for part in parts], [np.sqrt(np.mean(errors[part] ** 2)) for part in parts], "o", ms=5,
+              color=colour, label="RMS of a sixth of them")  # fmt: skip
+    sizes = np.arange(51) / 50 * float(size.max())
+    axes.plot(sizes, np.hypot(floor, slope * sizes), color=BLACK, lw=1.2, label=line)
+    axes.set(xlim=(0, None), ylim=(0, None))
+    tidy(axes)
 
 
 def tidy(axes: Axes) -> None:

@@ -37,6 +37,17 @@ def source_unit(source: str) -> tuple[str, float]:
     return _UNITS[source]
 
 
+def slope_numbers(slope: Slope) -> tuple[float, float, str]:
+    """A slope and its standard error for people, and their unit."""
+    unit, factor = source_unit(slope.source)
+    return 1000 * slope.slope / factor, 1000 * slope.deviation / factor, f"mm per {unit}"
+
+
+def failures_text(summary: MethodSummary) -> str:
+    """How many calibrations failed, by kind."""
+    return ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
+
+
 def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> dict[str, Any]:
     """JSON form of a study's summary."""
     table = {
@@ -65,9 +76,8 @@ def summary_markdown(study: Study, summaries: Sequence[MethodSummary], slopes: S
         "|---|---|---|---|---|",
     ]
     for summary in summaries:
-        failed = ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
         lines.append(
-            f"| {summary.method} | {rate_text(summary.within)} | {failed} | {_time(summary.robot_time, 0)} | "
+            f"| {summary.method} | {rate_text(summary.within)} | {failures_text(summary)} | {_time(summary.robot_time, 0)} | "
             f"{_time(summary.cpu_time, 2)} |"
         )
     for summary in summaries:
@@ -129,9 +139,8 @@ def _slope_table(slopes: Sequence[Slope], method: str) -> list[str]:
     ]
     for slope in slopes:
         if slope.method == method:
-            unit, factor = source_unit(slope.source)
-            value, deviation = (1000 * number / factor for number in (slope.slope, slope.deviation))
-            lines.append(f"| {source_label(slope.source)} | {value:.3g} | {deviation:.2g} | mm per {unit} |")
+            value, deviation, unit = slope_numbers(slope)
+            lines.append(f"| {source_label(slope.source)} | {value:.3g} | {deviation:.2g} | {unit} |")
     return lines
 
 

@@ -15,7 +15,14 @@ from rich.table import Table
 
 from equipoise.monte_carlo.runner import StudyProgress
 from equipoise.monte_carlo.statistics import LEVELS, MethodSummary, Slope
-from equipoise.outputs.study_report import coverage_text, error_numbers, rate_text, source_label, source_unit
+from equipoise.outputs.study_report import (
+    coverage_text,
+    error_numbers,
+    failures_text,
+    rate_text,
+    slope_numbers,
+    source_label,
+)
 
 _PLAIN_INTERVAL = 10.0  # [s] between lines where nothing can be overwritten
 
@@ -78,18 +85,16 @@ def print_study(summaries: Sequence[MethodSummary], slopes: Sequence[Slope], fil
             table.add_column(name, justify="left" if name == "source" else "right")
         for slope in slopes:
             if slope.method == method:
-                unit, factor = source_unit(slope.source)
-                value, deviation = (1000 * number / factor for number in (slope.slope, slope.deviation))
-                table.add_row(source_label(slope.source), f"{value:.3g} mm per {unit}", f"{deviation:.2g}")
+                value, deviation, unit = slope_numbers(slope)
+                table.add_row(source_label(slope.source), f"{value:.3g} {unit}", f"{deviation:.2g}")
         console.print(table)
     console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
 
 
 def _print_method(console: Console, summary: MethodSummary) -> None:
-    failed = ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
     console.print(
         f"[bold]{summary.method}[/bold]: {summary.trials} trials, within 5 mm {escape(rate_text(summary.within))}, "
-        f"failed: {failed}"
+        f"failed: {failures_text(summary)}"
     )
     for kind, reason in summary.reasons.items():
         console.print(escape(f"  {kind}, the first in {reason}"), soft_wrap=True)

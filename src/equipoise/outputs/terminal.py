@@ -143,14 +143,14 @@ def _print_paper(console: Console, result: Calibration) -> None:
     if result.composite.mass is not None:
         true = None if truth is None else truth.composite.mass
         error = "-" if true is None else f"{result.composite.mass / true - 1:+.1%}"
-        table.add_row(escape("mass [kg]"), f"{result.composite.mass:.3f}", _number(true, 1, ".3f"), error)
+        table.add_row(escape("mass [kg]"), f"{result.composite.mass:.3f}", number(true, 1, ".3f"), error)
     for index, axis in enumerate("xy"):
         value = result.composite.com_in_base[index]
         true = None if truth is None else float(truth.composite.com[index])
         table.add_row(
             escape(f"CoM {axis} in base [mm]"),
-            _number(value, 1000, ".2f"),
-            _number(true, 1000, ".2f"),
+            number(value, 1000, ".2f"),
+            number(true, 1000, ".2f"),
             "-" if value is None or true is None else f"{(value - true) * 1000:+.2f} mm",
         )
     errors = result.moment_errors()
@@ -164,17 +164,17 @@ def _print_paper(console: Console, result: Calibration) -> None:
         error = errors.get(axis)
         table.add_row(
             escape(f"{name} of base, hips, thighs"),
-            _number(sway.moment, 1, ".4f"),
-            _number(effective, 1, ".4f"),
+            number(sway.moment, 1, ".4f"),
+            number(effective, 1, ".4f"),
             "-" if error is None else f"{error['against_stance_effective']:+.1%}",
         )
         table.add_row(
             f"{' ' * len(name)} of the whole robot",
             "",
-            _number(composite, 1, ".4f"),
+            number(composite, 1, ".4f"),
             "-" if error is None else f"{error['against_composite']:+.1%}",
         )
-        table.add_row(escape(f"C_{'xyz'[index]} ({axis}) [Nm s/rad]"), _number(sway.damping, 1, ".3f"), "", "")
+        table.add_row(escape(f"C_{'xyz'[index]} ({axis}) [Nm s/rad]"), number(sway.damping, 1, ".3f"), "", "")
     console.print(table)
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     time = sum(trial.duration for trial in result.trials)
@@ -222,7 +222,7 @@ def print_robots(rows: Sequence[CatalogRow]) -> None:
         table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
     for row in rows:
         what = row.note if row.install is None else "not installed"
-        mass, leg = _number(row.mass, 1, ".3f"), _number(row.leg_length, 1, ".3f")
+        mass, leg = number(row.mass, 1, ".3f"), number(row.leg_length, 1, ".3f")
         table.add_row(row.name, mass, row.legs or "-", leg, row.source, escape(what))
     console = Console()
     console.print(table)
@@ -263,5 +263,6 @@ def print_audit(result: Audit) -> None:
         console.print("Nothing speaks against these inertias.")
 
 
-def _number(value: float | None, factor: float, form: str) -> str:
+def number(value: float | None, factor: float, form: str) -> str:
+    """A value times a factor, or a dash if it is not known."""
     return "-" if value is None else format(value * factor, form)

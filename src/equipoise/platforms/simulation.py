@@ -24,7 +24,6 @@ try:
 except ModuleNotFoundError as error:
     raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
 
-_GRAVITY = 9.81
 _LARGEST_DAMPING = 2.0
 
 
@@ -77,7 +76,7 @@ def simulate(
     if isinstance(payload, str):
         payload = Payload.parse(payload)
     stance = nominal_stance(robot)
-    sizes = PRESETS[noise].scaled_to(robot.mass * _GRAVITY * stance.hip_height) if isinstance(noise, str) else noise
+    sizes = PRESETS[noise].scaled_to(robot.torque_scale(stance.hip_height)) if isinstance(noise, str) else noise
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed)
     if timestep is None:
         timestep = stable_timestep(robot, stance, sizes.armature)

@@ -158,9 +158,13 @@ class RobotModel:
         """(7 + nj,) Pinocchio configuration with the base frame at the world's origin."""
         return np.concatenate([_BASE_AT_ORIGIN, joint_position])
 
+    def torque_scale(self, hip_height: float) -> float:
+        """M g h [Nm], which gains, friction and armature scale with."""
+        return self.mass * _GRAVITY * hip_height
+
     def gains(self, hip_height: float) -> tuple[float, float]:
         """Joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or scaled with m g h from an A1's."""
-        scale = self.mass * _GRAVITY * hip_height / A1_TORQUE_SCALE
+        scale = self.torque_scale(hip_height) / A1_TORQUE_SCALE
         kp, kd = self.description.kp, self.description.kd
         return (100.0 * scale if kp is None else kp), (3.0 * scale if kd is None else kd)
 
