@@ -94,7 +94,7 @@ def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Fi
         # What the others cost on average stays: the line is the root of its square and this source's.
         others = float(np.sqrt(max(0.0, float(np.mean(errors**2) - steepness**2 * np.mean(size**2)))))
         draw_line_in_squares(axes, size, errors, others, steepness, METHOD_COLOURS.get(method, BLACK))
-        axes.set_title(f"{source_label(slope.source)}\n{steepness:.2g} ± {deviation:.1g} {per_unit}", fontsize=SMALL)
+        axes.set_title(f"{source_label(slope.source)}\n{steepness:.2g} ± {deviation:.2g} {per_unit}", fontsize=SMALL)
         axes.set_xlabel(unit, fontsize=SMALL)
         axes.set_ylim(0, float(np.quantile(errors, 0.995)))
     for axes in grid.flat[len(of_method) :]:
