@@ -16,7 +16,7 @@ FLOORS = [
     ["robot"],
     ["recordings"],
     ["platforms", "estimation"],
-    ["experiments"],
+    ["experiments", "peers"],
     ["result"],
     ["methods"],
     ["calibration"],

@@ -46,6 +46,7 @@ class SteppedRobot:
         self._simulated = simulated
         self.control_period = simulated.control_period
         self.joint_names = simulated.joint_names
+        self.accepts = simulated.accepts
 
     def read(self):
         return dataclasses.replace(self._simulated.read(), joint_torque=None)
@@ -85,7 +86,7 @@ def platform(a1):
 
 def test_the_simulated_robot_shows_no_more_than_a_platform_does(platform):
     public = {name for name in dir(platform) if not name.startswith("_")}
-    assert public == {"control_period", "joint_names", "read", "step", "play", "close"}
+    assert public == {"control_period", "joint_names", "accepts", "read", "step", "play", "close"}
 
 
 def test_a_closed_simulation_says_so(platform):
@@ -95,12 +96,20 @@ def test_a_closed_simulation_says_so(platform):
         platform.play(motion)
 
 
-@pytest.mark.parametrize("gains", [{"kp": 0.0}, {"kp": -1.0}, {"kd": -1.0}, {"kp": np.nan}])
+@pytest.mark.parametrize("gains", [{"kp": -1.0}, {"kd": -1.0}, {"kp": np.nan}])
 def test_gains_that_no_simulated_joint_can_have_are_refused(platform, gains):
     here = platform.read().joint_position
     command = JointCommand(here, **{name: np.full_like(here, value) for name, value in gains.items()})
-    with pytest.raises(SettingsError, match="simulated joints need a positive kp"):
+    with pytest.raises(SettingsError, match="joint gains kp and kd must be numbers of zero or more"):
         platform.step(command)
+
+
+def test_a_joint_without_gains_still_takes_torques(platform):
+    here = platform.read().joint_position
+    none, torque = np.zeros_like(here), np.full_like(here, 0.7)
+    for _ in range(3):
+        state = platform.step(JointCommand(here, torque=torque, kp=none, kd=none))
+    assert np.allclose(state.joint_torque, 0.7, atol=1e-4)
 
 
 def test_gains_of_a_step_do_not_outlast_it(a1):

@@ -61,6 +61,24 @@ class ImuMountingError(MotionError):
     """The tilts contradict the motions as they do when the IMU is mounted turned."""
 
 
+class LimitError(MotionError):
+    """A joint is, or was sent, beyond what it may do: position, speed, torque or temperature."""
+
+
+class SensorError(MotionError):
+    """The robot's samples cannot be believed: frozen, not a number, out of order."""
+
+
+class OverrunError(MotionError):
+    """This computer did not keep up with the control loop."""
+
+
+class CommunicationError(MotionError, ConnectionError):
+    """The robot cannot be reached, or fell silent."""
+
+    exit_code = 10
+
+
 class RecordingError(EquipoiseError, ValueError):
     """A recording or run folder is damaged, or lacks what an estimate needs."""
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from equipoise.errors import FallError, MotionError, ReachError, SettingsError
 from equipoise.platforms.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.platforms.platform import (
+    ACCEPTS_EVERYTHING,
     JointCommand,
     MotionInterrupted,
     RobotState,
@@ -28,6 +29,7 @@ FloatArray = NDArray[np.float64]
 
 _STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
+_LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a joint without one
 # Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
 PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 30, 500
 # Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
@@ -81,6 +83,10 @@ class MujocoPlatform:
     @property
     def joint_names(self) -> tuple[str, ...]:
         return self._robot.joint_names
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return ACCEPTS_EVERYTHING
 
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._raw_now()[None]])
@@ -179,8 +185,9 @@ class MujocoPlatform:
         simulated, scale = self._simulated, self._simulated.errors.torque_gain
         self._kp = simulated.kp if kp is None else kp
         self._kd = simulated.kd if kd is None else kd
-        if not (np.min(self._kp) > 0 and np.min(self._kd) >= 0):
-            raise SettingsError("simulated joints need a positive kp (torques act through it) and a kd of zero or more")
+        if not (np.min(self._kp) >= 0 and np.min(self._kd) >= 0):
+            raise SettingsError("joint gains kp and kd must be numbers of zero or more")
+        self._kp = np.maximum(self._kp, _LEAST_KP)
         self._model.actuator_gainprm[:, 0] = self._kp * scale
         self._model.actuator_biasprm[:, 1] = -self._kp * scale
         self._model.actuator_biasprm[:, 2] = -self._kd * scale
