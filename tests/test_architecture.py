@@ -27,7 +27,7 @@ FLOORS = [
     ["__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
-SIMULATION = {"platforms/mujoco.py", "platforms/mujoco_model.py", "platforms/truth.py", "platforms/simulation.py"}
+SIMULATION = {f"platforms/{name}.py" for name in ("mujoco", "mujoco_model", "truth", "simulation", "disturbance")}
 MODULES = sorted(SOURCE.rglob("*.py"))
 
 

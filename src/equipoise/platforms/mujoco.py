@@ -9,7 +9,8 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from equipoise.errors import FallError, MotionError, ReachError, SettingsError
+from equipoise.errors import FallError, MotionError, SettingsError
+from equipoise.platforms.disturbance import Disturbance
 from equipoise.platforms.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.platforms.platform import (
     ACCEPTS_EVERYTHING,
@@ -21,9 +22,8 @@ from equipoise.platforms.platform import (
     started_events,
 )
 from equipoise.recordings.recording import CommandStream, ImuStream, JointStream, Recording
-from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.stance import Stance, lying_posture
 
 FloatArray = NDArray[np.float64]
 
@@ -32,8 +32,6 @@ _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not sta
 _LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a joint without one
 # Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
 PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 30, 500
-# Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
-_LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
 
 
 class MujocoPlatform:
@@ -46,6 +44,7 @@ class MujocoPlatform:
         start: "standing" or "lying".
         control_period: [s]; a multiple of the engine's time step.
         data: the engine's state, for those who also watch the simulation from outside; default: one of its own.
+        disturbance: what acts on the robot from outside.
     """
 
     def __init__(
@@ -56,6 +55,7 @@ class MujocoPlatform:
         start: Literal["standing", "lying"] = "standing",
         control_period: float = 2e-3,
         data: mujoco.MjData | None = None,
+        disturbance: Disturbance | None = None,
     ) -> None:
         self._robot = robot
         self._simulated = simulated
@@ -63,6 +63,7 @@ class MujocoPlatform:
         self._data = mujoco.MjData(self._model) if data is None else data
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._rollout = rollout.Rollout(nthread=0)
+        self._disturbance = disturbance or Disturbance(simulated)
         self._substeps = _whole_steps(control_period, self._model.opt.timestep)
         self._kp, self._kd = simulated.kp, simulated.kd
         self._closed = False
@@ -222,7 +223,12 @@ class MujocoPlatform:
         initial = np.zeros(size)
         mujoco.mj_getState(model, data, initial, _STATE)
         states, sensors = self._rollout.rollout(
-            model, data, initial[None], control[None], initial_warmstart=np.array(data.qacc_warmstart)[None]
+            model,
+            data,
+            initial[None],
+            self._disturbance.beside(control)[None],
+            control_spec=self._disturbance.spec,
+            initial_warmstart=np.array(data.qacc_warmstart)[None],
         )
         states, sensors = states[0], sensors[0]
         # The engine restarts at time zero when it diverges.
@@ -320,20 +326,6 @@ def _whole_steps(control_period: float, timestep: float) -> int:
             f"{control_period:g} s"
         )
     return steps
-
-
-def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
-    """Joint positions of the robot lying over its stance's footholds, and the height of its base frame [m]."""
-    for ratio in _LYING_RATIOS:
-        drop = stance.hip_height - ratio * robot.leg_length
-        if drop <= 0:
-            break
-        try:
-            position = inverse_kinematics(robot, stance.feet_in_base + np.array([0, 0, drop]), stance.joint_position)
-        except ReachError:
-            continue
-        return position, stance.base_height - drop
-    return stance.joint_position, stance.base_height
 
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:

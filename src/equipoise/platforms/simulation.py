@@ -18,6 +18,7 @@ from equipoise.robot.stance import Stance, nominal_stance
 try:
     import mujoco
 
+    from equipoise.platforms.disturbance import Disturbance
     from equipoise.platforms.mujoco import MujocoPlatform
     from equipoise.platforms.mujoco_model import build_simulated_robot
     from equipoise.platforms.truth import Witness, simulated_truth
@@ -37,6 +38,7 @@ class Simulation:
         engine: MuJoCo's version.
         errors: what was drawn for its sensors and actuators; for studies, not for experiments.
         witness: sees what the robot really does; for judging, not for control.
+        disturbance: pushes the robot, or takes a foot's hold away.
     """
 
     platform: MujocoPlatform
@@ -44,6 +46,7 @@ class Simulation:
     engine: str
     errors: DrawnErrors
     witness: Witness
+    disturbance: Disturbance
 
     def __enter__(self) -> Simulation:
         return self
@@ -83,8 +86,9 @@ def simulate(
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
     truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
-    platform = MujocoPlatform(robot, simulated, stance, start, data=data)
-    return Simulation(platform, truth, mujoco.__version__, errors, Witness(robot, simulated, data))
+    disturbance = Disturbance(simulated)
+    platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
+    return Simulation(platform, truth, mujoco.__version__, errors, Witness(robot, simulated, data), disturbance)
 
 
 def stable_timestep(robot: RobotModel, stance: Stance, armature: float = 0.0) -> float:
