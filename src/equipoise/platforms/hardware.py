@@ -177,8 +177,9 @@ class HardwarePlatform:
         self._closed.set()
         self._holder.join(timeout=1.0)
         try:
-            with self._sending:
-                self._link.release()
+            if self._command is not None:  # who only looked has nothing to give back
+                with self._sending:
+                    self._link.release()
         finally:
             self._link.close()
 
