@@ -7,9 +7,9 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
 from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.robot.description import RobotDescription
@@ -23,6 +23,11 @@ Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
 Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"])]
+PlatformName = Annotated[
+    Literal["mujoco", "dart", "unitree-go2", "unitree-b2", "ros2", "unitree-a1", "unitree-go1"],
+    arg(help="See 'equipoise platforms'."),
+]
+Setting = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 
 
@@ -59,3 +64,26 @@ def interruption_told(folder: Any) -> Generator[None]:
         if folder.count:
             print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
         raise
+
+
+@contextmanager
+def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
+    """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
+    from equipoise.platforms.catalog import SIMULATED, given_settings, open_platform
+
+    given = given_settings(pairs, settings)
+    if platform not in SIMULATED:
+        with open_platform(platform, model, given) as connection:
+            yield connection
+        return
+    refuse_settings(platform, given)
+    from equipoise.platforms.simulation import simulate
+
+    with simulate(model, "realistic", engine=platform) as simulation:
+        yield simulation.platform
+
+
+def refuse_settings(platform: str, given: Any) -> None:
+    """A simulator has none."""
+    if given:
+        raise SettingsError(f"platform {platform!r} has no settings; --set and --settings are for robots")

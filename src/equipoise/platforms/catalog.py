@@ -12,6 +12,7 @@ from typing import Any
 
 from equipoise.errors import SettingsError
 from equipoise.platforms.hardware import HardwarePlatform, Link
+from equipoise.platforms.watchdog import Watchdog
 from equipoise.robot.model import RobotModel
 
 if sys.version_info >= (3, 11):
@@ -90,11 +91,16 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
         MissingDependencyError: the driver's package is not installed.
         CommunicationError: the network cannot be used.
     """
+    return HardwarePlatform(open_link(name, robot, given), watchdog=lambda: Watchdog(name, robot, given))
+
+
+def open_link(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
+    """The link alone; raises what `open_platform` raises."""
     driver = _driver(name)
     module = importlib.import_module(driver.module)
     settings = read_settings(getattr(module, driver.settings), {**driver.preset, **given}, name)
     link: Link = module.open_link(robot, settings)
-    return HardwarePlatform(link)
+    return link
 
 
 def settings_of(name: str) -> list[tuple[str, str, Any]]:

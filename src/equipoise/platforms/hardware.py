@@ -22,6 +22,7 @@ _SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
 _ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
 _LOST = 5  # control periods behind after which the deadlines begin anew
 _IDLE = 5  # control periods without a step after which the last command is repeated
+_BEAT = 0.2  # [s] between signs of life to the watchdog
 _KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
 
 
@@ -72,6 +73,14 @@ class Link(Protocol):
         ...
 
 
+class WatchdogSide(Protocol):
+    """What lets the robot down if this process dies."""
+
+    def moves(self) -> None: ...
+    def beat(self) -> None: ...
+    def dismiss(self) -> None: ...
+
+
 class LoopTiming:
     """How late commands were sent, after the deadlines that a control loop sets itself.
 
@@ -109,14 +118,17 @@ class HardwarePlatform:
     Args:
         link: to the robot.
         patience: how long to wait for the first sample [s].
+        watchdog: starts what lets the robot down if this process dies; started with the first command.
 
     Attributes:
         timing: of the control loop.
     """
 
-    def __init__(self, link: Link, patience: float = 5.0) -> None:
+    def __init__(self, link: Link, patience: float = 5.0, watchdog: Callable[[], WatchdogSide] | None = None) -> None:
         self._link = link
         self._patience = patience
+        self._start_watchdog = watchdog
+        self._watchdog: WatchdogSide | None = None
         self._newest: RobotState | None = None
         self._command: JointCommand | None = None
         self._deadline = 0.0
@@ -182,6 +194,8 @@ class HardwarePlatform:
                     self._link.release()
         finally:
             self._link.close()
+            if self._watchdog is not None:
+                self._watchdog.dismiss()
 
     def __enter__(self) -> HardwarePlatform:
         return self
@@ -192,6 +206,9 @@ class HardwarePlatform:
     def _send(self, command: JointCommand) -> None:
         if self._released:
             raise MotionError(f"{self.name} is closed; open it again to move it")
+        if self._command is None and self._start_watchdog is not None:
+            self._watchdog = self._start_watchdog()
+            self._watchdog.moves()
         self._command = command
         self._link.send(command)
 
@@ -217,10 +234,16 @@ class HardwarePlatform:
         return self._newest
 
     def _hold(self) -> None:
-        """Repeat the last command while nobody steps."""
-        idle = _IDLE * self.control_period
+        """Repeat the last command while nobody steps, and tell the watchdog that all is well."""
+        idle, beaten = _IDLE * self.control_period, 0.0
         while not self._closed.wait(idle):
-            while not self._closed.is_set() and time.monotonic() - self._stepped > idle and self._command is not None:
+            now = time.monotonic()
+            if self._watchdog is not None and now - beaten > _BEAT:
+                self._watchdog.beat()
+                beaten = now
+            while not self._closed.is_set() and time.monotonic() - self._stepped > idle:
+                if self._command is None or time.monotonic() - beaten > _BEAT:
+                    break
                 with self._sending:
                     if time.monotonic() - self._stepped > idle and not self._released:
                         _ignoring_loss(lambda command=self._command: self._link.send(command))
