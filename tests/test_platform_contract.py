@@ -85,7 +85,7 @@ def platform(a1):
 
 def test_the_simulated_robot_shows_no_more_than_a_platform_does(platform):
     public = {name for name in dir(platform) if not name.startswith("_")}
-    assert public == {"control_period", "joint_names", "read", "step", "play", "close"}
+    assert public == {"control_period", "joint_names", "accepts", "read", "step", "play", "close"}
 
 
 def test_a_closed_simulation_says_so(platform):

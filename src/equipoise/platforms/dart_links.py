@@ -95,7 +95,9 @@ def _urdf_links(source: ModelSource) -> Iterator[Link]:
     if skeleton is None:
         raise ModelError(f"DART cannot make a model of {str(source.path)!r}")
     # DART gives a link without an inertial one of its own.
-    heavy = {link.get("name") for link in ET.fromstring(source.xml).findall("link") if link.find("inertial") is not None}
+    heavy = {
+        link.get("name") for link in ET.fromstring(source.xml).findall("link") if link.find("inertial") is not None
+    }
     for node in skeleton.getBodyNodes():
         joint, parent, name = node.getParentJoint(), node.getParentBodyNode(), node.getName()
         inertia = node.getInertia()

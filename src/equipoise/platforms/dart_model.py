@@ -75,7 +75,7 @@ def build_dart_robot(
         raise ModelError(f"DART cannot make a model of {str(robot.source.path)!r}: {error}") from error
     skeleton, places = _skeleton(robot, links)
     _set_inertias(robot, skeleton, links, places, errors, payload)
-    dofs = np.array([skeleton.getDof(name).getIndexInSkeleton() for name in robot.joint_names], dtype=np.intp)
+    dofs = np.array([skeleton.getJoint(name).getIndexInSkeleton(0) for name in robot.joint_names], dtype=np.intp)
     kp, kd = robot.gains(stance.hip_height)
     if timestep is None:
         timestep = _stable_timestep(skeleton, dofs, stance, kd + errors.sizes.viscous_friction, errors.sizes.armature)
@@ -121,21 +121,18 @@ def _add_body(
     skeleton: dynamics.Skeleton, parent: dynamics.BodyNode, pose: FloatArray, axis: Axis, name: str, robot: RobotModel
 ) -> dynamics.BodyNode:
     hinge = axis.kind == "hinge"
-    properties = dynamics.RevoluteJointProperties() if hinge else dynamics.PrismaticJointProperties()
+    create = skeleton.createRevoluteJointAndBodyNodePair if hinge else skeleton.createPrismaticJointAndBodyNodePair
+    joint, body = create(parent)
+    body.setName(name)
+    joint.setName(axis.name)
+    joint.setAxis(axis.direction)
     at_anchor = pose_of(np.eye(3), axis.anchor)
-    properties.mName = axis.name
-    properties.mAxis = axis.direction
-    properties.mT_ParentBodyToJoint = dartpy.math.Isometry3(pose @ at_anchor)
-    properties.mT_ChildBodyToJoint = dartpy.math.Isometry3(at_anchor)
-    create = (
-        skeleton.createRevoluteJointAndBodyNodePair if hinge else skeleton.createPrismaticJointAndBodyNodePair
-    )
-    joint, body = create(parent, properties)
+    joint.setTransformFromParentBodyNode(dartpy.math.Isometry3(pose @ at_anchor))
+    joint.setTransformFromChildBodyNode(dartpy.math.Isometry3(at_anchor))
     index = robot.joint_names.index(axis.name)
     joint.setPositionLowerLimit(0, float(robot.lower_limit[index]))
     joint.setPositionUpperLimit(0, float(robot.upper_limit[index]))
     joint.setLimitEnforcement(True)
-    body.setName(name)
     return body
 
 
@@ -192,9 +189,7 @@ def _add_contacts(
     return tuple(feet)
 
 
-def _add_shape(
-    body: dynamics.BodyNode, shape: dynamics.Shape, at: FloatArray, friction: float
-) -> dynamics.ShapeNode:
+def _add_shape(body: dynamics.BodyNode, shape: dynamics.Shape, at: FloatArray, friction: float) -> dynamics.ShapeNode:
     node = body.createShapeNode(shape)
     node.createCollisionAspect()
     node.createDynamicsAspect()

@@ -93,7 +93,12 @@ def simulate(
 
 
 def _in_mujoco(
-    robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None, start: Start, timestep: float | None
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    start: Start,
+    timestep: float | None,
 ) -> Simulation:
     try:
         import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
@@ -113,7 +118,12 @@ def _in_mujoco(
 
 
 def _in_dart(
-    robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None, start: Start, timestep: float | None
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    start: Start,
+    timestep: float | None,
 ) -> Simulation:
     try:
         import dartpy  # noqa: PLC0415
