@@ -1,4 +1,4 @@
-"""What the robot simulated in DART really weighs and does: computed by DART, by no code that an estimator uses."""
+"""What the robot in DART really weighs and does: computed by DART, by no code that an estimator uses."""
 
 from __future__ import annotations
 

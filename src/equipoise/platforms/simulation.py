@@ -103,18 +103,18 @@ def _in_mujoco(
     try:
         import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
 
-        from equipoise.platforms import truth  # noqa: PLC0415
         from equipoise.platforms.mujoco import MujocoPlatform  # noqa: PLC0415
         from equipoise.platforms.mujoco_model import build_simulated_robot  # noqa: PLC0415
+        from equipoise.platforms.truth import MujocoWitness, simulated_truth  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
     if timestep is None:
         timestep = stable_timestep(robot, stance, errors.sizes.armature)
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
-    true = truth.simulated_truth(robot, simulated, stance.joint_position)
+    truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
     platform = MujocoPlatform(robot, simulated, stance, start, data=data)
-    return Simulation(platform, true, mujoco.__version__, errors, truth.Witness(robot, simulated, data))
+    return Simulation(platform, truth, mujoco.__version__, errors, MujocoWitness(robot, simulated, data))
 
 
 def _in_dart(
@@ -134,9 +134,9 @@ def _in_dart(
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation in DART needs dartpy: pip install 'equipoise[dart]'") from error
     simulated = build_dart_robot(robot, stance, errors, payload, timestep)
-    true = dart_truth(robot, simulated, stance.joint_position)
+    truth = dart_truth(robot, simulated, stance.joint_position)
     platform = DartPlatform(robot, simulated, stance, start)
-    return Simulation(platform, true, dartpy.__version__, errors, DartWitness(simulated))
+    return Simulation(platform, truth, dartpy.__version__, errors, DartWitness(simulated))
 
 
 def stable_timestep(robot: RobotModel, stance: Stance, armature: float = 0.0) -> float:
