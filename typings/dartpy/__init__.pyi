@@ -1,4 +1,4 @@
-"""Covers what equipoise uses of dartpy 6.19 and 6.20."""
+"""Covers what equipoise uses of dartpy 6.20."""
 
 from dartpy import collision as collision
 from dartpy import common as common
