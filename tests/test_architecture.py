@@ -27,7 +27,18 @@ FLOORS = [
     ["__main__"],
 ]
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
-SIMULATION = {f"platforms/{name}.py" for name in ("mujoco", "mujoco_model", "truth", "simulation", "disturbance")}
+# What may import an engine, and what of it may see the truth.
+ENGINES = {
+    "mujoco": {
+        "platforms/mujoco.py", "platforms/mujoco_model.py", "platforms/truth.py", "platforms/simulation.py",
+        "platforms/disturbance.py",
+    },
+    "dartpy": {
+        "platforms/dart.py", "platforms/dart_links.py", "platforms/dart_model.py", "platforms/dart_truth.py",
+        "platforms/simulation.py",
+    },
+}  # fmt: skip
+TRUTHS = {"equipoise.platforms.truth", "equipoise.platforms.dart_truth"}
 MODULES = sorted(SOURCE.rglob("*.py"))
 
 
@@ -60,15 +71,24 @@ def test_platforms_and_estimation_do_not_import_each_other():
             assert not any(name.startswith(others[own]) for name in imported(path)), path
 
 
-def test_only_the_simulation_imports_mujoco():
+@pytest.mark.parametrize("engine", ENGINES)
+def test_only_an_engines_own_modules_import_it(engine):
     for path in MODULES:
-        if any(name.split(".")[0] == "mujoco" for name in imported(path)):
-            assert path.relative_to(SOURCE).as_posix() in SIMULATION
+        if any(name.split(".")[0] == engine for name in imported(path)):
+            assert path.relative_to(SOURCE).as_posix() in ENGINES[engine]
+
+
+def test_engines_share_no_module_that_imports_one():
+    for engine, modules in ENGINES.items():
+        others = {"equipoise." + path.removesuffix(".py").replace("/", ".")
+                  for name, paths in ENGINES.items() if name != engine for path in paths}  # fmt: skip
+        for path in modules - {"platforms/simulation.py"}:
+            assert not others & set(imported(SOURCE / path)), path
 
 
 def test_the_truth_is_read_by_the_simulation_alone():
     for path in MODULES:
-        if any(name == "equipoise.platforms.truth" for name in imported(path)):
+        if TRUTHS & set(imported(path)):
             assert path.relative_to(SOURCE).as_posix() == "platforms/simulation.py"
 
 
@@ -76,26 +96,36 @@ def run_python(code):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 
-def test_importing_everything_but_the_simulator_needs_no_mujoco():
-    names = [name for name in equipoise.__all__ if name not in ("Simulation", "simulate")]
-    code = f"import sys; sys.modules['mujoco'] = None; from equipoise import {', '.join(names)}"
+def test_importing_everything_needs_no_simulator():
+    code = (
+        "import sys; sys.modules['mujoco'] = sys.modules['dartpy'] = None\n"
+        f"from equipoise import {', '.join(equipoise.__all__)}"
+    )
     assert run_python(code).returncode == 0
 
 
 def test_importing_the_package_imports_no_simulator_and_no_plots():
     done = run_python(
-        "import equipoise, sys; print([m for m in ('mujoco', 'matplotlib', 'scipy') if m in sys.modules])"
+        "import equipoise, sys; print([m for m in ('mujoco', 'dartpy', 'matplotlib', 'scipy') if m in sys.modules])"
     )
     assert done.stdout.strip() == "[]"
 
 
-def test_without_mujoco_the_simulation_says_what_to_install():
+MISSING = {
+    "mujoco": "simulation needs MuJoCo: pip install mujoco",
+    "dartpy": "simulation in DART needs dartpy: pip install 'equipoise[dart]'",
+}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_without_an_engine_the_simulation_says_what_to_install(engine):
     code = (
-        "import sys; sys.modules['mujoco'] = None\n"
-        "try: from equipoise import simulate\n"
+        f"import sys; sys.modules[{engine!r}] = None\n"
+        "from equipoise import load_robot, simulate\n"
+        f"try: simulate(load_robot('unitree_a1'), engine={engine.removesuffix('py')!r})\n"
         "except Exception as error: print(type(error).__name__, error)"
     )
-    assert run_python(code).stdout.strip() == "MissingDependencyError simulation needs MuJoCo: pip install mujoco"
+    assert run_python(code).stdout.strip() == f"MissingDependencyError {MISSING[engine]}"
 
 
 def test_exports_are_frozen():

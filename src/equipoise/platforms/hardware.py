@@ -238,9 +238,10 @@ class HardwarePlatform:
         idle, beaten = _IDLE * self.control_period, 0.0
         while not self._closed.wait(idle):
             now = time.monotonic()
-            if self._watchdog is not None and now - beaten > _BEAT:
-                self._watchdog.beat()
+            if now - beaten > _BEAT:
                 beaten = now
+                if self._watchdog is not None:
+                    self._watchdog.beat()
             while not self._closed.is_set() and time.monotonic() - self._stepped > idle:
                 if self._command is None or time.monotonic() - beaten > _BEAT:
                     break

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from equipoise.errors import MissingDependencyError, SettingsError
+from equipoise.platforms.glimpse import Glimpse
 from equipoise.platforms.payload import Payload
 from equipoise.platforms.sensors import PRESETS, DrawnErrors, Noise, SensorErrors
+from equipoise.platforms.simulated import SimulatedPlatform, Start
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
-try:
-    import mujoco
-
+if TYPE_CHECKING:
     from equipoise.platforms.disturbance import Disturbance
-    from equipoise.platforms.mujoco import MujocoPlatform
-    from equipoise.platforms.mujoco_model import build_simulated_robot
-    from equipoise.platforms.truth import Witness, simulated_truth
-except ModuleNotFoundError as error:
-    raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
+
+Engine = Literal["mujoco", "dart"]
 
 _LARGEST_DAMPING = 2.0
+
+
+class Witness(Protocol):
+    """Sees what the simulated robot really does, beside the platform: for judging, never for control."""
+
+    def look(self) -> Glimpse:
+        """The present moment."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,18 +40,18 @@ class Simulation:
     Attributes:
         platform: what experiments may use.
         truth: what they may not: join it to a result afterwards.
-        engine: MuJoCo's version.
+        engine: the engine's version.
         errors: what was drawn for its sensors and actuators; for studies, not for experiments.
         witness: sees what the robot really does; for judging, not for control.
-        disturbance: pushes the robot, or takes a foot's hold away.
+        disturbance: pushes the robot, or takes a foot's hold away; None in engines that are not asked for it.
     """
 
-    platform: MujocoPlatform
+    platform: SimulatedPlatform
     truth: RobotInertia
     engine: str
     errors: DrawnErrors
     witness: Witness
-    disturbance: Disturbance
+    disturbance: Disturbance | None = None
 
     def __enter__(self) -> Simulation:
         return self
@@ -60,39 +65,90 @@ def simulate(
     noise: Noise | SensorErrors = "ideal",
     payload: Payload | str | None = None,
     seed: int = 0,
-    start: Literal["standing", "lying"] = "standing",
+    start: Start = "standing",
     timestep: float | None = None,
+    engine: Engine = "mujoco",
 ) -> Simulation:
-    """A robot in MuJoCo, with sensor and actuator errors, perhaps a payload.
+    """A robot in a physics engine, with sensor and actuator errors, perhaps a payload.
 
     Args:
         noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are.
         payload: on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
-        seed: of everything drawn.
+        seed: of everything drawn. Robots of the same seed have the same errors in all engines.
         start: how the robot begins.
         timestep: of the engine [s]; default 0.5 ms, less for legs so light that their damping would not be stable.
+        engine: "mujoco", or "dart", the engine of Gazebo.
+
+    Raises:
+        MissingDependencyError: the engine is not installed.
     """
     if isinstance(noise, str) and noise not in PRESETS:
         raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
     if start not in ("standing", "lying"):
         raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
+    if engine not in ("mujoco", "dart"):
+        raise SettingsError(f"engine {engine!r} is not known; it is one of mujoco, dart")
     if isinstance(payload, str):
         payload = Payload.parse(payload)
     stance = nominal_stance(robot)
     sizes = PRESETS[noise].scaled_to(robot.torque_scale(stance.hip_height)) if isinstance(noise, str) else noise
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed)
+    make = _in_mujoco if engine == "mujoco" else _in_dart
+    return make(robot, stance, errors, payload, start, timestep)
+
+
+def _in_mujoco(
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    start: Start,
+    timestep: float | None,
+) -> Simulation:
+    try:
+        import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
+
+        from equipoise.platforms.disturbance import Disturbance  # noqa: PLC0415
+        from equipoise.platforms.mujoco import MujocoPlatform  # noqa: PLC0415
+        from equipoise.platforms.mujoco_model import build_simulated_robot  # noqa: PLC0415
+        from equipoise.platforms.truth import MujocoWitness, simulated_truth  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
     if timestep is None:
-        timestep = stable_timestep(robot, stance, sizes.armature)
+        timestep = stable_timestep(robot, stance, errors.sizes.armature)
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
     truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
     disturbance = Disturbance(simulated)
     platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
-    return Simulation(platform, truth, mujoco.__version__, errors, Witness(robot, simulated, data), disturbance)
+    witness = MujocoWitness(robot, simulated, data)
+    return Simulation(platform, truth, mujoco.__version__, errors, witness, disturbance)
+
+
+def _in_dart(
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    start: Start,
+    timestep: float | None,
+) -> Simulation:
+    try:
+        import dartpy  # noqa: PLC0415
+
+        from equipoise.platforms.dart import DartPlatform  # noqa: PLC0415
+        from equipoise.platforms.dart_model import build_dart_robot  # noqa: PLC0415
+        from equipoise.platforms.dart_truth import DartWitness, dart_truth  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("simulation in DART needs dartpy: pip install 'equipoise[dart]'") from error
+    simulated = build_dart_robot(robot, stance, errors, payload, timestep)
+    truth = dart_truth(robot, simulated, stance.joint_position)
+    platform = DartPlatform(robot, simulated, stance, start)
+    return Simulation(platform, truth, dartpy.__version__, errors, DartWitness(simulated))
 
 
 def stable_timestep(robot: RobotModel, stance: Stance, armature: float = 0.0) -> float:
-    """0.5 ms, or 0.25 ms where the joints' damping would not be stable in contact [s].
+    """0.5 ms, or 0.25 ms where the joints' damping would not be stable in contact, in MuJoCo [s].
 
     At 1 ms the planted feet of an A1 that shakes its body give way by what half a millisecond's delay would look like.
 

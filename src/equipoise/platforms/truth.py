@@ -1,4 +1,4 @@
-"""What the simulated robot really weighs and does: computed from the engine's model, by no code that an estimator uses."""
+"""What the robot in MuJoCo really weighs and does: computed from the engine's model, by no code that an estimator uses."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) 
     return InertialParameters(float(masses.sum()), com, inertia)
 
 
-class Witness:
+class MujocoWitness:
     """Sees what the simulated robot really does, beside the platform: for judging, never for control.
 
     Args:

@@ -1,0 +1,143 @@
+"""The simulated robot in DART, the physics engine of Gazebo: joint PD at every engine step."""
+
+from __future__ import annotations
+
+import dartpy
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.platforms.dart_links import pose_of
+from equipoise.platforms.dart_model import SimulatedDartRobot
+from equipoise.platforms.simulated import SimulatedPlatform, Start
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+FloatArray = NDArray[np.float64]
+
+_FASTEST = 1e6  # generalised velocity, squared and summed, beyond which a simulation is none
+
+
+class DartPlatform(SimulatedPlatform):
+    """A quadruped in DART.
+
+    DART has no rotor inertia. Its joint damping D is implicit, which adds D h to the joint's inertia in a step h; so
+    D = armature / h, with D v added to the torque, is a rotor, as far as torques and gravity go. Impulses of contacts and of
+    joint friction do not feel it: they change the joints' speed by dv = M^-1 J^T p instead of (M + A)^-1 J^T p. What is
+    missing is the rotor's own share, -A dv / h, a torque that hardly changes from step to step: the last step's is applied.
+    (Where it is wrong the next step has A P (M + A)^-1 of the error left, P being the projector M^-1 J^T (J M^-1 J^T)^-1 J;
+    its eigenvalues are between 0 and 1.) The momentum of the whole robot is exact at each step.
+
+    Args:
+        robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
+        simulated: the engine's world.
+        stance: the nominal stance, in which (or lying under which) the robot starts.
+        start: "standing" or "lying".
+        control_period: [s]; a multiple of the engine's time step.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        simulated: SimulatedDartRobot,
+        stance: Stance,
+        start: Start = "standing",
+        control_period: float = 2e-3,
+    ) -> None:
+        self._simulated = simulated
+        self._world, self._skeleton = simulated.world, simulated.skeleton
+        timestep = self._world.getTimeStep()
+        super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, timestep, control_period)
+        sizes = simulated.errors.sizes
+        self._rotor = sizes.armature / timestep  # [Nm s/rad]
+        self._drive = self._rotor - sizes.viscous_friction
+        self._late_rotor_torque = np.zeros(len(self.joint_names))
+        mounted = robot.imu_in_base
+        tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
+        self._imu_rotation = np.array(mounted.rotation) @ tilt
+        self._imu_position = np.array(mounted.translation)
+        self._held = np.zeros(len(self.joint_names))  # the targets that act
+        self._settle(stance, start)
+
+    def _place(self, joint_position: FloatArray, base_height: float) -> None:
+        skeleton = self._skeleton
+        positions = np.zeros(skeleton.getNumDofs())
+        positions[self._simulated.dofs] = joint_position
+        skeleton.setPositions(positions)
+        skeleton.setVelocities(np.zeros(skeleton.getNumDofs()))
+        at = pose_of(np.eye(3), np.array([0, 0, base_height]))
+        skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
+
+    def _set_clock_to_zero(self) -> None:
+        self._world.setTime(0.0)
+
+    def _base_up(self) -> float:
+        return float(self._simulated.base.getTransform().rotation()[2, 2])
+
+    def _run(self, control: FloatArray, raw: FloatArray) -> None:
+        before = self._state()
+        try:
+            self._step(control, raw)
+        except BaseException:
+            self._restore(before)
+            raise
+        self._held = control[-1]
+
+    def _raw_now(self) -> FloatArray:
+        before, raw = self._state(), np.empty((1, self._raw_width))
+        try:
+            self._step((self._late_control[0] if len(self._late_control) else self._held)[None], raw)
+        finally:
+            self._restore(before)
+        return raw[0]
+
+    def _state(self) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        skeleton = self._skeleton
+        return skeleton.getPositions(), skeleton.getVelocities(), self._late_rotor_torque, self._world.getTime()
+
+    def _restore(self, state: tuple[FloatArray, FloatArray, FloatArray, float]) -> None:
+        positions, velocities, self._late_rotor_torque, time = state
+        self._skeleton.setPositions(positions)
+        self._skeleton.setVelocities(velocities)
+        self._world.setTime(time)
+
+    def _step(self, control: FloatArray, raw: FloatArray) -> None:
+        """The engine's steps, and what the sensors say of the states that they start at."""
+        skeleton, world, base = self._skeleton, self._world, self._simulated.base
+        dofs, limit, gain = self._simulated.dofs, self._simulated.torque_limit, self._errors.torque_gain
+        kp, kd, joints = self._kp, self._kd, len(dofs)
+        forces = np.zeros(skeleton.getNumDofs())
+        rotations, twists = np.empty((len(control), 3, 3)), np.empty((len(control) + 1, 2, 3))
+        speeds = np.empty((len(control) + 1, joints))
+        for index, target in enumerate(control):
+            position, velocity = skeleton.getPositions()[dofs], skeleton.getVelocities()
+            if not velocity @ velocity < _FASTEST:
+                raise self._became_unstable(world.getTime())
+            raw[index, :joints], speeds[index] = position, velocity[dofs]
+            rotations[index] = base.getTransform().rotation()
+            twists[index] = base.getAngularVelocity(), base.getLinearVelocity()
+            torque = np.minimum(np.maximum(kp * (target - position) - kd * speeds[index], -limit), limit)
+            raw[index, 2 * joints : 3 * joints] = torque
+            forces[dofs] = gain * torque + self._drive * speeds[index] + self._late_rotor_torque
+            skeleton.setForces(forces)
+            world.step(True)
+            self._late_rotor_torque = -self._rotor * skeleton.getVelocityChanges()[dofs]
+        speeds[-1] = skeleton.getVelocities()[dofs]
+        twists[-1] = base.getAngularVelocity(), base.getLinearVelocity()
+        # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
+        raw[:, joints : 2 * joints] = (speeds[:-1] + speeds[1:]) / 2
+        raw[:, -6:-3], raw[:, -3:] = self._imu(rotations, (twists[:-1] + twists[1:]) / 2, np.diff(twists, axis=0))
+
+    def _imu(self, rotations: FloatArray, twists: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, 3) angular velocity and specific force in the IMU's axes.
+
+        Args:
+            rotations: (n, 3, 3) of the base.
+            twists: (n, 2, 3) angular and linear velocity of the base frame, in the world.
+            changes: (n, 2, 3) of the twists over a step.
+        """
+        turning, acceleration = twists[:, 0], changes / self._timestep
+        arm = rotations @ self._imu_position
+        felt = acceleration[:, 1] + np.cross(acceleration[:, 0], arm) + np.cross(turning, np.cross(turning, arm))
+        felt -= self._world.getGravity()
+        axes = rotations @ self._imu_rotation
+        return np.einsum("nji,nj->ni", axes, turning), np.einsum("nji,nj->ni", axes, felt)
