@@ -74,12 +74,15 @@ class Inbox:
         self._waiting: Any = WaitSet(participant)
         self._waiting.attach(ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
         self._arrived: deque[tuple[float, Any]] = deque(maxlen=_KEPT)
+        self._collecting = threading.Lock()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._listen, name=f"inbox {topic}", daemon=True)
         self._thread.start()
 
     def take(self) -> list[tuple[float, Any]]:
         """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
+        if not self._arrived and self._reader is not None:
+            self._collect(self._reader)  # the thread may not have had its turn
         arrived: list[tuple[float, Any]] = []
         while self._arrived:
             arrived.append(self._arrived.popleft())
@@ -96,10 +99,14 @@ class Inbox:
         patience = duration(seconds=_PATIENCE)
         while not self._closed.is_set():
             if waiting.wait(patience):
-                received = time.monotonic()
-                for sample in reader.take(_KEPT):
-                    if sample.sample_info.valid_data:
-                        self._arrived.append((received, sample))
+                self._collect(reader)
+
+    def _collect(self, reader: Any) -> None:
+        received = time.monotonic()
+        with self._collecting:
+            for sample in reader.take(_KEPT):
+                if sample.sample_info.valid_data:
+                    self._arrived.append((received, sample))
 
 
 class Outbox:
