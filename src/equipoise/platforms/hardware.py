@@ -61,7 +61,10 @@ class Link(Protocol):
         ...
 
     def send(self, command: JointCommand) -> None:
-        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own."""
+        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own.
+
+        The first may take seconds: a controller on board has to let go of the motors before.
+        """
         ...
 
     def release(self) -> None:
@@ -112,8 +115,8 @@ class LoopTiming:
 class HardwarePlatform:
     """A robot behind a link. Never use it bare: the guard is what makes it safe.
 
-    Commands leave at absolute deadlines, a control period apart. While nobody steps (an estimate is being made), the last
-    command is repeated, so that the robot stands where it was sent.
+    Commands leave at absolute deadlines, a control period apart from when the first one left. While nobody steps (an
+    estimate is being made), the last command is repeated, so that the robot stands where it was sent.
 
     Args:
         link: to the robot.
@@ -171,9 +174,12 @@ class HardwarePlatform:
             self.timing.lost += self._deadline > self._stepped
             self._deadline = now
         _wait_until(self._deadline)
+        first = self._command is None
         with self._sending:
             self._send(command)
             self._stepped = time.monotonic()
+        if first:
+            self._deadline = self._stepped
         self.timing.add(self._stepped - self._deadline)
         self._deadline += self.control_period
         _wait_until(self._deadline - _LEAD)
@@ -209,8 +215,8 @@ class HardwarePlatform:
         if self._command is None and self._start_watchdog is not None:
             self._watchdog = self._start_watchdog()
             self._watchdog.moves()
-        self._command = command
         self._link.send(command)
+        self._command = command  # not before: what the link refuses must not be repeated
 
     def _sense(self, patience: float) -> RobotState:
         """The newest sample, those that arrived before it in `earlier`; waits for one if none has arrived."""
