@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from peer_processes import free_port, running_peer
+from peer_processes import free_port, in_real_time, running_peer, stalls_told
 from robots import load_text, quadruped_urdf
 
 from equipoise import nominal_stance, simulate
@@ -22,7 +22,7 @@ from equipoise.platforms import unitree_udp
 from equipoise.platforms.hardware import HardwarePlatform
 from equipoise.platforms.platform import JointCommand, Trajectory
 from equipoise.platforms.robot_clock import RobotClock
-from equipoise.platforms.unitree_formats import A1, GO1
+from equipoise.platforms.unitree_formats import FORMATS, GO1
 from equipoise.platforms.unitree_packets import (
     MOTORS,
     Damage,
@@ -30,10 +30,9 @@ from equipoise.platforms.unitree_packets import (
     StatePacket,
     read_command,
 )
-from equipoise.platforms.unitree_udp import UnitreeA1Settings, UnitreeGo1Settings, open_link
+from equipoise.platforms.unitree_udp import UnitreeUdpSettings, open_link
 
-SETTINGS = {"a1": UnitreeA1Settings, "go1": UnitreeGo1Settings}
-PROTOCOLS = pytest.mark.parametrize("protocol", list(SETTINGS))
+PROTOCOLS = pytest.mark.parametrize("protocol", list(FORMATS))
 FAULTS = ("--loss", 0.02, "--duplicate", 0.02, "--reorder", 0.02)
 
 
@@ -42,10 +41,11 @@ def connected(robot, protocol, *flags, silence=5.0):
     """A platform on a simulated robot of its own, without sensor errors, and the robot's process."""
     port = free_port()
     with running_peer("unitree_udp", "--protocol", protocol, "--port", port, "--noise", "ideal", *flags) as peer:
-        settings = SETTINGS[protocol]("127.0.0.1", port, local_port=free_port(), silence=silence)
+        settings = UnitreeUdpSettings(protocol, "127.0.0.1", port, local_port=free_port(), silence=silence)
         with HardwarePlatform(open_link(robot, settings)) as platform:
             platform.read()
-            yield platform, peer
+            with stalls_told(platform, peer):
+                yield platform, peer
 
 
 @pytest.fixture(scope="module")
@@ -58,15 +58,15 @@ def direct(a1):
 class RawRobot:
     """The robot's socket in the tests' hands, and a link to it."""
 
-    def __init__(self, robot, packets=A1, **changed):
+    def __init__(self, robot, protocol="a1", **changed):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(5.0)
-        kind = UnitreeA1Settings if packets is A1 else UnitreeGo1Settings
-        self.settings = kind("127.0.0.1", self.socket.getsockname()[1], local_port=free_port(), **changed)
+        port = self.socket.getsockname()[1]
+        self.settings = UnitreeUdpSettings(protocol, "127.0.0.1", port, local_port=free_port(), **changed)
         self.link = open_link(robot, self.settings)
         self.computer = ("127.0.0.1", self.settings.local_port)
-        self._packet = StatePacket(packets)
+        self._packet = StatePacket(FORMATS[protocol])
 
     def state(self, tick, position=0.0):
         """A sample's bytes."""
@@ -109,6 +109,7 @@ def raw(a1):
 
 
 @PROTOCOLS
+@in_real_time
 def test_the_first_sample_is_that_of_the_same_robot_without_a_network(a1, direct, protocol):
     with connected(a1, protocol, "--first-tick", 2**32 - 20) as (platform, peer):
         state = platform.read()
@@ -141,6 +142,7 @@ def hold(platform, command, duration):
     return samples
 
 
+@in_real_time
 def test_each_command_reaches_its_own_joint(a1):
     with connected(a1, "a1") as (platform, _):
         home = np.array(nominal_stance(a1).joint_position)
@@ -155,6 +157,7 @@ def test_each_command_reaches_its_own_joint(a1):
 
 
 @PROTOCOLS
+@in_real_time
 def test_gains_and_feed_forward_arrive_and_the_end_is_a_release(a1, protocol):
     home = np.array(nominal_stance(a1).joint_position)
     ones = np.ones_like(home)
@@ -173,28 +176,31 @@ def test_gains_and_feed_forward_arrive_and_the_end_is_a_release(a1, protocol):
         damped = JointCommand(home, kp=0 * ones, kd=2 * ones)
         hold(platform, damped, 0.02)
     log = peer.end()
-    assert [entry["mode"] for entry in log if "mode" in entry] == ["own stance", "commanded", "damped", "released"]
+    modes = dict.fromkeys(entry["mode"] for entry in log if "mode" in entry)
+    assert [mode for mode in modes if mode != "silence"] == ["own stance", "commanded", "damped", "released"]
     assert log[-1]["damaged"] == 0
 
 
 @PROTOCOLS
+@in_real_time
 def test_a_motion_is_recorded_as_without_a_network(a1, protocol):
     motion = leaning(a1)
     with simulate(a1, "ideal") as simulation:
         expected = simulation.platform.play(motion)
     with connected(a1, protocol) as (platform, _):
         recording = platform.play(motion)
-    assert recording.joint_names == a1.joint_names
-    assert np.array_equal(recording.commands.position, motion.position)
-    path = expected.joints.position
-    aside = [np.abs(path - position).max(axis=1).min() for position in recording.joints.position]
-    assert max(aside) < 0.02
-    there, expected_there = at_the_end(recording), at_the_end(expected)
-    tolerances = {"position": 0.015, "torque": 1.0, "acceleration": 0.1, "turned": 0.02}  # feet slip a little
-    for name, tolerance in tolerances.items():
-        assert np.abs(there[name] - expected_there[name]).max() < tolerance, name
-    assert np.abs(expected_there["turned"])[:2].min() > 0.03  # it did roll and pitch
-    assert np.abs(expected_there["acceleration"])[:2].min() > 0.3
+        assert recording.joint_names == a1.joint_names
+        assert np.array_equal(recording.commands.position, motion.position)
+        path = expected.joints.position
+        aside = [np.abs(path - position).max(axis=1).min() for position in recording.joints.position]
+        assert max(aside) < 0.02
+        there, expected_there = at_the_end(recording), at_the_end(expected)
+        # Feet slip a little, and by how much depends on when exactly they are moved.
+        tolerances = {"position": 0.01, "torque": 0.7, "acceleration": 0.1, "turned": 0.02}
+        for name, tolerance in tolerances.items():
+            assert np.abs(there[name] - expected_there[name]).max() < tolerance, name
+        assert np.abs(expected_there["turned"])[:2].min() > 0.03  # it did roll and pitch
+        assert np.abs(expected_there["acceleration"])[:2].min() > 0.3
 
 
 def leaning(robot):
@@ -220,18 +226,19 @@ def at_the_end(recording):
     }
 
 
+@in_real_time
 def test_over_a_bad_network_every_sample_is_recorded_once_and_in_order(a1):
     with connected(a1, "go1", "--loss", 0.05, "--duplicate", 0.05, "--reorder", 0.05) as (platform, peer):
         home = np.array(nominal_stance(a1).joint_position)
         recording = platform.play(Trajectory(np.repeat(home[None], 1000, axis=0)))
         arrived = platform._link.counts
-    steps = np.diff(recording.joints.time)
-    assert (steps > 0).all()
-    assert np.allclose(steps / 2e-3, np.rint(steps / 2e-3), atol=1e-3)
-    taken = steps.sum() / 2e-3
-    assert 0.8 * taken < len(steps) < 0.98 * taken
-    assert arrived.samples > 1.03 * len(steps)  # the others came twice or late
-    assert not arrived.damaged
+        steps = np.diff(recording.joints.time)
+        assert (steps > 0).all()
+        assert np.allclose(steps / 2e-3, np.rint(steps / 2e-3), atol=1e-3)
+        taken = steps.sum() / 2e-3
+        assert 0.8 * taken < len(steps) < 0.98 * taken
+        assert arrived.samples > 1.03 * len(steps)  # the others came twice or late
+        assert not arrived.damaged
     assert peer.end()[-1]["damaged"] == 0
 
 
@@ -248,7 +255,7 @@ def test_a_robot_that_is_switched_off_is_noticed(a1):
 
 
 def test_a_robot_that_is_not_there_is_an_error(a1):
-    settings = UnitreeA1Settings("127.0.0.1", free_port(), local_port=free_port())
+    settings = UnitreeUdpSettings("a1", "127.0.0.1", free_port(), local_port=free_port())
     with (
         HardwarePlatform(open_link(a1, settings), patience=0.2) as platform,
         pytest.raises(CommunicationError, match=r"sent nothing for 0\.2 s"),
@@ -265,7 +272,7 @@ def test_a_port_that_is_taken_is_an_error(a1, raw):
 
 
 def test_a_network_without_a_way_to_the_robot_is_an_error(a1):
-    link = open_link(a1, UnitreeA1Settings("255.255.255.255", local_port=free_port()))
+    link = open_link(a1, UnitreeUdpSettings("a1", "255.255.255.255", local_port=free_port()))
     try:
         with pytest.raises(CommunicationError, match=r"cannot send to unitree-a1 at 255.255.255.255:8007"):
             link.receive()
@@ -276,7 +283,7 @@ def test_a_network_without_a_way_to_the_robot_is_an_error(a1):
 def test_other_legs_are_an_error(tmp_path):
     two_joints = load_text(tmp_path, quadruped_urdf(joints_per_leg=2))
     with pytest.raises(SettingsError, match="unitree-a1 has 12 joints, three a leg; 'robot' has 8"):
-        open_link(two_joints, UnitreeA1Settings())
+        open_link(two_joints, UnitreeUdpSettings())
 
 
 def test_commands_for_other_joints_are_an_error(raw):
@@ -284,9 +291,9 @@ def test_commands_for_other_joints_are_an_error(raw):
         raw().link.send(JointCommand(np.zeros(3)))
 
 
-@pytest.mark.parametrize("packets", [A1, GO1], ids=["a1", "go1"])
-def test_a_robot_is_asked_without_torque_until_it_is_commanded(a1, raw, packets):
-    robot = raw(packets=packets)
+@PROTOCOLS
+def test_a_robot_is_asked_without_torque_until_it_is_commanded(a1, raw, protocol):
+    robot, packets = raw(protocol=protocol), FORMATS[protocol]
     for _ in range(3):
         robot.link.receive()
         time.sleep(2e-3)
@@ -381,7 +388,7 @@ def test_wrong_checksums_may_be_taken(raw):
 
 
 def test_a_go1_whose_kd_counts_otherwise(raw):
-    robot = raw(packets=GO1, kd_counts=32.0, scrambled=False)
+    robot = raw(protocol="go1", kd_counts=32.0, scrambled=False)
     robot.link.send(JointCommand(np.zeros(MOTORS), kd=np.full(MOTORS, 2.0)))
     plain = dataclasses.replace(GO1, scrambled=False)
     assert read_command(plain, robot.socket.recv(2048)).kd.tolist() == [4.0] * MOTORS  # to who counts 16
@@ -395,21 +402,26 @@ def test_closing_twice_is_closing(raw):
     link.close()
 
 
+def test_each_robot_has_its_own_local_port():
+    assert [UnitreeUdpSettings(protocol).listens_on for protocol in FORMATS] == [8080, 8090]
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
+        ({"protocol": "go2"}, "protocol is 'go2'; it is one of a1, go1"),
         ({"address": "robot"}, "address is 'robot', no IPv4 address"),
         ({"local_address": "::1"}, "local_address is '::1'"),
         ({"port": 0}, "port is 0; it must be from 1 to 65535"),
-        ({"local_port": 70000}, "local_port is 70000"),
-        ({"tick": -1.0}, "tick is -1.0 s"),
-        ({"silence": 0.001}, "silence is 0.001 s"),
+        ({"local_port": 70000}, "local_port is 70000; it must be from 1 to 65535"),
+        ({"tick": -1.0}, "tick is -1.0; it must be from 0 to 1"),
+        ({"silence": 0.001}, "silence is 0.001"),
         ({"kd_counts": 0.0}, "kd_counts is 0.0"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(wrong, message):
     with pytest.raises(SettingsError, match=message):
-        UnitreeGo1Settings(**wrong)
+        UnitreeUdpSettings(**wrong)
 
 
 # --- the robot's clock

@@ -11,7 +11,6 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 import tyro
@@ -20,7 +19,7 @@ from tyro.conf import OmitArgPrefixes
 from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platforms.platform import JointCommand, RobotState
-from equipoise.platforms.unitree_formats import A1, GO1, PacketFormat
+from equipoise.platforms.unitree_formats import FORMATS, PacketFormat, Protocol
 from equipoise.platforms.unitree_packets import (
     MOTORS,
     POSITION_STOP,
@@ -34,9 +33,6 @@ from equipoise.platforms.unitree_packets import (
 from equipoise.platforms.unitree_udp import Address, joints_of_motors
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
-
-Protocol = Literal["a1", "go1"]
-FORMATS: dict[Protocol, PacketFormat] = {"a1": A1, "go1": GO1}
 
 _TEMPERATURE = 40.0  # [deg C] of every motor
 _CHARGE, _VOLTAGE = 0.8, 24.96  # of a Go1's battery

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -141,3 +141,6 @@ GO1 = PacketFormat(
     bandwidth=0xC03A,  # as public programs send it
 )
 """SDK 3.8, its structures compressed."""
+
+Protocol = Literal["a1", "go1"]
+FORMATS: dict[Protocol, PacketFormat] = {"a1": A1, "go1": GO1}

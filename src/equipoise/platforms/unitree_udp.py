@@ -5,15 +5,11 @@ The robot must be in its low-level mode, lying or hanging: docs/unitree-udp.md.
 
 from __future__ import annotations
 
-import dataclasses
-import ipaddress
-import select
 import socket
 import threading
 import time
 from collections import Counter, deque
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +17,6 @@ from numpy.typing import NDArray
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.platforms.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.platforms.robot_clock import RobotClock
-from equipoise.platforms.unitree_formats import A1, GO1, PacketFormat
 from equipoise.platforms.unitree_packets import (
     MOTOR_LEGS,
     MOTORS,
@@ -31,6 +26,7 @@ from equipoise.platforms.unitree_packets import (
     MotorCommands,
     read_state,
 )
+from equipoise.platforms.unitree_udp_settings import UnitreeUdpSettings
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
@@ -40,85 +36,10 @@ Address = tuple[str, int]
 _CONTROL_PERIOD = 2e-3  # [s]
 _KEPT = 512  # datagrams that wait while nobody reads: a second's
 _LARGEST = 2048  # [bytes] of a datagram
+_BUFFER = 1 << 20  # [bytes] of datagrams that wait while Python does something else; the system may grant less
 _WAIT = 0.1  # [s] after which the listener looks whether it is still wanted
 _RELEASES = 5  # some may get lost
 _PATIENCE = 3.0  # [s] of packets that cannot be used, and no other
-
-
-@dataclass(frozen=True)
-class UnitreeUdpSettings:
-    """How the robot is reached.
-
-    Attributes:
-        address: of the robot's motion controller (IPv4).
-        port: that it listens on.
-        local_address: of this computer's network interface; default: any.
-        local_port: that this computer listens on.
-        tick: a step of the robot's clock [s]; 0: it has none, samples get the time when they arrive.
-        silence: without a sample after which the link counts as lost [s].
-        check: whether samples with a wrong checksum are left out.
-    """
-
-    address: str = "192.168.123.10"
-    port: int = 8007
-    local_address: str = "0.0.0.0"
-    local_port: int = 8080
-    tick: float = 1e-3
-    silence: float = 0.5
-    check: bool = True
-
-    kind: ClassVar[str] = "unitree-a1"
-
-    def __post_init__(self) -> None:
-        for name in ("address", "local_address"):
-            try:
-                ipaddress.IPv4Address(getattr(self, name))
-            except ValueError:
-                raise SettingsError(
-                    f"{name} is {getattr(self, name)!r}, no IPv4 address as in 192.168.123.10"
-                ) from None
-        for name in ("port", "local_port"):
-            if not 1 <= getattr(self, name) <= 65535:
-                raise SettingsError(f"{name} is {getattr(self, name)}; it must be from 1 to 65535")
-        if not 0 <= self.tick <= 1:
-            raise SettingsError(f"tick is {self.tick} s; it must be from 0 to 1")
-        if not 0.02 <= self.silence <= 10:
-            raise SettingsError(f"silence is {self.silence} s; it must be from 0.02 to 10")
-
-    @property
-    def packets(self) -> PacketFormat:
-        """How the robot writes."""
-        return A1
-
-
-@dataclass(frozen=True)
-class UnitreeA1Settings(UnitreeUdpSettings):
-    """How an A1 is reached."""
-
-
-@dataclass(frozen=True)
-class UnitreeGo1Settings(UnitreeUdpSettings):
-    """How a Go1 is reached, and what is not sure about its packets.
-
-    Attributes:
-        kd_counts: of the integer that carries a kd of 1 Nm s/rad; public programs disagree between 16 and 32.
-        scrambled: whether the checksum of commands is scrambled.
-    """
-
-    local_port: int = 8090
-    kd_counts: float = GO1.counts["kd"]
-    scrambled: bool = True
-
-    kind: ClassVar[str] = "unitree-go1"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 1 <= self.kd_counts <= 4096:
-            raise SettingsError(f"kd_counts is {self.kd_counts}; it must be from 1 to 4096")
-
-    @property
-    def packets(self) -> PacketFormat:
-        return dataclasses.replace(GO1, counts={**GO1.counts, "kd": self.kd_counts}, scrambled=self.scrambled)
 
 
 @dataclass
@@ -163,7 +84,7 @@ class UnitreeUdpLink:
     def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings) -> None:
         self._settings = settings
         self._joint_names = robot.joint_names
-        self._joint_of_motor = joints_of_motors(robot, settings.kind)
+        self._joint_of_motor = joints_of_motors(robot, settings.name)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         kp, kd = robot.gains(nominal_stance(robot).hip_height)
         self._kp, self._kd = np.full(MOTORS, kp), np.full(MOTORS, kd)
@@ -179,13 +100,15 @@ class UnitreeUdpLink:
         self._asked: float | None = 0.0
         self.counts = PacketCounts()
         self._closed = threading.Event()
-        self._socket = _open_socket((settings.local_address, settings.local_port))
+        self._socket = _open_socket((settings.local_address, settings.listens_on))
+        self._ear = self._socket.dup()
+        self._ear.settimeout(_WAIT)
         self._listener = threading.Thread(target=self._listen, name="listen", daemon=True)
         self._listener.start()
 
     @property
     def name(self) -> str:
-        return f"{self._settings.kind} at {self._settings.address}:{self._settings.port}"
+        return f"{self._settings.name} at {self._settings.address}:{self._settings.port}"
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -232,16 +155,18 @@ class UnitreeUdpLink:
     def close(self) -> None:
         self._closed.set()
         self._listener.join(timeout=5 * _WAIT)
+        self._ear.close()
         self._socket.close()
 
     def _listen(self) -> None:
         """Note what arrives, and when."""
         while not self._closed.is_set():
             try:
-                if not select.select([self._socket], [], [], _WAIT)[0]:
-                    continue
-                data, sender = self._socket.recvfrom(_LARGEST)
-            except (OSError, ValueError):  # the socket is closed, or reports what became of a datagram that was sent
+                data, sender = self._ear.recvfrom(_LARGEST)
+            except TimeoutError:
+                continue
+            except OSError:  # a socket may report what became of datagrams that were sent; `send` complains
+                self._closed.wait(_CONTROL_PERIOD)
                 continue
             if sender != self._robot:
                 self.counts.strangers += 1
@@ -302,7 +227,10 @@ class UnitreeUdpLink:
 
     def _pending(self) -> bool:
         """Whether something has arrived that the listener did not get round to."""
-        return bool(self._arrived or (not self._closed.is_set() and select.select([self._socket], [], [], 0)[0]))
+        try:
+            return bool(self._arrived or self._socket.recv(1, socket.MSG_PEEK))
+        except OSError:
+            return False
 
 
 def open_link(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink:
@@ -310,20 +238,21 @@ def open_link(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink
     return UnitreeUdpLink(robot, settings)
 
 
-def joints_of_motors(robot: RobotModel, kind: str) -> NDArray[np.intp]:
+def joints_of_motors(robot: RobotModel, who: str) -> NDArray[np.intp]:
     """(12,) which of the model's joints each motor moves.
 
     Raises:
         SettingsError: the robot has not three joints a leg.
     """
     if len(robot.joint_names) != MOTORS or robot.leg_joints.shape[1] != 3:
-        raise SettingsError(f"{kind} has {MOTORS} joints, three a leg; {robot.name!r} has {len(robot.joint_names)}")
+        raise SettingsError(f"{who} has {MOTORS} joints, three a leg; {robot.name!r} has {len(robot.joint_names)}")
     return np.concatenate([robot.legs[leg].joints for leg in MOTOR_LEGS]).astype(np.intp)
 
 
 def _open_socket(local: Address) -> socket.socket:
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
     try:
         opened.bind(local)
     except OSError as error:
