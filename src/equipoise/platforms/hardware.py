@@ -219,17 +219,21 @@ class HardwarePlatform:
         self._command = command  # not before: what the link refuses must not be repeated
 
     def _sense(self, patience: float) -> RobotState:
-        """The newest sample, those that arrived before it in `earlier`; waits for one if none has arrived."""
+        """The newest sample, the others that arrived in `earlier`; waits for one if none has arrived.
+
+        The newest is the one that was taken last: a sample that others overtook on the way is no news.
+        """
         arrived = self._link.receive()
         until = time.monotonic() + patience
         while not arrived and time.monotonic() < until:
             time.sleep(0.5e-3)
             arrived = self._link.receive()
         if arrived:
-            newest = arrived[-1]
-            since = (newest.received or 0.0) - _KEPT_TIME
-            earlier = tuple(sample for sample in arrived[:-1] if (sample.received or 0.0) >= since)
-            self._newest = replace(newest, earlier=earlier) if earlier else newest
+            known = () if self._newest is None else (self._newest,)
+            newest = max((*reversed(arrived), *known), key=lambda sample: sample.time)
+            since = (arrived[-1].received or 0.0) - _KEPT_TIME
+            kept = (sample for sample in arrived if sample is not newest and (sample.received or 0.0) >= since)
+            self._newest = replace(newest, earlier=tuple(kept))
         elif self._newest is not None and self._newest.earlier:
             self._newest = replace(self._newest, earlier=())
         if self._newest is None:
