@@ -78,6 +78,11 @@ class Inbox:
         self._thread = threading.Thread(target=self._listen, name=f"inbox {topic}", daemon=True)
         self._thread.start()
 
+    @property
+    def offered(self) -> bool:
+        """Whether somebody publishes what it can read."""
+        return bool(self._reader is not None and self._reader.get_matched_publications())
+
     def take(self) -> list[tuple[float, Any]]:
         """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
         arrived: list[tuple[float, Any]] = []
