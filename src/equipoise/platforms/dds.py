@@ -118,7 +118,7 @@ class Outbox:
     @property
     def heard(self) -> bool:
         """Whether somebody has subscribed."""
-        return bool(self._writer.get_matched_subscriptions())
+        return bool(self._writer is not None and self._writer.get_matched_subscriptions())
 
     def send(self, sample: Any) -> None:
         """Write a sample of the topic's type.
