@@ -91,9 +91,9 @@ class _Topic:
 
     def __init__(self, topic: str, clock: StampClock) -> None:
         self.topic = topic
-        self.damaged = 0
+        self.damaged: int = 0
         self._clock = clock
-        self._unstamped = 0
+        self._unstamped: int = 0
 
     def _message(self, data: bytes | bytearray) -> Any:
         """None if it is damaged: cyclonedds has checked the layout, but a name may still be no text."""
