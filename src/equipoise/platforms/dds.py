@@ -79,6 +79,11 @@ class Inbox:
         self._thread = threading.Thread(target=self._listen, name=f"inbox {topic}", daemon=True)
         self._thread.start()
 
+    @property
+    def offered(self) -> bool:
+        """Whether somebody publishes what it can read."""
+        return bool(self._reader is not None and self._reader.get_matched_publications())
+
     def take(self) -> list[tuple[float, Any]]:
         """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
         if not self._arrived and self._reader is not None:
@@ -120,7 +125,7 @@ class Outbox:
     @property
     def heard(self) -> bool:
         """Whether somebody has subscribed."""
-        return bool(self._writer.get_matched_subscriptions())
+        return bool(self._writer is not None and self._writer.get_matched_subscriptions())
 
     def send(self, sample: Any) -> None:
         """Write a sample of the topic's type.
