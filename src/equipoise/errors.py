@@ -85,6 +85,10 @@ class RecordingError(EquipoiseError, ValueError):
     exit_code = 5
 
 
+class ResumeError(RecordingError):
+    """A run that was interrupted cannot be gone on with: what it would do now is not what was recorded."""
+
+
 class OutputError(EquipoiseError, OSError):
     """A result cannot be written where it should go."""
 

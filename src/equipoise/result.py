@@ -355,9 +355,11 @@ class Calibration:
         return json.dumps(self.to_dict(), indent=2) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the JSON form; raises OutputError if it cannot be written."""
+        """Write the JSON form; raises OutputError if it cannot be written. The file is there when it is complete."""
+        path = Path(path)
         try:
-            Path(path).write_text(self.to_json(), encoding="utf-8")
+            path.with_suffix(".partial").write_text(self.to_json(), encoding="utf-8")
+            path.with_suffix(".partial").replace(path)
         except OSError as error:
             raise OutputError(f"cannot write {str(path)!r}: {error.strerror}") from error
 

@@ -15,6 +15,14 @@ from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.robot.description import RobotDescription
 
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
+RobotOrNone = Annotated[
+    Positional[str | None],
+    arg(
+        metavar="ROBOT",
+        help="Name (see 'equipoise robots'), or a URDF or MJCF file.",
+        help_behavior_hint="(default: unitree_a1)",
+    ),
+]
 Described = Annotated[RobotDescription, arg(name="", help="What the model file leaves out or gets wrong.")]
 # An option whose default is found at run time: its help says how.
 Metres = Annotated[float | None, arg(metavar="METRES", help_behavior_hint="")]
@@ -60,9 +68,11 @@ def interruption_told(folder: Any) -> Generator[None]:
     """Say where the recordings are if the routine does not come to its end."""
     try:
         yield
-    except (KeyboardInterrupt, EquipoiseError):
-        if folder.count:
+    except (KeyboardInterrupt, EquipoiseError) as stop:
+        if not folder.log.empty:
             print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
+            if isinstance(stop, KeyboardInterrupt):
+                print(f"go on: equipoise calibrate --resume {folder.path}", file=sys.stderr)
         raise
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from equipoise.errors import ReachError
 from equipoise.platforms.platform import Trajectory
+from equipoise.platforms.ramp import smooth_step
 from equipoise.recordings.recording import PHASE, Event
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
@@ -214,9 +215,3 @@ def _line(
     for array in path:
         array.setflags(write=False)
     return path
-
-
-def smooth_step(count: int) -> FloatArray:
-    """(count,) values from just above 0 to 1, with velocity and acceleration zero at both ends (minimum jerk)."""
-    s = np.arange(1, count + 1) / count
-    return s**3 * (10 - 15 * s + 6 * s**2)

@@ -1,0 +1,89 @@
+"""Messages out of an MCAP file, also of one that a killed process left behind."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk
+from mcap.stream_reader import get_chunk_data_stream
+from mcap.writer import MCAP0_MAGIC
+
+from equipoise.errors import RecordingError
+
+_MESSAGE_HEAD = 22  # bytes: channel, sequence number and two times
+
+
+@dataclass(frozen=True)
+class McapContent:
+    """What is in a file.
+
+    Attributes:
+        channels: metadata of each, by topic.
+        messages: topic and body, in the order in which they were written.
+        closed: whether the file was closed; else it ends where the process that wrote it was killed.
+    """
+
+    channels: Mapping[str, Mapping[str, str]]
+    messages: list[tuple[str, bytes]]
+    closed: bool
+
+
+def read_mcap(path: Path) -> McapContent:
+    """Read a file. One that was cut anywhere is read as far as its last whole chunk.
+
+    Raises:
+        RecordingError: it is missing, damaged, or no MCAP file.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"the recording {str(path)!r} cannot be read: {error.strerror}") from error
+    if not data.startswith(MCAP0_MAGIC[: len(data)]):
+        raise RecordingError(f"the recording {str(path)!r} cannot be read: it is no MCAP file")
+    try:
+        return _read(data)
+    except Exception as error:  # damaged files fail in many ways, in several libraries, not all of them typed
+        raise RecordingError(f"the recording {str(path)!r} is damaged: {error or repr(error)}") from error
+
+
+def _read(data: bytes) -> McapContent:
+    topics: dict[int, str] = {}
+    channels: dict[str, Mapping[str, str]] = {}
+    messages: list[tuple[str, bytes]] = []
+    closed = False
+    for opcode, content in _records(data, len(MCAP0_MAGIC)):
+        if opcode == Opcode.CHANNEL:
+            channel = Channel.read(ReadDataStream(BytesIO(content)))
+            topics[channel.id], channels[channel.topic] = channel.topic, channel.metadata
+        elif opcode == Opcode.CHUNK:
+            messages += [(topics[number], body) for number, body in _messages(content)]
+        elif opcode == Opcode.FOOTER:
+            closed = True
+            break
+    if not closed and len(data) > len(MCAP0_MAGIC) and data.endswith(MCAP0_MAGIC):
+        raise RecordingError("it was closed, and lacks records that it must have had")
+    return McapContent(channels, messages, closed)
+
+
+def _messages(chunk: bytes) -> Iterator[tuple[int, bytes]]:
+    """Channel and body of each message."""
+    stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(chunk))), validate_crc=True)
+    for opcode, content in _records(stream.read(size)):
+        if opcode == Opcode.MESSAGE:
+            yield int.from_bytes(content[:2], "little"), content[_MESSAGE_HEAD:]
+
+
+def _records(data: bytes, position: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Opcode and content of each whole record."""
+    while position + 9 <= len(data):
+        opcode, length = struct.unpack_from("<BQ", data, position)
+        if opcode == 0 or position + 9 + length > len(data):  # a file system may leave zeros where data was to be
+            return
+        position += 9 + length
+        yield opcode, data[position - length : position]
