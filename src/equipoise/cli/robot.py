@@ -6,12 +6,16 @@ import dataclasses
 import json as json_module
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
 from equipoise.cli.flags import Described, Duration, File, PlatformName, Robot, Setting, connected, load, seconds
+from equipoise.errors import OutputError
 from equipoise.robot.description import RobotDescription
+
+if TYPE_CHECKING:
+    from equipoise.recordings.run_log import RunLog
 
 
 def platforms(*, json: bool = False, debug: bool = False) -> None:
@@ -116,16 +120,32 @@ def record(
     from equipoise.outputs.platform_terminal import RecordingProgress
     from equipoise.platforms.checkup import watch
     from equipoise.platforms.interruptions import signals_wait
-    from equipoise.recordings.run_log import RunLog
 
     model = load(robot, description_file, description)
     now = datetime.now(timezone.utc)
     out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    with connected(platform, model, set, settings) as connection, RunLog.create(out, model.joint_names) as log:
-        with signals_wait() as hurry, RecordingProgress(quiet) as progress:
-            for piece in watch(connection, model, seconds(duration)):
-                log.add(piece)
-                progress.update(piece)
-                if hurry.asked:
-                    break
+    with (
+        connected(platform, model, set, settings) as connection,
+        _log_at(out) as log,
+        signals_wait() as hurry,
+        RecordingProgress(quiet) as progress,
+    ):
+        for piece in watch(connection, model, seconds(duration)):
+            log.add(piece)
+            progress.update(piece)
+            if hurry.asked:
+                break
     print(out)
+
+
+def _log_at(path: Path) -> RunLog:
+    """A new log; raises OutputError if there is a file already, or it cannot be written."""
+    from equipoise.recordings.run_log import RunLog
+
+    if path.exists():
+        raise OutputError(f"{str(path)!r} exists; name a new file with --out")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write into {str(path.parent)!r}: {error.strerror}") from error
+    return RunLog(path)

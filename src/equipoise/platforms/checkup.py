@@ -13,7 +13,7 @@ from equipoise.platforms.platform import JointCommand, Platform, RobotState, rec
 from equipoise.recordings.recording import Recording
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import nominal_stance
+from equipoise.robot.stance import lies, nominal_stance
 from equipoise.robot.statics import carried_mass
 
 FloatArray = NDArray[np.float64]
@@ -25,6 +25,7 @@ _GRAVITY_RANGE = (9.3, 10.3)  # [m/s2]
 _LEAN = np.radians(
     6
 )  # between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less
+_ASKEW = np.radians(35)  # also for a robot that lies on whatever it lies on
 _BIAS = 0.05  # [rad/s] of a gyroscope at rest
 _STILL = 0.03  # [rad/s]
 _MASS_RANGE = (0.6, 1.7)  # carried, over the model's
@@ -40,12 +41,14 @@ class Finding:
         value: what was seen, in words.
         fine: whether it is as it should be; None: there is nothing to compare with.
         advice: what to do about it, or "".
+        serious: whether a robot must not be moved like that.
     """
 
     name: str
     value: str
     fine: bool | None
     advice: str = ""
+    serious: bool = False
 
 
 def watch(platform: Platform, robot: RobotModel, duration: float | None) -> Generator[Recording]:
@@ -112,7 +115,7 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
             findings.append(_temperature(robot, health.motor_temperature))
         findings += _battery(health.battery_voltage, health.battery_charge)
         if health.fault is not None:
-            findings.append(Finding("fault", health.fault, False, "see the robot's manual"))
+            findings.append(Finding("fault", health.fault, False, "see the robot's manual", serious=True))
     return findings
 
 
@@ -145,7 +148,7 @@ def _limits(robot: RobotModel, position: FloatArray) -> list[Finding]:
     return [
         Finding(
             "joint positions", f"{robot.joint_names[worst]} is {beyond[worst]:.2f} rad beyond its limit", fine,
-            "" if fine else "is the joint map right, are signs and zeros?",
+            "" if fine else "is the joint map right, are signs and zeros?", serious=True,
         )
     ]  # fmt: skip
 
@@ -163,7 +166,7 @@ def _gravity(acceleration: FloatArray) -> Finding:
     size = float(np.linalg.norm(acceleration))
     fine = _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]
     hint = "it must read about 9.81 m/s2 upward at rest" + (" (is it in units of g?)" if 0.7 < size < 1.3 else "")
-    return Finding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint)
+    return Finding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
 
 
 def _floor(robot: RobotModel, position: FloatArray, acceleration: FloatArray) -> Finding:
@@ -176,20 +179,25 @@ def _floor(robot: RobotModel, position: FloatArray, acceleration: FloatArray) ->
     value = (
         f"{np.degrees(angle):.1f} deg between up and the feet's floor; up is ({up[0]:+.2f}, {up[1]:+.2f}, {up[2]:+.2f})"
     )
-    advice = "if the robot stands: is the IMU mounted turned (imu_rpy), is the joint map right, does the floor slope?"
-    return Finding("gravity against the stance", value, bool(angle < _LEAN), "" if angle < _LEAN else advice)
+    if lies(robot, nominal_stance(robot), position):
+        fine = None if angle < _ASKEW else False
+        advice = "is the IMU mounted turned (imu_rpy), does the robot lie level?"
+        return Finding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
+    advice = "is the IMU mounted turned (imu_rpy), is the joint map right, does the floor slope?"
+    return Finding("gravity against the stance", value, angle < _LEAN, "" if angle < _LEAN else advice, serious=True)
 
 
 def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) -> Finding:
     if torque is None:
         return Finding("joint torques", "not reported", None, "the mass then needs a scale: --mass")
-    feet, stance = foot_positions(robot, position), nominal_stance(robot)
     mass = carried_mass(robot, position, torque.mean(axis=0))
     value = f"they carry {mass:.1f} kg; the model weighs {robot.mass:.1f} kg"
-    if feet[:, 2].mean() > 0.6 * stance.feet_in_base[:, 2].mean():
+    if lies(robot, nominal_stance(robot), position):
         return Finding("joint torques", value + " (the robot lies)", None)
     fine = bool(_MASS_RANGE[0] < mass / robot.mass < _MASS_RANGE[1])
-    return Finding("joint torques", value, fine, "" if fine else "are they in Nm, with the joints' signs?")
+    return Finding(
+        "joint torques", value, fine, "" if fine else "are they in Nm, with the joints' signs?", serious=True
+    )
 
 
 def _temperature(robot: RobotModel, temperature: FloatArray) -> Finding:

@@ -33,9 +33,9 @@ from equipoise.platforms.platform import (
 from equipoise.platforms.sample_watch import SampleCounts, SampleWatch
 from equipoise.platforms.tilt_watch import TiltWatch
 from equipoise.recordings.recording import PHASE, Event, Recording
-from equipoise.robot.kinematics import foot_positions
+from equipoise.recordings.run_log import RunLog
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import lying_posture, nominal_stance
+from equipoise.robot.stance import lies, lying_posture, nominal_stance
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +44,6 @@ _SOFT_START = 1.0  # [s]
 _FEET_DOWN, _SINK, _DAMPED = 0.3, 0.5, 1.0  # [s] of the parts of the safe ending
 _LIE_DOWN = 2.5  # [s] for a robot of an A1's size
 _FIRST_JUMP = 0.1  # [rad] between where a joint is and where it is first sent
-_LYING_RATIO = 0.6  # hips lower than this fraction of the stance's height: the robot lies
 _HOPELESS = 0.8  # [rad] of tilt beyond which putting feet down catches nobody
 _DAMPING = 2.0  # of the model's kd, when joints only damp
 _IN_AIR = ("unload", "lift", "watch", "lower", "replant")  # phases in which feet may be off the floor
@@ -84,7 +83,7 @@ class Guard:
         platform: to be guarded; the guard closes it.
         robot: what is known about it.
         limits: how far it may go.
-        log: takes pieces of what is sensed and sent, every quarter of a second, while the robot moves.
+        log: is told of every motion when it begins, and takes pieces of it every quarter of a second while it goes on.
 
     Attributes:
         phase: of the motion that is played, as its events name it.
@@ -95,7 +94,7 @@ class Guard:
         platform: Platform,
         robot: RobotModel,
         limits: Limits | None = None,
-        log: Callable[[Recording], None] | None = None,
+        log: RunLog | None = None,
     ) -> None:
         self._platform, self._robot = platform, robot
         self._limits = limits = limits or Limits()
@@ -216,7 +215,7 @@ class Guard:
         turned = np.zeros(3)
         phases = [event for event in trajectory.events if event.name == PHASE]
         self._stepped = time.monotonic()
-        self._log.begin(steps, trajectory.events)
+        self._log.begin(len(trajectory.position), trajectory.events)
         try:
             for index in range(len(trajectory.position)):
                 while phases and phases[0].time <= (index + 0.5) * self.control_period:
@@ -299,15 +298,10 @@ class Guard:
                 f"the first command would move joint {self.joint_names[joint]!r} at once from {here[joint]:.3f} to "
                 f"{first.position[joint]:.3f} rad; motions start where the robot is"
             )
-        lies = self.lies(here)
+        lying = lies(self._robot, self._stance, here)
         self._last = self._planted = JointCommand(first.position)
         for share in _ramp(_SOFT_START, self.control_period):
-            self._step(self._softened(replace(first, velocity=None), share if lies else 1.0, share))
-
-    def lies(self, joint_position: FloatArray) -> bool:
-        """Whether a robot with its joints at (nj,) [rad] lies: its hips are low over its feet."""
-        drop = self._stance.feet_in_base[:, 2].mean() - foot_positions(self._robot, joint_position)[:, 2].mean()
-        return self._stance.hip_height + drop < _LYING_RATIO * self._stance.hip_height
+            self._step(self._softened(replace(first, velocity=None), share if lying else 1.0, share))
 
     def _softened(self, command: JointCommand, stiffness: float, load: float) -> JointCommand:
         """A command with a share of the gains and of the feed-forward torque."""
@@ -368,7 +362,12 @@ class Guard:
     def _lie_down(self, error: BaseException | None, hurry: Hurry) -> None:
         """Only a robot that is well is trusted to do this."""
         well = error is None or isinstance(error, (KeyboardInterrupt, SystemExit)) or not isinstance(error, MotionError)
-        if not well or hurry.asked or self._state is None or self.lies(self._state.joint_position):
+        if (
+            not well
+            or hurry.asked
+            or self._state is None
+            or lies(self._robot, self._stance, self._state.joint_position)
+        ):
             return
         self._ending.append("lying down")
         assert self._last is not None

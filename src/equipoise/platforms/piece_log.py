@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from equipoise.platforms.platform import Steps
-from equipoise.recordings.recording import Event, Recording
+from equipoise.recordings.recording import Event
+from equipoise.recordings.run_log import RunLog
 
 _PIECE_TIME = 0.25  # [s]
 
@@ -27,11 +27,11 @@ class PieceLog:
     """Hands pieces of motions to a log while they are played.
 
     Args:
-        log: takes recordings, one after the other; None: nobody wants them.
+        log: takes them; None: nobody wants them.
         control_period: [s].
     """
 
-    def __init__(self, log: Callable[[Recording], None] | None, control_period: float) -> None:
+    def __init__(self, log: RunLog | None, control_period: float) -> None:
         self._log = log
         self._every = max(1, round(_PIECE_TIME / control_period))
         self._events: tuple[Event, ...] = ()
@@ -40,10 +40,13 @@ class PieceLog:
         self._trouble: BaseException | None = None
         self._writer: threading.Thread | None = None
 
-    def begin(self, steps: Steps, events: tuple[Event, ...]) -> None:
-        """A motion begins."""
+    def begin(self, commands: int, events: tuple[Event, ...]) -> None:
+        """A motion of so many commands begins."""
         self._events, self._done = events, 0
-        if self._log is not None and self._writer is None:
+        if self._log is None:
+            return
+        self._log.begin(commands)
+        if self._writer is None:
             self._writer = threading.Thread(target=self._write, name="recording", daemon=True)
             self._writer.start()
 
@@ -78,7 +81,7 @@ class PieceLog:
         while (piece := self._pieces.get()) is not None:
             try:
                 if self._trouble is None and self._log is not None:
-                    self._log(piece.steps.recording(piece.events, piece.first, piece.last))
+                    self._log.add(piece.steps.recording(piece.events, piece.first, piece.last))
             except BaseException as error:
                 self._trouble = error
             self._pieces.task_done()

@@ -90,7 +90,8 @@ class ResumedRobot(PlatformWrapper):
 
     def _move(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         recording = super().play(trajectory, stop)
-        last = slice(len(recording.joints.time) - 1, len(recording.joints.time))
+        count = len(trajectory.position) if recording.commands is None else len(recording.commands.time)
+        last = slice(count - 1, count)
         torque = None if trajectory.torque is None else trajectory.torque[last]
         self._sent = Trajectory(trajectory.position[last], torque=torque)
         return recording

@@ -20,6 +20,10 @@ class PlatformWrapper:
     def joint_names(self) -> tuple[str, ...]:
         return self._inner.joint_names
 
+    @property
+    def accepts(self) -> frozenset[str]:
+        return self._inner.accepts
+
     def read(self) -> RobotState:
         return self._inner.read()
 

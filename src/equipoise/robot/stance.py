@@ -22,6 +22,7 @@ _HEIGHT_RATIOS = (0.75, 0.72, 0.78, 0.70, 0.80, 0.65, 0.85)
 _GRID = 13  # seeds per joint of the search for a first posture
 # Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
 _LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
+_LYING_SHARE = 0.65  # of the stance's hip height: lower than that a robot lies, or crouches so low that it may as well
 _LIMIT_MARGIN = 0.05  # [rad]; a stance is no place to touch a joint limit
 
 
@@ -54,6 +55,12 @@ class Stance:
     def clock(self) -> float:
         """The square root of the size: times scale with it, as those of a pendulum do."""
         return float(np.sqrt(self.size))
+
+
+def lies(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
+    """Whether a robot with its joints at (nj,) [rad] lies: its hips are much lower over its feet than when it stands."""
+    raised = float(foot_positions(robot, joint_position)[:, 2].mean() - stance.feet_in_base[:, 2].mean())
+    return stance.hip_height - raised < _LYING_SHARE * stance.hip_height
 
 
 def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
