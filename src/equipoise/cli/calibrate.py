@@ -110,7 +110,6 @@ def calibrate(
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         start: How the simulated robot begins (and ends).
         seed: Of everything drawn.
-        platform: A simulator, or a robot: see 'equipoise platforms' for how each starts.
         set: A setting of the platform, as interface=eth0; may be given again.
         settings: TOML file with settings of the platform.
         dry_run: Print the whole plan (postures, joint ranges, torques, duration) and move nothing.

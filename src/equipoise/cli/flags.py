@@ -31,9 +31,14 @@ Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
 Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"])]
+_PLATFORMS = (
+    "Where: mujoco, dart (simulated); unitree-go2, unitree-b2 (robot lies, cable in, --set interface=eth0; its sport mode is "
+    "released); ros2 (Gazebo, ros2_control: load a position controller, --set interface=lo domain and topics); unitree-a1, "
+    "unitree-go1 (beta: lying, in low-level mode, this computer in its network). 'equipoise platforms' lists all settings."
+)
 PlatformName = Annotated[
     Literal["mujoco", "dart", "unitree-go2", "unitree-b2", "ros2", "unitree-a1", "unitree-go1"],
-    arg(help="See 'equipoise platforms'."),
+    arg(help=_PLATFORMS),
 ]
 Setting = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
@@ -68,11 +73,10 @@ def interruption_told(folder: Any) -> Generator[None]:
     """Say where the recordings are if the routine does not come to its end."""
     try:
         yield
-    except (KeyboardInterrupt, EquipoiseError) as stop:
+    except (KeyboardInterrupt, EquipoiseError):
         if not folder.log.empty:
             print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
-            if isinstance(stop, KeyboardInterrupt):
-                print(f"go on: equipoise calibrate --resume {folder.path}", file=sys.stderr)
+            print(f"go on: equipoise calibrate --resume {folder.path}", file=sys.stderr)
         raise
 
 

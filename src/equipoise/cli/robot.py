@@ -64,7 +64,6 @@ def doctor(
     Example: equipoise doctor go2 --platform unitree-go2 --set interface=eth0
 
     Args:
-        platform: See 'equipoise platforms'.
         set: A setting of the platform, as KEY=VALUE; may be given again.
         settings: TOML file with settings of the platform.
         duration: How long to look; default 5 s.
@@ -108,7 +107,6 @@ def record(
     Example: equipoise record go2 --platform unitree-go2 --set interface=eth0 --duration 60s
 
     Args:
-        platform: See 'equipoise platforms'.
         set: A setting of the platform, as KEY=VALUE; may be given again.
         settings: TOML file with settings of the platform.
         duration: How long; default until Ctrl-C.

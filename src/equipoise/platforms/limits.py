@@ -49,7 +49,7 @@ class Limits:
     missing_torque: float = 4.0
     patience: float = 0.15
     silence: float = 0.1
-    stall: float = 0.1
+    stall: float = 0.2
 
     def __post_init__(self) -> None:
         for field in fields(self):
