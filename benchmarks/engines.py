@@ -14,16 +14,20 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import os
 import platform as machine
 import time
 import warnings
 from pathlib import Path
 
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
+    os.environ.setdefault(_name, "1")
+
 import dartpy
 import mujoco
 import numpy as np
 import pinocchio as pin
-from accuracy import payload_of, rms, rounded  # sets thread counts before NumPy is imported
+from accuracy import payload_of, rms, rounded
 
 import equipoise
 from equipoise import calibrate, load_robot, simulate
@@ -163,13 +167,13 @@ def write_tables() -> str:
         "# The same routine in two engines",
         "",
         f"`make bench-engines`; equipoise {equipoise.__version__}, Pinocchio {pin.__version__}, MuJoCo {mujoco.__version__}, "
-        f"DART {dartpy.__version__}, Python {machine.python_version()}. Method `precise`, preset `realistic`, no scale; random "
-        "payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors and floor for both engines; "
-        "contact, joint friction and integration are each engine's own. Whole robot at the nominal stance.",
+        f"DART {dartpy.__version__}, Python {machine.python_version()}. Method `precise`, preset `realistic`, no scale; "
+        "random payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors and floor for both "
+        "engines; contact, joint friction and integration are each engine's own. Whole robot at the nominal stance.",
         "",
         f"Of {apart.size} quantities in {len(pairs)} pairs of runs the engines differ by less than 1.96 of both standard "
-        f"deviations together in {np.mean(apart < 1.96):.1%}, rms {rms(apart.ravel()):.2f}, at most {apart.max():.2f}. The 95 % "
-        f"intervals hold the truth in {inside[0]:.1%} (MuJoCo) and {inside[1]:.1%} (DART). Checks found something in "
+        f"deviations together in {np.mean(apart < 1.96):.1%}, rms {rms(apart.ravel()):.2f}, at most {apart.max():.2f}. "
+        f"The 95 % intervals hold the truth in {inside[0]:.1%} (MuJoCo) and {inside[1]:.1%} (DART). Checks found something in "
         + " and ".join(f"{count} of {len(pairs)} runs in {engine}" for engine, count in told.items()) + ".",
         "",
         *agreement_table(rows),
