@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from equipoise.recordings.storage import save_recording
 from robots import load_text, quadruped_mjcf
 
 import equipoise
@@ -28,7 +29,6 @@ from equipoise.estimation.parameters import Priors
 from equipoise.experiments.plan import Goals
 from equipoise.experiments.precise_routine import PreciseSettings
 from equipoise.recordings.recording import Event, ImuStream, JointStream, Recording
-from equipoise.recordings.storage import save_recording
 
 SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
 PROVENANCE = {
