@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -246,6 +247,10 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path):
     for line in process.stderr:
         seen.append(line)
         if line.startswith("[4/"):
+            log = folder / "recording.mcap"
+            size = log.stat().st_size
+            while log.stat().st_size == size:
+                time.sleep(0.002)
             process.send_signal(signal.SIGINT)
             break
     rest = process.communicate(timeout=30)[1]

@@ -225,6 +225,16 @@ def test_a_log_is_gone_on_with_behind_its_last_recording(path):
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
+def test_a_log_that_was_closed_is_gone_on_with_too(path):
+    kept = write_run(path)
+    log, _ = resume_log(path, repeats=True)
+    log.keep(piece(9.0))
+    log.close()
+    content = read_log(path)
+    assert [bits(recording) for recording in content.recordings] == [bits(one) for one in (*kept, piece(9.0))]
+    assert [play.trial for play in content.plays] == [None, 0, 0, 1, 1, 2, 2, 3]  # what was played behind them is not
+
+
 def test_what_will_not_be_repeated_stays_and_belongs_to_nothing(path):
     log = RunLog(path)
     log.keep(piece(events=[trial_event(0.0)]))
