@@ -281,7 +281,9 @@ def assert_alike(a, b, tolerances):
 
 
 def interrupt_after(monkeypatch, platform, method, calls):
-    """Let Ctrl-C happen in the call of a method after so many whole ones."""
+    """Let Ctrl-C happen in the call of a method after so many whole ones; of a wrapped platform, inside."""
+    while hasattr(platform, "_inner"):
+        platform = platform._inner
     original, count = getattr(platform, method), itertools.count()
 
     def interrupted(*arguments):

@@ -41,7 +41,9 @@ from equipoise.robot.source import ModelSource
 SCHEMA = "equipoise.run/2"
 RESULT = "calibration.json"
 _HEADER, _MODEL, _TRUTH, _LOG = "run.json", "model.xml", "truth.json", "recording.mcap"
-_EARLIER = {"equipoise.run/1": "version 0.1, whose recordings are archives of NumPy: estimate it with that version"}
+_EARLIER = {
+    "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
+}
 
 
 class RunFolder:
@@ -106,7 +108,7 @@ class RunFolder:
         header = _read_json(path / _HEADER, f"{str(path)!r} is no run of equipoise")
         schema = header.get("schema")
         if schema != SCHEMA:
-            by = f", by {_EARLIER[schema]}" if schema in _EARLIER else ""
+            by = _EARLIER.get(str(schema), "")
             raise RecordingError(f"the run {str(path)!r} is {schema!r}{by}; this version reads {SCHEMA!r}")
         for key in ("model", "description", "settings", "provenance"):
             if not isinstance(header.get(key), dict):

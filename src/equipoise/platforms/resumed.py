@@ -116,7 +116,7 @@ def _check_commands(content: LogContent, stored: Play, trajectory: Trajectory) -
     if not (same and np.abs(sent - asked).max(initial=0.0) <= _SAME_COMMAND):
         raise ResumeError(
             f"{_described(content, stored)} would be commanded otherwise now than when it was recorded: by other settings, or "
-            "by another version of equipoise; go on with that one, or begin a new run"
+            "by other versions of equipoise or of the simulator; go on with those, or begin a new run"
         )
 
 

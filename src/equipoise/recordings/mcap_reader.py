@@ -17,6 +17,7 @@ from mcap.writer import MCAP0_MAGIC
 from equipoise.errors import RecordingError
 
 _MESSAGE_HEAD = 22  # bytes: channel, sequence number and two times
+_NO_DATA = 64  # bytes: so many zeros at the end are what a power cut left in place of data
 
 
 @dataclass(frozen=True)
@@ -57,12 +58,12 @@ def _read(data: bytes) -> McapContent:
     channels: dict[str, Mapping[str, str]] = {}
     messages: list[tuple[str, bytes]] = []
     closed = False
-    for opcode, content in _records(data, len(MCAP0_MAGIC)):
-        if opcode == Opcode.CHANNEL:
+    for opcode, content in _unpacked(_whole_records(data)):
+        if opcode == Opcode.MESSAGE:
+            messages.append((topics[int.from_bytes(content[:2], "little")], content[_MESSAGE_HEAD:]))
+        elif opcode == Opcode.CHANNEL:
             channel = Channel.read(ReadDataStream(BytesIO(content)))
             topics[channel.id], channels[channel.topic] = channel.topic, channel.metadata
-        elif opcode == Opcode.CHUNK:
-            messages += [(topics[number], body) for number, body in _messages(content)]
         elif opcode == Opcode.FOOTER:
             closed = True
             break
@@ -71,19 +72,28 @@ def _read(data: bytes) -> McapContent:
     return McapContent(channels, messages, closed)
 
 
-def _messages(chunk: bytes) -> Iterator[tuple[int, bytes]]:
-    """Channel and body of each message."""
-    stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(chunk))), validate_crc=True)
-    for opcode, content in _records(stream.read(size)):
-        if opcode == Opcode.MESSAGE:
-            yield int.from_bytes(content[:2], "little"), content[_MESSAGE_HEAD:]
-
-
-def _records(data: bytes, position: int = 0) -> Iterator[tuple[int, bytes]]:
+def _whole_records(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Opcode and content of each whole record."""
+    if data.endswith(bytes(_NO_DATA)):
+        data = data.rstrip(b"\0")
+    return _records(data, len(MCAP0_MAGIC))
+
+
+def _records(data: bytes, position: int) -> Iterator[tuple[int, bytes]]:
     while position + 9 <= len(data):
         opcode, length = struct.unpack_from("<BQ", data, position)
-        if opcode == 0 or position + 9 + length > len(data):  # a file system may leave zeros where data was to be
-            return
         position += 9 + length
+        if position > len(data):
+            return
         yield opcode, data[position - length : position]
+
+
+def _unpacked(records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """Records, and in place of a chunk those inside."""
+    for opcode, content in records:
+        if opcode == Opcode.CHUNK:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+            yield from _records(stream.read(size), 0)
+        else:
+            yield opcode, content

@@ -129,7 +129,7 @@ class McapWriter:
         time, channel = time[order], channel[order]
         begin = 0
         while begin < len(order):
-            end = int(np.searchsorted(time, time[begin] + _CHUNK_TIME))
+            end = int(np.searchsorted(time, int(time[begin]) + _CHUNK_TIME))
             self._write_chunk(time[begin:end], channel[begin:end], [bodies[index] for index in order[begin:end]])
             begin = end
 
@@ -189,20 +189,22 @@ class McapWriter:
 
     def _descriptions(self) -> tuple[list[McapRecord], list[McapRecord]]:
         """Schemas and channels."""
-        schemas: list[McapRecord] = []
-        channels: list[McapRecord] = []
-        for topic in self.topics:
-            number = self._channels[topic.name]
-            schemas.append(Schema(number, topic.definition.encode(), "ros2msg", topic.type))
-            channels.append(Channel(number, topic.name, "cdr", dict(topic.metadata), number))
-        return schemas, channels
+        definitions = {topic.type: topic.definition.encode() for topic in self.topics}
+        numbers = {kind: number for number, kind in enumerate(definitions, 1)}
+        return (
+            [Schema(numbers[kind], definition, "ros2msg", kind) for kind, definition in definitions.items()],
+            [
+                Channel(self._channels[topic.name], topic.name, "cdr", dict(topic.metadata), numbers[topic.type])
+                for topic in self.topics
+            ],
+        )
 
     def _statistics(self) -> Statistics:
         start, end = self.time_range
         return Statistics(
             attachment_count=0, channel_count=len(self.topics), channel_message_counts=self._counts,
             chunk_count=len(self._chunks), message_count=sum(self._counts.values()), message_end_time=end,
-            message_start_time=start, metadata_count=0, schema_count=len(self.topics),
+            message_start_time=start, metadata_count=0, schema_count=len({topic.type for topic in self.topics}),
         )  # fmt: skip
 
 

@@ -39,7 +39,8 @@ from equipoise.recordings.recording import Recording
 
 FORMAT = "equipoise.log/1"
 JOINTS, INERTIAL, COMMANDS, EVENTS, LOG = "/joint_states", "/imu/data", "/joint_commands", "/events", "/run_log"
-_TYPES = {JOINTS: JOINT_STATE, INERTIAL: IMU, COMMANDS: JOINT_STATE, EVENTS: STRING, LOG: STRING}
+# In the order of the file: wherever that is cut, a channel in it says whose file it is.
+_TYPES = {LOG: STRING, JOINTS: JOINT_STATE, INERTIAL: IMU, COMMANDS: JOINT_STATE, EVENTS: STRING}
 
 
 class RunLog:
