@@ -18,6 +18,7 @@ import tyro
 from numpy.typing import NDArray
 from tyro.conf import OmitArgPrefixes
 
+from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platforms.dds import LOOPBACK, DdsDomain, raw
 from equipoise.platforms.platform import JointCommand, RobotState
@@ -53,12 +54,18 @@ class WireSettings:
         sport_mode: a controller of its own holds the motors at the beginning.
         first_tick: of its clock [ms]; it begins anew at 2^32.
         bare: leave tick and checksum zero, as the public simulator does; there is no motion_switcher service either.
+        damage: share of the samples that are damaged on their way.
     """
 
     domain: int = 1
     sport_mode: bool = True
     first_tick: int = 1_000_000
     bare: bool = False
+    damage: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.damage <= 1:
+            raise SettingsError(f"damage is {self.damage}; it is a share, from 0 to 1")
 
 
 class UnitreeDdsWire:
@@ -104,11 +111,14 @@ class UnitreeDdsWire:
         return commands
 
     def publish(self, state: RobotState, sequence: int) -> None:
-        del sequence
         self._now, self._position = state.time, state.joint_position
         self._fill(state)
         data = self._message.encoded()
-        self._states.send(self._state_type(data[:-4] + bytes(4) if self._settings.bare else data))
+        if self._settings.bare:
+            data = data[:-4] + bytes(4)
+        elif int((sequence + 1) * self._settings.damage) > int(sequence * self._settings.damage):
+            data = data[:-1] + bytes([data[-1] ^ 1])
+        self._states.send(self._state_type(data))
 
     def close(self) -> None:
         self._say(received=self.received, damaged=self.damaged, fought=self.fought)

@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 from equipoise.errors import CommunicationError, MissingDependencyError, SettingsError
 
 try:
-    from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
+    from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
     from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.idl import IdlStruct
     from cyclonedds.pub import DataWriter
@@ -119,13 +119,15 @@ class Outbox:
 
     def __init__(self, participant: Any, topic: str, sample_type: Any) -> None:
         self._topic = topic
+        self._listeners = 0
         qos = Qos(_WRITING, _PLAIN, Policy.History.KeepLast(1))
-        self._writer: Any = DataWriter(participant, Topic(participant, topic, sample_type), qos)
+        listener: Any = Listener(on_publication_matched=self._match)
+        self._writer: Any = DataWriter(participant, Topic(participant, topic, sample_type), qos, listener)
 
     @property
     def heard(self) -> bool:
         """Whether somebody has subscribed."""
-        return bool(self._writer is not None and self._writer.get_matched_subscriptions())
+        return self._listeners > 0
 
     def send(self, sample: Any) -> None:
         """Write a sample of the topic's type.
@@ -143,6 +145,9 @@ class Outbox:
     def close(self) -> None:
         """Stop sending; may be called twice."""
         self._writer = None
+
+    def _match(self, _: Any, status: Any) -> None:
+        self._listeners = int(status.current_count)
 
 
 class DdsDomain:
