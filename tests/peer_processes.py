@@ -12,6 +12,8 @@ from contextlib import contextmanager
 
 import pytest
 
+from equipoise.errors import EquipoiseError
+
 PATIENCE = 60.0  # [s] for a process that starts on a busy machine
 STALL = 0.02  # [s] by which a command may be late
 TRIES = 5
@@ -93,7 +95,7 @@ def stalls_told(platform, peer):
     """Tell a failure on a machine that kept robot or computer waiting from one that means something."""
     try:
         yield
-    except AssertionError as error:
+    except (AssertionError, EquipoiseError) as error:
         late = platform.timing.lateness
         slow = any("behind" in entry or entry.get("mode") == "silence" for entry in peer.log)
         if slow or (len(late) and late.max() > STALL):
