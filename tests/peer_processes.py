@@ -2,7 +2,6 @@
 
 import functools
 import json
-import signal
 import socket
 import subprocess
 import sys
@@ -53,7 +52,7 @@ class PeerProcess:
     def end(self):
         """As Ctrl-C; the whole log."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            self._process.terminate()
         try:
             self._process.wait(timeout=10)
         except subprocess.TimeoutExpired:

@@ -8,6 +8,7 @@ from, as the robots do, and sends nothing before.
 
 from __future__ import annotations
 
+import signal
 import socket
 import time
 from collections.abc import Callable
@@ -235,7 +236,8 @@ class Options:
 
 
 def main() -> None:
-    """Run until it is ended."""
+    """Run until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
     options = tyro.cli(Options)
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)
