@@ -2,7 +2,6 @@
 
 import functools
 import json
-import signal
 import socket
 import subprocess
 import sys
@@ -11,6 +10,8 @@ import time
 from contextlib import contextmanager
 
 import pytest
+
+from equipoise.errors import EquipoiseError
 
 PATIENCE = 60.0  # [s] for a process that starts on a busy machine
 STALL = 0.02  # [s] by which a command may be late
@@ -51,7 +52,7 @@ class PeerProcess:
     def end(self):
         """As Ctrl-C; the whole log."""
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            self._process.terminate()
         try:
             self._process.wait(timeout=10)
         except subprocess.TimeoutExpired:
@@ -93,7 +94,7 @@ def stalls_told(platform, peer):
     """Tell a failure on a machine that kept robot or computer waiting from one that means something."""
     try:
         yield
-    except AssertionError as error:
+    except (AssertionError, EquipoiseError) as error:
         late = platform.timing.lateness
         slow = any("behind" in entry or entry.get("mode") == "silence" for entry in peer.log)
         if slow or (len(late) and late.max() > STALL):

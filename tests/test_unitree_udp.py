@@ -359,16 +359,42 @@ def test_strangers_and_damaged_packets_are_counted_and_left_out(raw):
     assert counts.damaged == {Damage.HEAD: 1, Damage.CHECKSUM: 2, Damage.LENGTH: 4}
 
 
-def test_samples_that_nobody_reads_make_room_for_newer_ones(raw):
+def test_while_commands_are_sent_samples_make_room_for_newer_ones(raw):
     robot = raw()
     for tick in range(0, 2000, 2):
         robot.send(robot.state(tick))
-        time.sleep(1e-5)
-    time.sleep(0.1)
-    samples = robot.link.receive()
-    assert samples[-1].time == pytest.approx(1.998)
-    assert len(samples) == 512
+        robot.link.send(JointCommand(np.zeros(MOTORS)))
+    samples = robot.samples(512)
+    assert [round(1000 * sample.time) for sample in samples] == list(range(2 * (1000 - 512), 2000, 2))
     assert robot.link.counts.unread == 1000 - 512
+
+
+def test_what_waited_while_nobody_looked_is_no_news_and_no_silence(raw):
+    robot = raw(silence=0.15)
+    robot.send(robot.state(2))
+    assert len(robot.samples(1)) == 1
+    robot.send(robot.state(4))
+    time.sleep(0.2)
+    assert robot.link.receive() == []
+    assert robot.link.counts.unread == 1
+    robot.send(robot.state(6))
+    assert [sample.time for sample in robot.samples(1)] == [pytest.approx(0.006)]
+
+
+def test_samples_tell_when_they_arrived_not_when_they_were_asked_for(raw):
+    robot = raw()
+    robot.send(robot.state(2))
+    robot.samples(1)
+    before, after = [], []
+    for tick in (4, 6, 8):
+        time.sleep(0.03)
+        before.append(time.monotonic())
+        robot.send(robot.state(tick))
+        after.append(time.monotonic())
+    time.sleep(0.03)
+    received = np.array([sample.received for sample in robot.samples(3)])
+    assert (received > np.array(before) - 1e-3).all()
+    assert (received < np.array(after) + 5e-3).all()
 
 
 def test_a_robot_that_cannot_be_understood_is_told_from_a_silent_one(raw, monkeypatch):

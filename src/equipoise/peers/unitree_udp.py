@@ -8,7 +8,9 @@ from, as the robots do, and sends nothing before.
 
 from __future__ import annotations
 
+import signal
 import socket
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -38,6 +40,7 @@ _TEMPERATURE = 40.0  # [deg C] of every motor
 _CHARGE, _VOLTAGE = 0.8, 24.96  # of a Go1's battery
 _LARGEST = 2048  # [bytes] of a datagram
 _LATEST = 4  # packets that may overtake another
+_RAMP_STEP = 0.25  # [s] between lines about gains
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,7 @@ class UnitreeUdpWire:
         self._first_tick, self._say = first_tick, say
         self._client: Address | None = None
         self._gains: tuple[float, float] | None = None
+        self._gains_said = -np.inf
         self._position: np.ndarray | None = None
         self.received = self.damaged = self.sent = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -168,9 +172,7 @@ class UnitreeUdpWire:
         position, velocity, torque, kp, kd = (
             getattr(motors, name)[order] for name in ("position", "velocity", "torque", "kp", "kd")
         )
-        if (gains := (float(kp.mean()), float(kd.mean()))) != self._gains:
-            self._gains = gains
-            self._say(kp=round(gains[0], 3), kd=round(gains[1], 3))
+        self._note_gains((round(float(kp.mean()), 3), round(float(kd.mean()), 3)))
         free, coasting = np.abs(position) >= POSITION_STOP / 2, np.abs(velocity) >= VELOCITY_STOP / 2
         here = np.zeros(MOTORS) if self._position is None else self._position
         return JointCommand(
@@ -180,6 +182,13 @@ class UnitreeUdpWire:
             np.where(free, 0.0, kp),
             np.where(coasting, 0.0, kd),
         )
+
+    def _note_gains(self, gains: tuple[float, float]) -> None:
+        """Say new gains, those of a ramp now and then."""
+        if gains != self._gains and time.monotonic() - self._gains_said > _RAMP_STEP:
+            self._gains_said = time.monotonic()
+            self._say(kp=gains[0], kd=gains[1])
+            self._gains = gains
 
     def _from_joints(self, state: RobotState) -> LowState:
         order = self._joint_of_motor
@@ -227,7 +236,8 @@ class Options:
 
 
 def main() -> None:
-    """Run until it is ended."""
+    """Run until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
     options = tyro.cli(Options)
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)

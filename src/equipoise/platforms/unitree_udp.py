@@ -6,6 +6,8 @@ The robot must be in its low-level mode, lying or hanging: docs/unitree-udp.md.
 from __future__ import annotations
 
 import socket
+import struct
+import sys
 import threading
 import time
 from collections import Counter, deque
@@ -36,10 +38,12 @@ Address = tuple[str, int]
 _CONTROL_PERIOD = 2e-3  # [s]
 _KEPT = 512  # datagrams that wait while nobody reads: a second's
 _LARGEST = 2048  # [bytes] of a datagram
-_BUFFER = 1 << 20  # [bytes] of datagrams that wait while Python does something else; the system may grant less
-_WAIT = 0.1  # [s] after which the listener looks whether it is still wanted
+_BUFFER = 1 << 20  # [bytes] of datagrams that the system may keep for us; it may grant less
 _RELEASES = 5  # some may get lost
 _PATIENCE = 3.0  # [s] of packets that cannot be used, and no other
+_PAUSE = 0.1  # [s] without a look at the socket; who did not look heard no silence
+_TIMESTAMPS = 35  # SO_TIMESTAMPNS, which Python has no name for: the system notes when a datagram arrived
+_TIMESTAMP = struct.Struct("@ll")  # seconds and nanoseconds
 
 
 @dataclass
@@ -50,7 +54,7 @@ class PacketCounts:
         samples: good packets.
         damaged: others from the robot, by what is wrong with them.
         strangers: datagrams from elsewhere.
-        unread: that were pushed out because nobody read them.
+        unread: that were too old when somebody looked.
     """
 
     samples: int = 0
@@ -66,8 +70,8 @@ class PacketCounts:
 class UnitreeUdpLink:
     """To a robot in low-level mode: the link of a `HardwarePlatform`.
 
-    Until the first command it is asked for samples by packets that set no torque: it answers whom it hears. A thread notes
-    when datagrams arrive; they are read when samples are asked for.
+    Until the first command it is asked for samples by packets that set no torque: it answers whom it hears. The system notes
+    when datagrams arrive; they are fetched whenever something is sent or asked for, and read when samples are asked for.
 
     Args:
         robot: with three joints a leg.
@@ -95,16 +99,13 @@ class UnitreeUdpLink:
         self._clock = RobotClock(settings.tick)
         self._robot: Address = (settings.address, settings.port)
         self._arrived: deque[tuple[float, bytes]] = deque(maxlen=_KEPT)
-        self._opened = time.monotonic()
+        self._opened = self._looked = self._since = time.monotonic()
         self._heard: float | None = None
         self._asked: float | None = 0.0
         self.counts = PacketCounts()
-        self._closed = threading.Event()
+        self._closed = False
+        self._fetching = threading.Lock()
         self._socket = _open_socket((settings.local_address, settings.listens_on))
-        self._ear = self._socket.dup()
-        self._ear.settimeout(_WAIT)
-        self._listener = threading.Thread(target=self._listen, name="listen", daemon=True)
-        self._listener.start()
 
     @property
     def name(self) -> str:
@@ -127,9 +128,13 @@ class UnitreeUdpLink:
         if self._asked is not None and time.monotonic() - self._asked >= _CONTROL_PERIOD:
             self._asked = time.monotonic()
             self._transmit(self._passive)
+        self._fetch()
         samples: list[RobotState] = []
         while self._arrived:
             received, data = self._arrived.popleft()
+            if self._looked - received > self._settings.silence:  # what the system kept while nobody looked
+                self.counts.unread += 1
+                continue
             state = read_state(self._packets, data, self._settings.check)
             if isinstance(state, Damage):
                 self.counts.damaged[state] += 1
@@ -143,36 +148,38 @@ class UnitreeUdpLink:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
         self._asked = None
         self._transmit(self._packet.write(self._for_motors(command)))
+        self._fetch()
 
     def release(self) -> None:
         """No torque; the motors' own watchdog sees to it that it stays so."""
         self._asked = None
-        for _ in range(_RELEASES):
-            if not self._closed.is_set():
-                self._transmit(self._passive)
-                time.sleep(_CONTROL_PERIOD)
+        for _ in range(0 if self._closed else _RELEASES):
+            self._transmit(self._passive)
+            time.sleep(_CONTROL_PERIOD)
 
     def close(self) -> None:
-        self._closed.set()
-        self._listener.join(timeout=5 * _WAIT)
-        self._ear.close()
+        self._closed = True
         self._socket.close()
 
-    def _listen(self) -> None:
-        """Note what arrives, and when."""
-        while not self._closed.is_set():
-            try:
-                data, sender = self._ear.recvfrom(_LARGEST)
-            except TimeoutError:
-                continue
-            except OSError:  # a socket may report what became of datagrams that were sent; `send` complains
-                self._closed.wait(_CONTROL_PERIOD)
-                continue
-            if sender != self._robot:
-                self.counts.strangers += 1
-                continue
-            self.counts.unread += len(self._arrived) == _KEPT
-            self._arrived.append((time.monotonic(), data))
+    def _fetch(self) -> None:
+        """Take what has arrived out of the socket; two threads may want that."""
+        with self._fetching:
+            now = time.monotonic()
+            if now - self._looked > _PAUSE:
+                self._since = now
+            self._looked, ahead = now, now - time.time()
+            for _ in range(_KEPT):
+                try:
+                    data, notes, _, sender = self._socket.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMESTAMP.size))
+                except BlockingIOError:
+                    return
+                except OSError as error:
+                    raise CommunicationError(f"cannot hear {self.name}: {error.strerror or error}") from error
+                if sender != self._robot:
+                    self.counts.strangers += 1
+                    continue
+                self.counts.unread += len(self._arrived) == _KEPT
+                self._arrived.append((_noted(notes, ahead), data))
 
     def _transmit(self, data: bytes | bytearray) -> None:
         try:
@@ -220,17 +227,10 @@ class UnitreeUdpLink:
                     f"{self.name} cannot be understood: of what arrived in {_PATIENCE:g} s, {self.counts}. Is it the right "
                     "kind of robot, and its port? 'check = false' takes samples with wrong checksums"
                 )
-        elif now - self._heard > self._settings.silence and not self._pending():
+        elif (silent := now - max(self._heard, self._since)) > self._settings.silence:
             raise CommunicationError(
-                f"{self.name} has been silent for {now - self._heard:.1f} s: is the robot on, is the cable in?"
+                f"{self.name} has been silent for {silent:.1f} s: is the robot on, is the cable in?"
             )
-
-    def _pending(self) -> bool:
-        """Whether something has arrived that the listener did not get round to."""
-        try:
-            return bool(self._arrived or self._socket.recv(1, socket.MSG_PEEK))
-        except OSError:
-            return False
 
 
 def open_link(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink:
@@ -253,6 +253,8 @@ def _open_socket(local: Address) -> socket.socket:
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+    if sys.platform == "linux":
+        opened.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
     try:
         opened.bind(local)
     except OSError as error:
@@ -262,3 +264,12 @@ def _open_socket(local: Address) -> socket.socket:
             "local_port and local_address choose others"
         ) from error
     return opened
+
+
+def _noted(notes: list[tuple[int, int, bytes]], ahead: float) -> float:
+    """When a datagram arrived by the monotonic clock [s], which is so much ahead of the system's; now, if nobody noted it."""
+    for level, kind, value in notes:
+        if level == socket.SOL_SOCKET and kind == _TIMESTAMPS and len(value) == _TIMESTAMP.size:
+            seconds, nanoseconds = _TIMESTAMP.unpack(value)
+            return seconds + ahead + 1e-9 * nanoseconds
+    return time.monotonic()
