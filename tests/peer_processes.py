@@ -15,7 +15,7 @@ from equipoise.errors import EquipoiseError
 
 PATIENCE = 60.0  # [s] for a process that starts on a busy machine
 STALL = 0.02  # [s] by which a command may be late
-TRIES = 5
+TRIES = 3
 
 
 class PeerProcess:
@@ -26,7 +26,6 @@ class PeerProcess:
         self._process = subprocess.Popen(
             [sys.executable, "-m", f"equipoise.peers.{module}", *map(str, flags)],
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
             text=True,
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -59,12 +58,12 @@ class PeerProcess:
             self.kill()
         self._reader.join(timeout=10)
         self._process.stdout.close()
-        self._process.stderr.close()
         return self.log
 
     def _read(self):
         for line in self._process.stdout:
-            self.log.append(json.loads(line))
+            if line.endswith("\n"):  # a killed process leaves a piece of one
+                self.log.append(json.loads(line))
 
 
 @contextmanager

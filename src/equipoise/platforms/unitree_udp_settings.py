@@ -34,7 +34,7 @@ class UnitreeUdpSettings:
     port: int = 8007
     local_address: str = "0.0.0.0"
     local_port: int | None = None
-    silence: float = 0.5
+    silence: float = 1.0
     tick: float = 1e-3
     check: bool = True
     scrambled: bool | None = None
