@@ -171,6 +171,8 @@ class McapWriter:
             self._counts[number] += count
 
     def _put(self, data: bytes) -> None:
+        if self._file.closed:
+            raise OutputError(f"cannot write the recording {str(self.path)!r}: it is closed")
         with self._failures_told():
             if self._file.tell() != self._size:  # the last write was cut short, by a full disk or by Ctrl-C
                 self._file.truncate(self._size)
