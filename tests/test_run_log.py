@@ -191,6 +191,34 @@ def test_ctrl_c_between_the_chunks_of_a_piece_spoils_nothing_else(path, monkeypa
     assert [recording.joints.time[0] for recording in content.recordings] == [0.0, 9.0]
 
 
+def test_ctrl_c_when_a_piece_was_written_and_not_noted_writes_the_recording_whole(path, monkeypatch):
+    recording = Recording.concatenate([piece(events=[trial_event(0.0)]), piece(0.1), piece(0.2)])
+    with RunLog(path) as log:
+        log.begin(30)
+        log.add(piece(events=[trial_event(0.0)]))
+        write = log.file.write
+
+        def interrupted(batches):
+            write(batches)
+            raise KeyboardInterrupt
+
+        with monkeypatch.context() as patched:
+            patched.setattr(log.file, "write", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                log.add(piece(0.1))
+        log.add(piece(0.2))
+        log.keep(recording)
+    assert [bits(one) for one in read_log(path).recordings] == [bits(recording)]
+
+
+def test_a_log_that_is_closed_says_so(path):
+    with RunLog(path) as log:
+        pass
+    log.close()
+    with pytest.raises(OutputError, match=r"cannot write the recording '.*recording.mcap': it is closed"):
+        log.add(piece())
+
+
 def test_a_write_that_ctrl_c_cut_short_is_overwritten(path):
     with RunLog(path) as log:
         log.keep(piece())

@@ -129,9 +129,8 @@ class RunFolder:
             OutputError: it cannot be written, or another process writes it.
         """
         folder = cls.open(path)
-        with suppress(FileNotFoundError):
-            (folder.path / METADATA).unlink()  # of what is about to change
         folder._log, content = resume_log(folder.path / _LOG, repeats)
+        (folder.path / METADATA).unlink(missing_ok=True)  # of what is about to change
         folder._known = deque(content.recordings)
         return folder, content
 

@@ -12,9 +12,9 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk
 from mcap.stream_reader import get_chunk_data_stream
-from mcap.writer import MCAP0_MAGIC
 
 from equipoise.errors import RecordingError
+from equipoise.recordings.mcap_writer import MAGIC
 
 _MESSAGE_HEAD = 22  # bytes: channel, sequence number and two times
 _NO_DATA = 64  # bytes: so many zeros at the end are what a power cut left in place of data
@@ -45,7 +45,7 @@ def read_mcap(path: Path) -> McapContent:
         data = path.read_bytes()
     except OSError as error:
         raise RecordingError(f"the recording {str(path)!r} cannot be read: {error.strerror}") from error
-    if not data.startswith(MCAP0_MAGIC[: len(data)]):
+    if not data.startswith(MAGIC[: len(data)]):
         raise RecordingError(f"the recording {str(path)!r} cannot be read: it is no MCAP file")
     try:
         return _read(data)
@@ -67,7 +67,7 @@ def _read(data: bytes) -> McapContent:
         elif opcode == Opcode.FOOTER:
             closed = True
             break
-    if not closed and len(data) > len(MCAP0_MAGIC) and data.endswith(MCAP0_MAGIC):
+    if not closed and len(data) > len(MAGIC) and data.endswith(MAGIC):
         raise RecordingError("it was closed, and lacks records that it must have had")
     return McapContent(channels, messages, closed)
 
@@ -76,7 +76,7 @@ def _whole_records(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Opcode and content of each whole record."""
     if data.endswith(bytes(_NO_DATA)):
         data = data.rstrip(b"\0")
-    return _records(data, len(MCAP0_MAGIC))
+    return _records(data, len(MAGIC))
 
 
 def _records(data: bytes, position: int) -> Iterator[tuple[int, bytes]]:

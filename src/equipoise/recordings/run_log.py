@@ -46,7 +46,9 @@ _TYPES = {LOG: STRING, JOINTS: JOINT_STATE, INERTIAL: IMU, COMMANDS: JOINT_STATE
 class RunLog:
     """Writes the log of a run. Use it as a context manager, or close it.
 
-    What `add` has returned from outlives the process. It is held in memory too until `keep` or `set_aside` says what it is.
+    A motion is announced by `begin` and written by `add`, whole or piece by piece; `keep` says that the motions since the last
+    call are a recording. What `add` has returned from outlives the process. It is held in memory too until `keep` or
+    `set_aside` says what it is.
 
     Raises:
         OutputError: the file cannot be written; also by every method. What was written before can be read.
@@ -81,11 +83,16 @@ class RunLog:
         if self._begun is not None:
             entries.insert(0, {"entry": "play", "number": self._number, "commands": self._begun})
         start = min((int(batch.time[0]) for batch in batches if len(batch.time)), default=0)
-        self.file.write([_entries(start, entries), *batches])
-        if self._begun is not None:
-            self._open.append((self._number, []))
-            self._begun = None
-        self._open[-1][1].append(piece)
+        try:
+            self.file.write([_entries(start, entries), *batches])
+            if self._begun is not None:
+                self._open.append((self._number, []))
+                self._begun = None
+            self._open[-1][1].append(piece)
+        except BaseException:  # Ctrl-C: nobody knows how much of it is written, so `keep` is to write all of it
+            self._open = []
+            self.begin(0)
+            raise
 
     def keep(self, recording: Recording) -> None:
         """Say that the last plays make up a recording. What was not added is added, as one play."""

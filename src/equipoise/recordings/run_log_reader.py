@@ -75,7 +75,7 @@ def read_log(path: Path) -> LogContent:
         return reading.content(content.closed)
     except RecordingError as error:
         raise RecordingError(f"the recording {str(path)!r} is damaged: {error}") from error
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError) as error:
         raise RecordingError(f"the recording {str(path)!r} is damaged: {error!r}") from error
 
 
@@ -146,36 +146,35 @@ class _Reading:
         self._since = 0
 
     def take(self, topic: str, message: bytes) -> None:
-        if topic == LOG:
-            entry = json.loads(read_text(message))
-            {"play": self._play, "piece": self._piece, "kept": self._keep, "aside": self._set_aside}[entry["entry"]](
-                entry
-            )
-        else:
+        if topic != LOG:
             self._plays[-1].pieces[-1].messages[topic].append(message)
+            return
+        entry = json.loads(read_text(message))
+        if entry["entry"] == "play":
+            self._plays.append(_Play(int(entry["number"]), int(entry["commands"])))
+        elif entry["entry"] == "piece":
+            self._plays[-1].pieces.append(_Piece(entry))
+        elif entry["entry"] == "kept":
+            self._keep(entry)
+        if entry["entry"] in ("kept", "aside"):
+            self._since = len(self._plays)
 
     def content(self, closed: bool) -> LogContent:
         plays = [play.whole() for play in self._plays]
-        for trial, kept in enumerate(self._kept):
-            first = min(
-                [index for index in range(kept.since, kept.plays[0]) if _begins_trial(plays[index])], default=None
-            )
-            for index in range(kept.plays[0] if first is None else first, kept.plays[-1] + 1):
-                plays[index] = replace(plays[index], trial=trial)
-        tail = [index for index in range(self._since, len(plays)) if _begins_trial(plays[index])][-1:]
-        unfinished = self._broken.plays if self._broken else list(range(tail[0], len(plays))) if tail else []
+        unfinished = self._unfinished(plays)
         return LogContent(
-            tuple(plays),
+            tuple(_of_trials(plays, self._kept)),
             tuple(_joined(plays, kept.plays) for kept in self._kept),
             _joined(plays, unfinished).broken_off() if unfinished else None,
             closed,
         )
 
-    def _play(self, entry: Mapping[str, Any]) -> None:
-        self._plays.append(_Play(int(entry["number"]), int(entry["commands"])))
-
-    def _piece(self, entry: Mapping[str, Any]) -> None:
-        self._plays[-1].pieces.append(_Piece(entry))
+    def _unfinished(self, plays: Sequence[Play]) -> Sequence[int]:
+        """Indices of the plays that began a recording last, and did not complete it."""
+        if self._broken is not None:
+            return self._broken.plays
+        begun = [index for index in range(self._since, len(plays)) if _begins_trial(plays[index])]
+        return range(begun[-1], len(plays)) if begun else ()
 
     def _keep(self, entry: Mapping[str, Any]) -> None:
         index = {play.number: index for index, play in enumerate(self._plays)}
@@ -183,10 +182,16 @@ class _Reading:
         self._broken = kept if entry["broken"] else None
         if not entry["broken"]:
             self._kept.append(kept)
-        self._since = len(self._plays)
 
-    def _set_aside(self, entry: Mapping[str, Any]) -> None:
-        self._since = len(self._plays)
+
+def _of_trials(plays: Sequence[Play], recordings: Sequence[_Kept]) -> list[Play]:
+    """Plays with the trials that they belong to: those of the recording, and of attempts at a trial before it."""
+    marked = list(plays)
+    for trial, kept in enumerate(recordings):
+        attempts = [index for index in range(kept.since, kept.plays[0]) if _begins_trial(plays[index])]
+        for index in range([*attempts, kept.plays[0]][0], kept.plays[-1] + 1):
+            marked[index] = replace(plays[index], trial=trial)
+    return marked
 
 
 def _begins_trial(play: Play) -> bool:
