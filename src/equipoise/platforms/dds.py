@@ -84,7 +84,7 @@ class Inbox:
     @property
     def offered(self) -> bool:
         """Whether somebody publishes what it can read."""
-        return self._writers > 0
+        return self._reader is not None and self._writers > 0
 
     def take(self) -> list[tuple[float, Any]]:
         """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
