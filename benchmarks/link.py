@@ -70,7 +70,7 @@ def robot(*flags: str) -> Generator[HardwarePlatform, None, None]:
     """Connected to a simulated robot on the other core; what it wrote is checked for real time kept."""
     command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN)]
     with tempfile.TemporaryFile("w+") as log:
-        process = subprocess.Popen([*command, "--no-sport-mode", *flags], stdout=log)
+        process = subprocess.Popen([*command, "--start", "standing", "--no-sport-mode", *flags], stdout=log)
         os.sched_setaffinity(process.pid, {1})
         try:
             with HardwarePlatform(
@@ -210,8 +210,8 @@ def report(results: dict[str, Any]) -> str:
             "",
             "## Calibrations over it",
             "",
-            f"An A1 with a payload of 1.5 kg, preset `realistic`, `precise` with a budget of {BUDGET:.0f} s, guarded; estimate "
-            "less truth with the standard deviation that the result states: kg, mm, kg m2. Direct: the same simulated robot "
+            f"An A1 with a payload of 1.5 kg, preset `realistic`, `precise` with a budget of {BUDGET:.0f} s, guarded; "
+            "estimate less truth with the standard deviation that the result states: kg, mm, kg m2. Direct: the same simulated robot "
             "without a link. Pace: the robot's time over ours.",
             "",
             *calibration_table(results["calibrations"]),
