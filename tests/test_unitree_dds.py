@@ -81,7 +81,7 @@ def connected(peer, robot, **others):
 @pytest.fixture(scope="module")
 def standing(tmp_path_factory):
     """It stands, nothing but us holds its motors, and its clock is about to begin anew."""
-    with running(tmp_path_factory, "--no-sport-mode", "--first-tick", str(2**32 - 2500)) as peer:
+    with running(tmp_path_factory, "--start", "standing", "--no-sport-mode", "--first-tick", str(2**32 - 2500)) as peer:
         yield peer
 
 
@@ -240,7 +240,7 @@ def test_a_robot_that_is_not_there_is_noticed(a1):
 
 
 def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tmp_path_factory, a1):
-    with running(tmp_path_factory, "--start", "lying", "--damage", "0.1") as peer:
+    with running(tmp_path_factory, "--damage", "0.1") as peer:
         with connected(peer, a1) as platform:
             lying = platform.read().joint_position
             time.sleep(0.2)
@@ -259,7 +259,7 @@ def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tm
 
 
 def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_path_factory, a1, target):
-    with running(tmp_path_factory) as peer:
+    with running(tmp_path_factory, "--start", "standing") as peer:
         with connected(peer, a1) as platform:
             for _ in range(2):
                 with pytest.raises(MotionError, match=r"'normal' of unitree-go2 on lo holds .* does not lie"):
@@ -276,7 +276,7 @@ def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_pat
 
 
 def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, target):
-    with running(tmp_path_factory, "--bare") as peer:
+    with running(tmp_path_factory, "--start", "standing", "--bare") as peer:
         with connected(peer, a1) as platform, pytest.raises(CommunicationError, match="release_sport_mode=false"):
             hold(platform, target, 0.1)
         with connected(peer, a1, release_sport_mode=False) as platform:

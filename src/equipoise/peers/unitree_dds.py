@@ -2,8 +2,9 @@
 
     python -m equipoise.peers.unitree_dds --robot unitree_a1 --domain 1
 
-Any quadruped with three joints a leg can. As on the robots a controller of its own holds the motors ("normal") until the
-motion_switcher service has it let go; what is commanded before that is ignored, where a real robot would fight it.
+Any quadruped with three joints a leg can. It lies, unless it is told to stand. As on the robots a controller of its own
+holds the motors ("normal") until the motion_switcher service has it let go; what is commanded before that is ignored, where a
+real robot would fight it.
 """
 
 from __future__ import annotations
@@ -195,7 +196,7 @@ class Options:
     """
 
     robot: str = "unitree_a1"
-    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
+    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=lambda: PeerSettings(start="lying"))
     wire: OmitArgPrefixes[WireSettings] = field(default_factory=WireSettings)
 
 

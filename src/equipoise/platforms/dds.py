@@ -70,7 +70,9 @@ class Inbox:
 
     def __init__(self, participant: Any, topic: str, sample_type: Any) -> None:
         qos = Qos(_READING, _PLAIN, Policy.History.KeepLast(_KEPT))
-        self._reader: Any = DataReader(participant, Topic(participant, topic, sample_type), qos)
+        self._writers = 0
+        listener: Any = Listener(on_subscription_matched=self._match)
+        self._reader: Any = DataReader(participant, Topic(participant, topic, sample_type), qos, listener)
         self._waiting: Any = WaitSet(participant)
         self._waiting.attach(ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
         self._arrived: deque[tuple[float, Any]] = deque(maxlen=_KEPT)
@@ -82,7 +84,7 @@ class Inbox:
     @property
     def offered(self) -> bool:
         """Whether somebody publishes what it can read."""
-        return bool(self._reader is not None and self._reader.get_matched_publications())
+        return self._reader is not None and self._writers > 0
 
     def take(self) -> list[tuple[float, Any]]:
         """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
@@ -105,6 +107,9 @@ class Inbox:
         while not self._closed.is_set():
             if waiting.wait(patience):
                 self._collect(reader)
+
+    def _match(self, _: Any, status: Any) -> None:
+        self._writers = int(status.current_count)
 
     def _collect(self, reader: Any) -> None:
         received = time.monotonic()

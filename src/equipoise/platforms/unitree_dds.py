@@ -39,6 +39,7 @@ CONTROL_PERIOD = 2e-3  # [s]
 _TICK = 1e-3  # [s] of the robot's clock
 _HEALTH = 0.1  # [s] between looks at temperatures and the battery
 _LOST = 0.1  # share of messages between the robot's computer and a motor that may get lost
+_TURN = 5e-3  # [s] for the threads that receive
 _PATIENCE = 3.0  # [s] of samples that are damaged, and no other
 _RELEASES = 10  # the last command, so often: some may get lost
 _FOLDED = 0.5  # of a leg's length, between hip and foot, when a robot lies
@@ -145,13 +146,10 @@ class UnitreeDdsLink:
 
     def receive(self) -> list[RobotState]:
         """As a link's; raises CommunicationError also if the robot falls silent, or only damaged samples arrive."""
-        samples: list[RobotState] = []
-        for received, sample in self._states.take():
-            record = read_message(STATE, sample.data, self._settings.check_crc)
-            if record is None:
-                self.damaged += 1
-            elif (clock := self._clock_of(int(record["tick"]))) is not None:
-                samples.append(self._state(record, clock.time(int(record["tick"]), received), received))
+        samples = self._arrived()
+        if not samples and self._silent_since() > self._settings.silence:
+            time.sleep(_TURN)  # this computer was busy, perhaps, not the robot silent
+            samples = self._arrived()
         self._note(samples)
         return samples
 
@@ -227,6 +225,21 @@ class UnitreeDdsLink:
         self._stood_still = tick == 0
         return self._clock
 
+    def _arrived(self) -> list[RobotState]:
+        samples: list[RobotState] = []
+        for received, sample in self._states.take():
+            record = read_message(STATE, sample.data, self._settings.check_crc)
+            if record is None:
+                self.damaged += 1
+            elif (clock := self._clock_of(int(record["tick"]))) is not None:
+                samples.append(self._state(record, clock.time(int(record["tick"]), received), received))
+        return samples
+
+    def _silent_since(self) -> float:
+        """For how long [s]; 0 before the first sample."""
+        newest = self._newest
+        return 0.0 if newest is None or newest.received is None else time.monotonic() - newest.received
+
     def _state(self, record: NDArray[Any], at: float, received: float) -> RobotState:
         motors, imu, order = record["motor_state"], record["imu_state"], self._motor_of_joint
         if received - self._examined > _HEALTH:
@@ -261,18 +274,17 @@ class UnitreeDdsLink:
 
     def _note(self, samples: list[RobotState]) -> None:
         """Keep the newest sample; complain when the robot has fallen silent, or cannot be understood."""
-        now = time.monotonic()
         if samples:
             self._newest = samples[-1]
         elif self._newest is None:
-            if self.damaged and now - self._opened > _PATIENCE:
+            if self.damaged and time.monotonic() - self._opened > _PATIENCE:
                 raise CommunicationError(
                     f"{self.name} cannot be understood: all {self.damaged} samples had another length or a wrong checksum. "
                     "Is it this kind of robot? check_crc=false takes samples with wrong checksums"
                 )
-        elif self._newest.received is not None and now - self._newest.received > self._settings.silence:
+        elif (since := self._silent_since()) > self._settings.silence:
             raise CommunicationError(
-                f"{self.name} has been silent for {now - self._newest.received:.1f} s: is the robot on, is the cable in?"
+                f"{self.name} has been silent for {since:.1f} s: is the robot on, is the cable in?"
             )
 
 
