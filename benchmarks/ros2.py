@@ -1,9 +1,9 @@
 """Calibrations over the ROS 2 link, against a simulated robot in a process of its own: `python benchmarks/ros2.py`.
 
 What a position controller costs that takes no gains and no torques. Same robot, payload, noise and truth as in the row
-`direct`, which is the simulation without a link. All in real time, about 25 minutes for two seeds, and it needs two cores for
-itself: a row says how much slower than ours the robot's time passed. Rows are kept in benchmarks/results/ros2.jsonl, so that
-an interrupted benchmark goes on where it was; `--tables` only writes benchmarks/results/ros2.md.
+`direct`, which is the simulation without a link. All in real time, about half an hour for two seeds, and it needs two cores
+for itself: a row says how much slower than ours the robot's time passed. Rows are kept in benchmarks/results/ros2.jsonl, so
+that an interrupted benchmark goes on where it was; `--tables` only writes benchmarks/results/ros2.md.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from equipoise import CalibrationSettings, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.estimation.parameters import components
 from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.platforms.guard import Guard
 from equipoise.platforms.hardware import HardwarePlatform
 from equipoise.platforms.ros2 import Ros2Settings, open_link
 
@@ -56,6 +57,11 @@ CASES = [
     Case("300 Nm/rad, torques left aside", ("--stiffness", "300")),
     Case("stiff (1000 Nm/rad)", ("--stiffness", "1000")),
     Case("stiff, trajectories at 100 Hz", ("--stiffness", "1000"), {"command_type": "joint_trajectory"}),
+    Case(
+        "the same, interpolated",
+        ("--stiffness", "1000", "--interpolate-from-desired-state"),
+        {"command_type": "joint_trajectory", "time_from_start": 0.01},
+    ),
     Case("stiff, no efforts reported", ("--stiffness", "1000", "--without", "effort")),
 ]
 
@@ -71,11 +77,13 @@ def run(case: Case, method: str, seed: int) -> dict[str, object]:
         row: dict[str, object] = {"case": case.name, "method": method, "seed": seed, "truth": truth.tolist()}
         if case.settings is None:
             return {**row, **measured(simulation.platform, robot, settings, truth)}
-    with Peer(case, seed), HardwarePlatform(open_link(robot, Ros2Settings(domain=DOMAIN, **case.settings))) as platform:
-        began, clock = time.monotonic(), platform.read().time
-        row.update(measured(platform, robot, settings, truth))
-        row["pace"] = (platform.read().time - clock) / (time.monotonic() - began)
-        row["late"] = platform.timing.overruns / max(1, len(platform.timing.lateness))
+    with Peer(case, seed):
+        platform = HardwarePlatform(open_link(robot, Ros2Settings(domain=DOMAIN, **case.settings)))
+        with Guard(platform, robot) as guard:
+            began, clock = time.monotonic(), guard.read().time
+            row.update(measured(guard, robot, settings, truth))
+            row["pace"] = (platform.read().time - clock) / (time.monotonic() - began)
+            row["late"] = platform.timing.overruns / max(1, len(platform.timing.lateness))
     return row
 
 
@@ -92,7 +100,7 @@ def measured(platform, robot, settings, truth) -> dict[str, object]:
         return {**common, "error": error.tolist(), "sd": deviations}
     moments = [result.sways[axis].moment if axis in result.sways else None for axis in ("roll", "pitch", "yaw")]
     found = [None, *result.composite.com_in_base, *moments]
-    return {**common, "error": [None if v is None else v - truth[i] for i, v in enumerate(found)]}
+    return {**common, "error": [None if v is None else float(v - truth[i]) for i, v in enumerate(found)]}
 
 
 class Peer:

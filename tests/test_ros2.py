@@ -100,11 +100,11 @@ def test_listening_moves_nothing(peer, connect, a1):
         time.sleep(0.01)
     platform.close()
     time.sleep(0.1)
-    assert peer.wait_for("mode") == "own stance"
+    assert not any("commanded" in line for line in peer.said)
     assert np.abs(state.joint_position - nominal_stance(a1).joint_position).max() < 0.15
 
 
-def test_a_motion_is_what_the_direct_simulation_makes_of_it(connect, a1):
+def test_a_motion_is_what_the_direct_simulation_makes_of_it(peer, connect, a1):
     """Before other tests move the feet."""
     stance = nominal_stance(a1).joint_position
     legs = np.tile([0.0, 0.1, -0.2], 4)
@@ -112,6 +112,7 @@ def test_a_motion_is_what_the_direct_simulation_makes_of_it(connect, a1):
     motion = Trajectory(np.vstack([stance + shape * legs, np.repeat((stance + legs)[None], 250, axis=0)]))
     platform = connect()
     hold(platform, stance, 0.5)
+    assert peer.wait_for("commanded")
     platform.play(motion)
     felt = hold(platform, stance + legs, 0.5)
     kp, kd = a1.gains(nominal_stance(a1).hip_height)
@@ -128,14 +129,18 @@ def test_feed_forward_torque_is_folded_into_the_target_of_a_soft_controller(conn
     """Before other tests move the feet."""
     target = nominal_stance(a1).joint_position
     torque = static_torques(a1, target, LEG_NAMES)
+    knees = [leg.joints[-1] for leg in a1.legs.values()]
+
+    def sag(platform):
+        return np.abs(hold(platform, target, 0.7, torque).joint_position - target)[knees].mean()
+
     plain = connect()
     assert plain.accepts == frozenset()
-    left_aside = np.abs(hold(plain, target, 0.7, torque).joint_position - target).max()
+    left_aside = sag(plain)
     folding = connect(stiffness=STIFFNESS)
     assert folding.accepts == {"torque"}
-    folded = np.abs(hold(folding, target, 0.7, torque).joint_position - target).max()
-    assert left_aside > 0.04
-    assert folded < 0.4 * left_aside
+    assert left_aside > 0.03
+    assert sag(folding) < 0.4 * left_aside
 
 
 def test_joints_and_imu_are_felt_in_the_models_order_and_signs(connect, a1):
@@ -175,15 +180,28 @@ def test_commands_reach_the_joint_that_they_name(connect, a1, joint):
     assert moved[joint] > 0.02
 
 
-@pytest.mark.parametrize("time_from_start", [0.0, 0.02])
-def test_trajectories_command_as_arrays_do(peer, connect, a1, time_from_start):
-    platform = connect(command_type="joint_trajectory", time_from_start=time_from_start, joint_order=())
+def test_trajectories_command_as_arrays_do(connect, a1):
+    platform = connect(command_type="joint_trajectory", joint_order=())
     assert platform.control_period == pytest.approx(0.01)
     target = nominal_stance(a1).joint_position.copy()
     before = hold(platform, target, 0.5).joint_position
     target[5] += 0.1
     moved = hold(platform, target, 0.1).joint_position - before
     assert np.argmax(np.abs(moved)) == 5
+
+
+def test_a_trajectory_controller_that_starts_where_the_joints_sag_to_holds_them_more_softly(connect, a1):
+    """Why `time_from_start` is zero unless somebody knows better."""
+    target = nominal_stance(a1).joint_position
+    knees = [leg.joints[-1] for leg in a1.legs.values()]
+
+    def sag(time_from_start):
+        platform = connect(command_type="joint_trajectory", time_from_start=time_from_start)
+        return np.abs(hold(platform, target, 0.8).joint_position - target)[knees].mean()
+
+    at_once, gradually = sag(0.0), sag(0.01)
+    print(at_once, gradually)
+    assert gradually > 1.3 * at_once
 
 
 def test_times_of_arrival_stand_in_for_stamps(connect):

@@ -113,7 +113,8 @@ class Ros2Wire:
     Args:
         joint_names: the model's.
         controllers: what is published and heard.
-        gains: (2,) kp and kd of the position control, the same for all joints.
+        gains: kp and kd of the position control, the same for all joints.
+        hold: (nj,) where the joints are held before the first command [rad]; None: they are limp.
         say: takes what is worth noting.
     """
 
@@ -122,6 +123,7 @@ class Ros2Wire:
         joint_names: tuple[str, ...],
         controllers: Controllers,
         gains: tuple[float, float],
+        hold: FloatArray | None,
         say: Callable[..., None],
     ) -> None:
         self._names, self._controllers, self._say = joint_names, controllers, say
@@ -135,7 +137,7 @@ class Ros2Wire:
         self._published, self._controlled = published, controlled
         self._day = time.time_ns() if controllers.clock == "day" else 0
         self._state: RobotState | None = None
-        self._target: FloatArray | None = None
+        self._target = hold
         self._interpolation: Interpolation | None = None
         self.received = self.refused = 0
         domain = self._domain = DdsDomain(controllers.domain, controllers.interface)
@@ -167,20 +169,25 @@ class Ros2Wire:
         self._say(received=self.received, refused=self.refused)
         self._domain.close()
 
+    def _accept(self, whether: bool) -> bool:
+        """Count a command, and tell of the first."""
+        self.refused += not whether
+        self.received += whether
+        if whether and self.received == 1:
+            self._say(commanded=True)
+        return whether
+
     def _take_array(self, message: Float64MultiArray) -> None:
-        if len(message.data) != len(self._controlled):
-            self.refused += 1
+        if not self._accept(len(message.data) == len(self._controlled)):
             return
-        self.received += 1
         self._interpolation = None
         self._target = self._in_model_order(self._controlled, message.data)
 
     def _take_trajectory(self, message: JointTrajectory) -> None:
         """A trajectory of all joints, as it begins at once; a controller has more to say to other ones."""
-        if set(message.joint_names) != set(self._names) or not message.points or self._state is None:
-            self.refused += 1
+        all_joints = set(message.joint_names) == set(self._names)
+        if not self._accept(all_joints and bool(message.points)) or self._state is None:
             return
-        self.received += 1
         starts = [point.time_from_start for point in message.points]
         times = np.array([start.sec + 1e-9 * start.nanosec for start in starts])
         positions = [self._in_model_order(message.joint_names, point.positions) for point in message.points]
@@ -245,10 +252,12 @@ def main() -> None:
     options = tyro.cli(Options)
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)
-    kp, kd = robot.gains(nominal_stance(robot).hip_height)
+    stance = nominal_stance(robot)
+    kp, kd = robot.gains(stance.hip_height)
     stiffness = options.controllers.stiffness or _STIFF * kp
     gains = stiffness, kd * float(np.sqrt(stiffness / kp))  # the same damping ratio
-    peer.serve(Ros2Wire(robot.joint_names, options.controllers, gains, peer.say))
+    hold = stance.joint_position if options.peer.start == "standing" else None
+    peer.serve(Ros2Wire(robot.joint_names, options.controllers, gains, hold, peer.say))
 
 
 if __name__ == "__main__":
