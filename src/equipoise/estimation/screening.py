@@ -214,7 +214,7 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
     now = _disagreement(feet, up)
     if now < _SUSPICIOUS:
         return
-    turn, _ = Rotation.align_vectors(_floor_normals(feet)[0], up)
+    turn, _ = Rotation.align_vectors(floor_normals(feet)[0], up)
     if _disagreement(feet, turn.apply(up)) < _CURED * now:
         if now < _DISAGREEMENT:
             return  # a tilt that the estimate finds and corrects
@@ -295,13 +295,13 @@ def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[
 
 def _disagreement(feet: FloatArray, up: FloatArray) -> float:
     """Rms angle between up and the plane of (n, 3 or 4, 3) feet, and by which the feet are off their plane [rad]."""
-    normal, unevenness = _floor_normals(feet)
+    normal, unevenness = floor_normals(feet)
     cosine: FloatArray = np.asarray(np.einsum("ni,ni->n", normal, up), dtype=float)
     angle = np.arccos(np.clip(cosine, -1, 1))
     return float(np.sqrt(np.mean(angle**2 + unevenness**2)))
 
 
-def _floor_normals(feet: FloatArray) -> tuple[FloatArray, FloatArray]:
+def floor_normals(feet: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n, 3) normals of the planes through the feet, upward, and (n,) how uneven they are, over the feet's distances."""
     centred = feet - feet.mean(axis=1, keepdims=True)
     _, sizes, axes = np.linalg.svd(centred)
