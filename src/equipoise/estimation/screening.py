@@ -63,9 +63,11 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     _check_gyroscope(recordings)
     if len(rests) >= _FEWEST_RESTS:
         _check_floor(robot, position, acceleration)
-    torques = [rest.joints.torque.mean(axis=0) for rest in rests if rest.joints.torque is not None]
-    if len(torques) == len(rests):
-        _check_torques(robot, position, np.array(torques), acceleration)
+    torques = [None if rest.joints.torque is None else rest.joints.torque.mean(axis=0) for rest in rests]
+    weighed = np.array([torque is not None for torque in torques])
+    if weighed.any():
+        known = np.array([torque for torque in torques if torque is not None])
+        _check_torques(robot, position[weighed], known, acceleration[weighed])
 
 
 def _check_gravity(acceleration: FloatArray) -> None:

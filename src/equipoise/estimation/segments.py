@@ -44,7 +44,8 @@ _FALLING = 5.0  # [m/s2]: a robot whose accelerometer reads less has no foot on 
 _MOVED = 0.03  # [rad] of a joint: less is no move
 _LONGEST_MOVE = 8.0  # [s]: the gyroscope's attitude is good for a milliradian so long
 _HELD = 1.0  # [s] of a rest that are used, at most: what is nearest to the motion
-_TRIM = 0.15  # [s] of either end of a rest that are left out
+# [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
+_SETTLING, _LEAVING = 0.3, 0.12
 _LANDED = 0.2  # [s] after a lift that are kept with it
 _PLANTED_WINDOW, _PLANTED_SLID = 0.2, 1.5e-3  # [s], [m]: feet that move less in a window do not slip
 _SHORTEST_SWAY = 1.5  # [s] of planted motion that torques are worth reading of
@@ -125,7 +126,7 @@ class _PieceReader:
     ) -> None:
         self.robot, self.stance, self.recording, self.track, self.rests = robot, stance, recording, track, rests
         self.legs = LegChains(robot)
-        self._claimed: dict[int, float] = {}  # rest by index: what before this time served the motion before it
+        self._weighed: set[int] = set()  # rests by index whose torques a motion has: none counts twice
 
     def segments(self) -> list[Segment]:
         """Rests and what lies between them, in order."""
@@ -175,7 +176,8 @@ class _PieceReader:
         begin, leaves = self._before(index)
         phases = [("rest", begin), ("unload", leaves), ("lower", first.end)]
         landed = min(first.end + _LANDED * clock, until)
-        recording = _marked(self.recording, phases, begin, landed, kind="lift", diagonal=first.diagonal)
+        whole = self.recording if index not in self._weighed else _without_torques(self.recording)
+        recording = _marked(whole, phases, begin, landed, kind="lift", diagonal=first.diagonal)
         return Segment(rest.end, until, "lift", what, None, recording)
 
     def _why_no_lift(self, paths: FootPaths, runs: Sequence[_Run], rest: Rest) -> str | None:
@@ -216,6 +218,7 @@ class _PieceReader:
             return Segment(rest.end, until, "move", what, why_not)
         (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
         phases = [("before", begin), ("move", leaves), ("rest", arrives)]
+        self._weighed.add(index + 1)
         recording = _marked(self.recording, phases, begin, end, kind="posture")
         return Segment(rest.end, until, "move", what, None, recording)
 
@@ -257,26 +260,23 @@ class _PieceReader:
         slid = np.linalg.norm(way - way.mean(axis=1, keepdims=True), axis=2).max() if part.any() else 0.0
         return Segment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
 
-    # --- rests are shared by the motions on either side
+    # --- rests serve the motions on either side of them
 
     def _before(self, index: int) -> tuple[float, float]:
         """Start and end of the part of a rest that serves the motion after it [s]."""
-        start, end = self._quiet(index)
-        return max(self._claimed.get(index, start), end - _HELD * self.stance.clock), end
+        start, end = self._settled(index)
+        return max(start, end - _HELD * self.stance.clock), end
 
     def _after(self, index: int) -> tuple[float, float]:
-        """Start and end of the part of a rest that serves the motion before it: the first half at most [s]."""
-        start, end = self._quiet(index)
-        last = index + 1 == len(self.rests)
-        end = min(end if last else (start + end) / 2, start + _HELD * self.stance.clock)
-        self._claimed[index] = end
-        return start, end
+        """Start and end of the part of a rest that serves the motion before it [s]."""
+        start, end = self._settled(index)
+        return start, min(end, start + _HELD * self.stance.clock)
 
-    def _quiet(self, index: int) -> tuple[float, float]:
-        """A rest without its ends, in which the base may still creep, or creep already [s]."""
-        rest, trim = self.rests[index], _TRIM * self.stance.clock
-        trim = min(trim, (rest.end - rest.start) / 4)
-        return rest.start + trim, rest.end - trim
+    def _settled(self, index: int) -> tuple[float, float]:
+        """A rest without its ends, in which the base still creeps, or creeps already [s]."""
+        rest, clock = self.rests[index], self.stance.clock
+        length = rest.end - rest.start
+        return rest.start + min(_SETTLING * clock, length / 3), rest.end - min(_LEAVING * clock, length / 4)
 
 
 @dataclass(frozen=True)
@@ -326,6 +326,10 @@ def _longest_planted(paths: FootPaths, stance: Stance) -> tuple[float, float] | 
 def _rest_segment(rest: Rest) -> Segment:
     what = "rest on four feet" if rest.standing else "still"
     return Segment(rest.start, rest.end, "rest", what, rest.why_not)
+
+
+def _without_torques(recording: Recording) -> Recording:
+    return replace(recording, joints=replace(recording.joints, torque=None))
 
 
 def _marked(
