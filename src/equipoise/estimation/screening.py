@@ -41,6 +41,13 @@ _TURNED = np.radians(12)  # more than floors slope
 _RIGHT_ANGLE = np.radians(10)  # IMUs are mounted turned by right angles, and about so far off that
 _FEWEST_RESTS = 4
 
+GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
+    ("is it in degrees per second?", np.full(3, np.pi / 180)),
+    ("do all axes have the wrong sign?", -np.ones(3)),
+    *((f"does its {axis} have the wrong sign?", 1 - 2 * np.eye(3)[index]) for index, axis in enumerate("xyz")),
+)
+"""What people do wrong, as a question, and the (3,) factors that undo it."""
+
 
 def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     """Raise for what no estimate can use.
@@ -169,14 +176,7 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
     now = disagreement(np.ones(3))
     if now < _DISAGREEMENT:
         return
-    mistakes = [
-        ("is it in degrees per second?", np.full(3, np.pi / 180)),
-        ("do all axes have the wrong sign?", -np.ones(3)),
-    ]
-    mistakes += [
-        (f"does its {axis} have the wrong sign?", 1 - 2 * np.eye(3)[index]) for index, axis in enumerate("xyz")
-    ]
-    left, what = min((disagreement(factor), what) for what, factor in mistakes)
+    left, what = min((disagreement(factor), what) for what, factor in GYROSCOPE_MISTAKES)
     hint = what if left < _CURED * now else "are their axes the same?"
     raise RecordingError(
         f"from rest to rest the gyroscope and the accelerometer disagree by {np.degrees(now):.0f} deg about how the robot "

@@ -23,7 +23,7 @@ from equipoise.estimation.oscillation import Oscillation, find_oscillation
 from equipoise.estimation.rests import Rest, find_rests
 from equipoise.estimation.screening import screen
 from equipoise.estimation.track import Track
-from equipoise.recordings.gaps import Piece, split_at_gaps
+from equipoise.recordings.logs.gaps import Piece, split_at_gaps
 from equipoise.recordings.recording import PHASE, TRIAL, Event, Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
