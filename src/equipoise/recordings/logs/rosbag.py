@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from equipoise.errors import EquipoiseError, RecordingError
+from equipoise.recordings.logs.cdr_arrays import Messages, read_messages
 from equipoise.recordings.logs.joint_names import map_by_order
 from equipoise.recordings.logs.log import Finding, RawImu, RawJoints, RawLog
 from equipoise.recordings.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE, MOTOR_LEGS, MOTOR_NAMES, known_types
@@ -39,20 +40,11 @@ class Topics:
 
 @dataclass(eq=False)
 class _Gathered:
-    """What a topic's messages held, in order."""
+    """A topic's messages as they are in the bag, in order."""
 
     type: str
     received: list[int] = field(default_factory=list[int])
-    stamps: list[int] = field(default_factory=list[int])
-    ticks: list[int] = field(default_factory=list[int])
-    names: list[tuple[str, ...]] = field(default_factory=list[tuple[str, ...]])
-    joints: list[tuple[Any, Any, Any]] = field(default_factory=list[tuple[Any, Any, Any]])
-    imu: list[tuple[float, ...]] = field(default_factory=list[tuple[float, ...]])
-    frame: str = ""
-
-    def clock(self, topic: str) -> Stamps:
-        return Stamps(topic, np.array(self.received, dtype=np.int64), np.array(self.stamps, dtype=np.int64),
-                      np.array(self.ticks, dtype=np.int64))  # fmt: skip
+    bodies: list[bytes] = field(default_factory=list[bytes])
 
 
 def is_bag(path: Path) -> bool:
@@ -96,34 +88,34 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     gathered: dict[str, _Gathered] = {}
     findings: list[Finding] = []
     chosen: list[str | None] = []
+    types = known_types()
     for part in parts:
         with Reader(part) as reader:
             if not chosen:
                 found = {name: (info.msgtype or "", info.msgcount) for name, info in reader.topics.items()}
                 chosen = list(_choose(found, wanted, findings))
                 gathered = {topic: _Gathered(found[topic][0]) for topic in chosen if topic is not None}
-            _gather(reader, gathered)
+            types |= _gather(reader, gathered)
     joint_topic, imu_topic, command_topic = chosen
     if joint_topic is None or imu_topic is None:
         raise _nothing_to_read(path, found, joint_topic, imu_topic)
-    return _raw_log(robot, gathered, (joint_topic, imu_topic, command_topic), findings)
+    streams = {topic: _TAKE[of.type](topic, of, read_messages(types, of.type, of.bodies)) for topic, of in gathered.items()}
+    return _raw_log(robot, streams, (joint_topic, imu_topic, command_topic), findings)
 
 
-def _gather(reader: Reader, gathered: Mapping[str, _Gathered]) -> None:
+def _gather(reader: Reader, gathered: Mapping[str, _Gathered]) -> dict[str, Any]:
+    """Collects the messages of topics; returns the definitions that the bag itself carries."""
     connections = [connection for connection in reader.connections if connection.topic in gathered]
-    if not connections:
-        return
-    store = get_typestore(Stores.EMPTY)
-    store.register(known_types() | _own_types(connections))
-    for connection, received, data in reader.messages(connections=connections):
-        into = gathered[connection.topic]
-        if connection.msgtype == into.type:
-            into.received.append(received)
-            _TAKE[into.type](into, store.deserialize_cdr(data, connection.msgtype))
+    if connections:
+        for connection, received, body in reader.messages(connections=connections):
+            into = gathered[connection.topic]
+            if connection.msgtype == into.type:
+                into.received.append(received)
+                into.bodies.append(body)
+    return _own_types(connections)
 
 
 def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:
-    """Definitions that the bag itself carries."""
     types: dict[str, Any] = {}
     for connection in connections:
         definition = connection.msgdef
@@ -134,35 +126,83 @@ def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:
     return types
 
 
-def _take_joint_state(into: _Gathered, message: Any) -> None:
-    into.stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-    into.names.append(tuple(message.name))
-    into.joints.append((message.position, message.velocity, message.effort))
+@dataclass(frozen=True, eq=False)
+class _Stream:
+    """A topic's messages as arrays; what a type does not have is None."""
+
+    type: str
+    clock: Stamps
+    joints: RawJoints | None = None
+    imu: FloatArray | None = None
+    frame: str = ""
 
 
-def _take_imu(into: _Gathered, message: Any) -> None:
-    into.stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-    into.frame = message.header.frame_id
-    turning, force = message.angular_velocity, message.linear_acceleration
-    into.imu.append((turning.x, turning.y, turning.z, force.x, force.y, force.z))
+def _joint_states(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
+    """Columns by name; messages may name different joints, or the same in another order."""
+    named = [tuple(of.texts[f"name.{k}"] for k in range(sum(path.startswith("name.") for path in of.texts))) for of in groups]
+    columns = {name: index for index, name in enumerate(dict.fromkeys(name for names in named for name in names))}
+    tables = {quantity: np.full((len(gathered.bodies), len(columns)), np.nan) for quantity in _JOINT_QUANTITIES}
+    for names, of in zip(named, groups, strict=True):
+        where = np.ix_(of.rows, [columns[name] for name in names])
+        for quantity, table in tables.items():
+            if of.numbers[quantity].shape[1] == len(names):
+                table[where] = of.numbers[quantity]
+    velocity, torque = (None if np.isnan(tables[name]).all() else tables[name] for name in _JOINT_QUANTITIES[1:])
+    clock = _clock(topic, gathered, _headers(groups, len(gathered.bodies)))
+    return _Stream(gathered.type, clock, RawJoints(np.empty(0), tuple(columns), tables["position"], velocity, torque))
 
 
-def _take_low_state(into: _Gathered, message: Any) -> None:
-    into.ticks.append(message.tick)
-    motors = message.motor_state[: len(MOTOR_NAMES)]
-    into.joints.append(([m.q for m in motors], [m.dq for m in motors], [m.tau_est for m in motors]))
-    into.imu.append((*message.imu_state.gyroscope, *message.imu_state.accelerometer))
+def _imus(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
+    imu = np.empty((len(gathered.bodies), 6))
+    for of in groups:
+        for k, vector in enumerate(("angular_velocity", "linear_acceleration")):
+            imu[of.rows, 3 * k : 3 * k + 3] = of.stacked(f"{vector}.{{}}", "xyz")
+    clock = _clock(topic, gathered, _headers(groups, len(gathered.bodies)))
+    return _Stream(gathered.type, clock, None, imu, groups[0].texts["header.frame_id"])
 
 
-def _take_low_command(into: _Gathered, message: Any) -> None:
-    into.joints.append(([motor.q for motor in message.motor_cmd[: len(MOTOR_NAMES)]], None, None))
+def _low_states(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
+    (of,) = groups  # nothing in it varies in length
+    motors = range(len(MOTOR_NAMES))
+    position, velocity, torque = (of.stacked(f"motor_state.{{}}.{name}", motors) for name in ("q", "dq", "tau_est"))
+    imu = np.hstack([of.numbers["imu_state.gyroscope"], of.numbers["imu_state.accelerometer"]]).astype(float)
+    clock = _clock(topic, gathered, ticks=of.numbers["tick"])
+    return _Stream(gathered.type, clock, RawJoints(np.empty(0), MOTOR_NAMES, position, velocity, torque), imu)
 
 
-_TAKE: dict[str, Callable[[_Gathered, Any], None]] = {
-    JOINT_STATE: _take_joint_state,
-    IMU: _take_imu,
-    LOW_STATE: _take_low_state,
-    LOW_CMD: _take_low_command,
+def _low_commands(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
+    (of,) = groups
+    position = of.stacked("motor_cmd.{}.q", range(len(MOTOR_NAMES)))
+    return _Stream(gathered.type, _clock(topic, gathered), RawJoints(np.empty(0), MOTOR_NAMES, position))
+
+
+def _headers(groups: Sequence[Messages], count: int) -> NDArray[np.int64]:
+    """(count,) the messages' own stamps [ns]."""
+    stamps = np.zeros(count, dtype=np.int64)
+    for of in groups:
+        seconds, rest = (of.numbers[f"header.stamp.{part}"].astype(np.int64) for part in ("sec", "nanosec"))
+        stamps[of.rows] = seconds * 10**9 + rest
+    return stamps
+
+
+def _clock(
+    topic: str, gathered: _Gathered, headers: NDArray[Any] | None = None, ticks: NDArray[Any] | None = None
+) -> Stamps:
+    none = np.empty(0, dtype=np.int64)
+    return Stamps(
+        topic,
+        np.array(gathered.received, dtype=np.int64),
+        none if headers is None else headers,
+        none if ticks is None else ticks.astype(np.int64),
+    )
+
+
+_JOINT_QUANTITIES = ("position", "velocity", "effort")
+_TAKE: dict[str, Callable[[str, _Gathered, Sequence[Messages]], _Stream]] = {
+    JOINT_STATE: _joint_states,
+    IMU: _imus,
+    LOW_STATE: _low_states,
+    LOW_CMD: _low_commands,
 }
 
 
@@ -249,43 +289,28 @@ def _nothing_to_read(
 
 
 def _raw_log(
-    robot: RobotModel,
-    gathered: Mapping[str, _Gathered],
-    topics: tuple[str, str, str | None],
-    findings: list[Finding],
+    robot: RobotModel, streams: Mapping[str, _Stream], topics: tuple[str, str, str | None], findings: list[Finding]
 ) -> RawLog:
-    times, kind = common_times([gathered[topic].clock(topic) for topic in gathered], topics[:2], findings)
     joint_topic, imu_topic, command_topic = topics
-    imu, frame = gathered[imu_topic].imu, gathered[imu_topic].frame
-    values = np.array(imu, dtype=float).reshape(-1, 6)
-    about = {"joints": f"{joint_topic} ({gathered[joint_topic].type})", "IMU": f"{imu_topic} ({gathered[imu_topic].type})"}
-    if command_topic is not None:
-        about["commands"] = f"{command_topic} ({gathered[command_topic].type})"
+    times, kind = common_times([stream.clock for stream in streams.values()], (joint_topic, imu_topic), findings)
+    named = {"joints": joint_topic, "IMU": imu_topic, "commands": command_topic}
+    about = {what: f"{topic} ({streams[topic].type})" for what, topic in named.items() if topic is not None}
     about["stamps"] = kind
-    if frame:
-        about["IMU frame"] = frame
+    if streams[imu_topic].frame:
+        about["IMU frame"] = streams[imu_topic].frame
+    joints = _timed(streams[joint_topic].joints, times[joint_topic])
+    imu = streams[imu_topic].imu
+    if joints is None or imu is None:
+        raise RecordingError(f"{joint_topic} holds no joints, or {imu_topic} no IMU samples")
     return RawLog(
-        _joints(gathered[joint_topic], times[joint_topic]),
-        RawImu(times[imu_topic], values[:, :3], values[:, 3:]),
-        None if command_topic is None else _joints(gathered[command_topic], times[command_topic]),
+        joints,
+        RawImu(times[imu_topic], imu[:, :3], imu[:, 3:]),
+        None if command_topic is None else _timed(streams[command_topic].joints, times[command_topic]),
         about,
         tuple(findings),
-        map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if gathered[joint_topic].type == LOW_STATE else None,
+        map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if streams[joint_topic].type == LOW_STATE else None,
     )
 
 
-def _joints(gathered: _Gathered, time: FloatArray) -> RawJoints:
-    """Columns by name; messages may name different joints, or the same in another order."""
-    names = gathered.names or [MOTOR_NAMES] * len(gathered.joints)
-    columns = {name: index for index, name in enumerate(dict.fromkeys(name for each in set(names) for name in each))}
-    tables = [np.full((len(time), len(columns)), np.nan) for _ in range(3)]
-    for each in set(names):
-        rows = [row for row, named in enumerate(names) if named == each]
-        where = [columns[name] for name in each]
-        for quantity, table in enumerate(tables):
-            of_rows = [gathered.joints[row][quantity] for row in rows]
-            whole = [k for k, values in enumerate(of_rows) if values is not None and len(values) == len(each)]
-            if whole:
-                table[np.ix_([rows[k] for k in whole], where)] = np.array([of_rows[k] for k in whole])
-    velocity, torque = (None if np.isnan(table).all() else table for table in tables[1:])
-    return RawJoints(time, tuple(columns), tables[0], velocity, torque)
+def _timed(joints: RawJoints | None, time: FloatArray) -> RawJoints | None:
+    return None if joints is None else replace(joints, time=time)
