@@ -4,11 +4,13 @@ import csv
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from equipoise.recordings.logs.message_types import MOTOR_LEGS, known_types
-from equipoise.recordings.recording import CommandStream, ImuStream, JointStream, Recording
+from equipoise.recordings.recording import Recording
 
 EPOCH = 1_763_712_000_123_456_789  # [ns]
 
@@ -187,8 +189,5 @@ def write_csv(path, columns):
 
 
 def write_parquet(path, columns):
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     pq.write_table(pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()}), path)
     return path

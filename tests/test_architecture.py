@@ -20,7 +20,7 @@ FLOORS = [
     ["result"],
     ["methods"],
     ["calibration"],
-    ["run_folder"],
+    ["run_folder", "offline"],
     ["monte_carlo", "balance"],
     ["outputs"],
     ["cli", "__init__"],

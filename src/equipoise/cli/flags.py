@@ -22,6 +22,7 @@ Seconds = Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")]
 Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
 Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
+Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"])]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 

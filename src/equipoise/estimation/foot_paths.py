@@ -57,7 +57,7 @@ class FootPaths:
         rolled = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(time)[:, None, None], axis=0)
         way = np.einsum("nij,nlj->nli", to_rest, motion.foot) - legs.feet(rest.joint_position[None])[0]
         way[1:] -= rolled
-        return cls(time, way, way @ rest.up, attitude.magnitude())
+        return cls(time, way, way @ rest.up, np.linalg.norm(attitude.as_rotvec(), axis=1))
 
     def slid(self, feet: tuple[str, ...] = LEG_NAMES) -> FloatArray:
         """(n,) by how much the farthest of some feet has moved against their mean [m]."""

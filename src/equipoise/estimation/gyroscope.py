@@ -98,7 +98,7 @@ def turning_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[Floa
     transposed = np.swapaxes(design, 1, 2)
     solution = np.linalg.solve(transposed @ design, transposed @ target)
     slip = np.sqrt(((target - design @ solution) ** 2).mean(axis=(1, 2)) * 3)
-    turning = solution[:, 3:, 0]
+    turning = np.asarray(solution[:, 3:, 0], dtype=float)
     return turning, (slip < _SLIP * stance.size / stance.clock) & (np.linalg.norm(turning, axis=1) > _TURNING)
 
 
@@ -119,6 +119,6 @@ def _name_mistake(unexplained: Unexplained) -> None:
         _, cured = _best_offset(unexplained, factor)
         if cured < _CURED:
             raise RecordingError(
-                "over planted feet the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in the "
-                f"axes of the IMU's frame ({what})"
+                "over planted feet the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in "
+                f"the axes of the IMU's frame ({what})"
             )

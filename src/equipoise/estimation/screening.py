@@ -77,6 +77,19 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
         _check_torques(robot, position[weighed], known, acceleration[weighed])
 
 
+def screen_log(robot: RobotModel, log: Recording) -> None:
+    """Raise for units that cannot be right in a whole log, before anything is looked for in it.
+
+    Raises:
+        RecordingError: degrees instead of radians, g instead of m/s2, a frozen encoder, velocities of other joints.
+    """
+    _check_gravity(log.imu.acceleration)
+    # Of a log most samples count: one that is far off is a glitch.
+    _check_radians(robot, np.quantile(log.joints.position, (0.05, 0.5, 0.95), axis=0))
+    _check_frozen(log)
+    _check_velocity([log])
+
+
 def _check_gravity(acceleration: FloatArray) -> None:
     size = float(np.median(np.linalg.norm(acceleration, axis=1)))
     if not _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]:

@@ -16,7 +16,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import RecordingError
 from equipoise.estimation.foot_paths import FootPaths
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.oscillation import Oscillation, find_oscillation
@@ -34,7 +33,9 @@ Kind = Literal["rest", "move", "sway", "lift", "steps", "slip", "motion", "gap"]
 # On an A1; lengths scale with the stance's size, times with its clock.
 _CLEAR = 2.5e-3  # [m] above the standing feet: off the floor, as lift_samples.py has it
 _OFF_FLOOR = 6e-3  # [m] above the two lowest feet: plainly off the floor
-_SLID = 6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders that are off by 5 mrad
+_SLID = (
+    6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders that are off by 5 mrad
+)
 _SLIDING = 12e-3  # [m] on the way
 _STANDING_SLID = 5e-3  # [m] of two standing feet against each other; below 1 mm in lifts
 _SHORTEST_LIFT = 0.05  # [s]; shorter ones are not worth a word
@@ -60,7 +61,7 @@ class Segment:
         kind: what it is.
         what: the same in words.
         why_not: why it is not used, or None if it is.
-        recording: with the events that the estimators expect, if it is used as a motion of its own.
+        recording: with the events that the estimators expect, if it is used on its own.
     """
 
     start: float
@@ -72,7 +73,7 @@ class Segment:
 
     @property
     def used(self) -> bool:
-        """Whether the estimate gets it; rests go with the motions between them."""
+        """Whether the estimate gets it; most rests go with the motions between them."""
         return self.why_not is None
 
 
@@ -135,15 +136,25 @@ class _PieceReader:
             return [Segment(start, end, "motion", "motion", "no rest in it: the robot never stands still on four feet")]
         found: list[Segment] = []
         if self.rests[0].start > start + self.track.step:
-            why = "no rest before it"
-            found.append(Segment(start, self.rests[0].start, "motion", "motion", why))
+            found.append(Segment(start, self.rests[0].start, "motion", "motion", "no rest before it"))
         for index, rest in enumerate(self.rests):
-            found.append(_rest_segment(rest))
             after = self.rests[index + 1] if index + 1 < len(self.rests) else None
             until = after.start if after is not None else end
             if until > rest.end + self.track.step:
                 found += self._motion(index, until, after)
-        return found
+        found += [self._rest(index) for index in range(len(self.rests))]
+        return sorted(found, key=lambda segment: segment.start)
+
+    def _rest(self, index: int) -> Segment:
+        """A rest; torques of one that serves no motion tell something on their own."""
+        rest = self.rests[index]
+        if not rest.standing:
+            return Segment(rest.start, rest.end, "rest", "still", rest.why_not)
+        recording = None
+        if index not in self._weighed and self.recording.joints.torque is not None:
+            start, end = self._before(index)
+            recording = _marked(self.recording, [("rest", start)], start, end, kind="stand")
+        return Segment(rest.start, rest.end, "rest", "rest on four feet", None, recording)
 
     def _motion(self, index: int, until: float, after: Rest | None) -> list[Segment]:
         """What follows a rest."""
@@ -177,6 +188,7 @@ class _PieceReader:
         phases = [("rest", begin), ("unload", leaves), ("lower", first.end)]
         landed = min(first.end + _LANDED * clock, until)
         whole = self.recording if index not in self._weighed else _without_torques(self.recording)
+        self._weighed.add(index)
         recording = _marked(whole, phases, begin, landed, kind="lift", diagonal=first.diagonal)
         return Segment(rest.end, until, "lift", what, None, recording)
 
@@ -186,7 +198,9 @@ class _PieceReader:
             return f"two feet go up {first.start - rest.end:.1f} s after the last rest: the attitude is not known well"
         for other in runs[1:]:
             if other.diagonal != first.diagonal and other.start - first.end < _NEXT_STEP * clock:
-                return f"the other two feet rise {max(0.0, other.start - first.end):.2f} s after these came down: it walks"
+                return (
+                    f"the other two feet rise {max(0.0, other.start - first.end):.2f} s after these came down: it walks"
+                )
         inside = (paths.time >= first.start) & (paths.time <= first.end)
         before = paths.time < first.start
         slid = float(paths.slid(DIAGONALS[first.diagonal])[inside | before].max())
@@ -208,13 +222,17 @@ class _PieceReader:
         if after is None or not after.standing:
             return Segment(rest.end, until, "motion", "motion over planted feet", "no rest on four feet after it")
         if float(np.abs(after.joint_position - rest.joint_position).max()) < _MOVED:
-            return Segment(rest.end, until, "motion", "a disturbance between two rests", "the robot ends where it began")
+            return Segment(
+                rest.end, until, "motion", "a disturbance between two rests", "the robot ends where it began"
+            )
         slid = float(paths.slid()[-1])
         what = f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
         if slid > _SLID * size:
             return Segment(rest.end, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
         if until - rest.end > _LONGEST_MOVE * self.stance.clock:
-            why_not = f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts, and nothing oscillates"
+            why_not = (
+                f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts, and nothing oscillates"
+            )
             return Segment(rest.end, until, "move", what, why_not)
         (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
         phases = [("before", begin), ("move", leaves), ("rest", arrives)]
@@ -323,11 +341,6 @@ def _longest_planted(paths: FootPaths, stance: Stance) -> tuple[float, float] | 
     return (start, end) if end - start >= _SHORTEST_SWAY * stance.clock else None
 
 
-def _rest_segment(rest: Rest) -> Segment:
-    what = "rest on four feet" if rest.standing else "still"
-    return Segment(rest.start, rest.end, "rest", what, rest.why_not)
-
-
 def _without_torques(recording: Recording) -> Recording:
     return replace(recording, joints=replace(recording.joints, torque=None))
 
@@ -336,5 +349,6 @@ def _marked(
     recording: Recording, phases: Sequence[tuple[str, float]], start: float, end: float, **trial: Any
 ) -> Recording:
     """A part of a recording, with the events that say what it is."""
+    trial["at"] = f"at {start:.1f} s"
     events = (Event(start, TRIAL, trial), *(Event(time, PHASE, {"name": name}) for name, time in phases))
     return replace(recording.between(start, end), events=tuple(sorted(events, key=lambda event: event.time)))

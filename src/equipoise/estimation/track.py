@@ -55,7 +55,8 @@ class Track:
         joints, imu, step = recording.joints, recording.imu, STEP * clock
         start = max(joints.time[0], imu.time[0]) if joints.time.size and imu.time.size else 0.0
         end = min(joints.time[-1], imu.time[-1]) if joints.time.size and imu.time.size else 0.0
-        edges = start + step * np.arange(max(1, int((end - start) / step + 1e-9) + 1))
+        count = max(1, int((end - start) / step + 1e-9) + 1)
+        edges: FloatArray = np.asarray(start + step * np.arange(count), dtype=float)
         to_base = np.array(robot.imu_in_base.rotation).T
         return cls(
             (edges[1:] + edges[:-1]) / 2,
@@ -84,7 +85,9 @@ def step_means(time: FloatArray, values: FloatArray, edges: FloatArray) -> Float
         return np.empty((0, values.shape[1]))
     integral = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
     # Between samples the integral of straight lines is a parabola; the steps are as long as samples are apart or longer.
-    at_edges = np.column_stack([np.interp(edges, time, column) for column in integral.T])
+    at_edges = np.empty((len(edges), values.shape[1]))
+    for column in range(values.shape[1]):
+        at_edges[:, column] = np.interp(edges, time, integral[:, column])
     return np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
 
 

@@ -90,9 +90,7 @@ class _Walk:
         """The numbers of one message of a length in bytes."""
         if self._position > length:
             raise ValueError("a message is shorter than its type says")
-        return np.dtype(
-            {"names": self.names, "formats": self._formats, "offsets": self._offsets, "itemsize": length}
-        )
+        return np.dtype({"names": self.names, "formats": self._formats, "offsets": self._offsets, "itemsize": length})
 
     def message(self, message_type: str, path: str = "") -> None:
         for name, node in self._types[message_type][1]:

@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.robot.model import LEG_NAMES, RobotModel
 
@@ -73,9 +76,9 @@ class JointMap:
     ignored: tuple[str, ...] = ()
 
     @property
-    def columns(self) -> list[int]:
-        """Columns of the log in the robot's joint order."""
-        return [match.column for match in self.matches]
+    def columns(self) -> NDArray[np.intp]:
+        """(nj,) columns of the log in the robot's joint order."""
+        return np.array([match.column for match in self.matches], dtype=np.intp)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -155,7 +158,7 @@ def read_joint_map(path: Path) -> dict[str, str | int]:
     wrong = [key for key, value in table.items() if isinstance(value, bool) or not isinstance(value, (str, int))]
     if wrong or not table:
         raise SettingsError(
-            f"the joint map {str(path)!r} must have lines as FL_hip_joint = \"front_left_hip\", or a column's number"
+            f'the joint map {str(path)!r} must have lines as FL_hip_joint = "front_left_hip", or a column\'s number'
             + (f"; {wrong[0]!r} is something else" if wrong else "")
         )
     return cast("dict[str, str | int]", table)

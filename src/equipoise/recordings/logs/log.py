@@ -1,7 +1,7 @@
 """Logs that are not ours: streams as a file has them, and the one `Recording` that is made of them.
 
-A reader (rosbag.py, tables.py) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams on
-one clock that starts at zero, and notes what it found.
+A reader (rosbag.py, tables.py) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams
+on one clock that starts at zero, and notes what it found.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError
+from equipoise.recordings.logs.finding import Finding
 from equipoise.recordings.logs.joint_names import JointMap, map_joints
 from equipoise.recordings.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
@@ -23,14 +24,6 @@ _MOST_BAD = 0.05  # of a stream's samples: more is no dropped packet but another
 _LEAST_OVERLAP = 1.0  # [s] of joints and IMU together
 _HELD = 0.3  # of consecutive samples that repeat: an IMU that was written more often than it was read
 _LONGEST_HELD = 20  # samples: an IMU that repeats for longer is frozen
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something that was seen in a log, harmless or not, in a sentence about one of its parts."""
-
-    about: str
-    message: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +131,10 @@ def _first(time: FloatArray) -> float:
 
 
 def _joint_stream(
-    raw: RawJoints, columns: list[int], origin: float, span: tuple[float, float], findings: list[Finding]
+    raw: RawJoints, columns: NDArray[np.intp], origin: float, span: tuple[float, float], findings: list[Finding]
 ) -> JointStream:
     rows = _rows_of_legs(raw, columns, findings)
-    time, position = raw.time[rows], raw.position[np.ix_(rows, columns)]
+    time, position = raw.time[rows], raw.position[rows[:, None], columns]
     velocity = _measured(raw.velocity, rows, columns, "velocities", findings)
     torque = _measured(raw.torque, rows, columns, "torques", findings)
     needed = np.hstack([part for part in (position, velocity, torque) if part is not None])
@@ -154,7 +147,7 @@ def _joint_stream(
     )
 
 
-def _rows_of_legs(raw: RawJoints, columns: list[int], findings: list[Finding]) -> NDArray[np.intp]:
+def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[Finding]) -> NDArray[np.intp]:
     """Samples with any of the legs' joints: an arm may share the topic."""
     there = ~np.isnan(raw.position[:, columns])
     rows = np.flatnonzero(there.any(axis=1))
@@ -162,7 +155,10 @@ def _rows_of_legs(raw: RawJoints, columns: list[int], findings: list[Finding]) -
         raise RecordingError("the log holds no sample of the legs' joints")
     partial = ~there[rows].all(axis=1)
     if partial.mean() > _MOST_BAD:
-        absent = [raw.names[columns[k]] for k in np.flatnonzero(~there[rows[int(np.argmax(partial))]])]
+        lacking = ~there[rows[int(np.argmax(partial))]]
+        absent = [
+            raw.names[column] for column, missing in zip(columns.tolist(), lacking.tolist(), strict=True) if missing
+        ]
         raise RecordingError(
             f"{partial.mean():.0%} of the joint samples hold only some of the legs' joints (the first lacks "
             f"{', '.join(absent)}): a sample must hold all of them"
@@ -173,13 +169,13 @@ def _rows_of_legs(raw: RawJoints, columns: list[int], findings: list[Finding]) -
 
 
 def _measured(
-    values: FloatArray | None, rows: NDArray[np.intp], columns: list[int], what: str, findings: list[Finding]
+    values: FloatArray | None, rows: NDArray[np.intp], columns: NDArray[np.intp], what: str, findings: list[Finding]
 ) -> FloatArray | None:
     """A quantity that not every driver reports: None if it is missing, not a number, or zero throughout."""
     if values is None:
         findings.append(Finding("joints", f"the log has no joint {what}"))
         return None
-    chosen = values[np.ix_(rows, columns)]
+    chosen = values[rows[:, None], columns]
     bad = ~np.isfinite(chosen).all(axis=1)
     if bad.mean() > _MOST_BAD:
         findings.append(Finding("joints", f"joint {what} are not numbers in {bad.mean():.0%} of the samples: not used"))
@@ -257,8 +253,8 @@ def _kept(
 def _refuse_many(name: str, bad: NDArray[np.bool_], what: str) -> None:
     if bad.mean() > _MOST_BAD:
         raise RecordingError(
-            f"{bad.mean():.0%} of the {name} samples {what}, the first at sample {int(np.argmax(bad))}: a sensor that fails so "
-            "often cannot be believed between"
+            f"{bad.mean():.0%} of the {name} samples {what}, the first at sample {int(np.argmax(bad))}: a sensor that fails "
+            "so often cannot be believed between"
         )
 
 
@@ -266,6 +262,6 @@ def _check_overlap(joints: FloatArray, imu: FloatArray) -> None:
     overlap = min(joints[-1], imu[-1]) - max(joints[0], imu[0])
     if overlap < _LEAST_OVERLAP:
         raise RecordingError(
-            f"joint samples are from {joints[0]:.2f} to {joints[-1]:.2f} s and IMU samples from {imu[0]:.2f} to {imu[-1]:.2f} s: "
+            f"joint samples are from {joints[0]:.2f} to {joints[-1]:.2f} s, IMU samples from {imu[0]:.2f} to {imu[-1]:.2f} s: "
             f"they share {max(overlap, 0.0):.2f} s. Are the stamps of one clock, and is the whole log in the file?"
         )

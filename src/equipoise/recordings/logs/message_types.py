@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 LOW_STATE, LOW_CMD = "unitree_go/msg/LowState", "unitree_go/msg/LowCmd"
 
@@ -106,6 +104,8 @@ _UNITREE_GO = {
 
 def known_types() -> dict[str, Any]:
     """Field definitions of ROS 2's own types and of `unitree_go`, by name."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - half a second to import
+
     types: dict[str, Any] = dict(get_typestore(Stores.ROS2_HUMBLE).fielddefs)
     for name, definition in _UNITREE_GO.items():
         types.update(get_types_from_msg("\n".join(line.strip() for line in definition.splitlines()), name))

@@ -8,8 +8,14 @@ from pathlib import Path
 from equipoise.errors import RecordingError
 from equipoise.recordings.logs import tables
 from equipoise.recordings.logs.log import Log, assemble
-from equipoise.recordings.logs.rosbag import SUFFIXES, Topics, is_bag, read_bag
+from equipoise.recordings.logs.rosbag import SUFFIXES, is_bag, read_bag
+from equipoise.recordings.logs.topics import Topics
 from equipoise.robot.model import RobotModel
+
+
+def is_log(path: Path) -> bool:
+    """Whether a path looks like a log of a kind that can be read."""
+    return is_bag(path) or (path.is_file() and path.suffix.lower() in tables.SUFFIXES)
 
 
 def read_log(

@@ -15,27 +15,26 @@ from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from equipoise.errors import EquipoiseError, RecordingError
 from equipoise.recordings.logs.cdr_arrays import Messages, read_messages
+from equipoise.recordings.logs.finding import Finding
 from equipoise.recordings.logs.joint_names import map_by_order
-from equipoise.recordings.logs.log import Finding, RawImu, RawJoints, RawLog
-from equipoise.recordings.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE, MOTOR_LEGS, MOTOR_NAMES, known_types
+from equipoise.recordings.logs.log import RawImu, RawJoints, RawLog
+from equipoise.recordings.logs.message_types import (
+    IMU,
+    JOINT_STATE,
+    LOW_CMD,
+    LOW_STATE,
+    MOTOR_LEGS,
+    MOTOR_NAMES,
+    known_types,
+)
 from equipoise.recordings.logs.stamps import Stamps, common_times
+from equipoise.recordings.logs.topics import Topics, choose_topics, nothing_to_read
 from equipoise.robot.model import RobotModel
 
 FloatArray = NDArray[np.float64]
 
 SUFFIXES = (".mcap", ".db3")
 _METADATA = "metadata.yaml"
-_COMMAND_WORDS = ("command", "cmd", "target", "desired", "reference")
-_OFTEN = 5  # times as many messages: the same data at a lower rate, as Unitree's lf/ topics
-
-
-@dataclass(frozen=True)
-class Topics:
-    """Topics to read; None: found by their types."""
-
-    joints: str | None = None
-    imu: str | None = None
-    commands: str | None = None
 
 
 @dataclass(eq=False)
@@ -93,13 +92,15 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
         with Reader(part) as reader:
             if not chosen:
                 found = {name: (info.msgtype or "", info.msgcount) for name, info in reader.topics.items()}
-                chosen = list(_choose(found, wanted, findings))
+                chosen = list(choose_topics(found, wanted, findings))
                 gathered = {topic: _Gathered(found[topic][0]) for topic in chosen if topic is not None}
             types |= _gather(reader, gathered)
     joint_topic, imu_topic, command_topic = chosen
     if joint_topic is None or imu_topic is None:
-        raise _nothing_to_read(path, found, joint_topic, imu_topic)
-    streams = {topic: _TAKE[of.type](topic, of, read_messages(types, of.type, of.bodies)) for topic, of in gathered.items()}
+        raise nothing_to_read(path, found, joint_topic, imu_topic)
+    streams = {
+        topic: _TAKE[of.type](topic, of, read_messages(types, of.type, of.bodies)) for topic, of in gathered.items()
+    }
     return _raw_log(robot, streams, (joint_topic, imu_topic, command_topic), findings)
 
 
@@ -139,11 +140,13 @@ class _Stream:
 
 def _joint_states(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
     """Columns by name; messages may name different joints, or the same in another order."""
-    named = [tuple(of.texts[f"name.{k}"] for k in range(sum(path.startswith("name.") for path in of.texts))) for of in groups]
+    named = [
+        tuple(of.texts[f"name.{k}"] for k in range(sum(path.startswith("name.") for path in of.texts))) for of in groups
+    ]
     columns = {name: index for index, name in enumerate(dict.fromkeys(name for names in named for name in names))}
     tables = {quantity: np.full((len(gathered.bodies), len(columns)), np.nan) for quantity in _JOINT_QUANTITIES}
     for names, of in zip(named, groups, strict=True):
-        where = np.ix_(of.rows, [columns[name] for name in names])
+        where = of.rows[:, None], np.array([columns[name] for name in names], dtype=np.intp)
         for quantity, table in tables.items():
             if of.numbers[quantity].shape[1] == len(names):
                 table[where] = of.numbers[quantity]
@@ -204,85 +207,6 @@ _TAKE: dict[str, Callable[[str, _Gathered, Sequence[Messages]], _Stream]] = {
     LOW_STATE: _low_states,
     LOW_CMD: _low_commands,
 }
-
-
-# --- which topics
-
-
-def _choose(
-    found: Mapping[str, tuple[str, int]], wanted: Topics, findings: list[Finding]
-) -> tuple[str | None, str | None, str | None]:
-    """Topics of joints, IMU and commands; None where there is none."""
-    low_state = _of_types(found, LOW_STATE)
-    joints = _given(found, wanted.joints, "--joint-topic", (JOINT_STATE, LOW_STATE))
-    if joints is None:
-        states = _of_types(found, JOINT_STATE)
-        not_commands = [topic for topic in states if not _names_commands(topic)]
-        joints = _one(found, low_state or not_commands or states, "joint states", "--joint-topic", findings)
-    imu = _given(found, wanted.imu, "--imu-topic", (IMU, LOW_STATE))
-    if imu is None and joints is not None and found[joints][0] == LOW_STATE:
-        imu = joints  # one message, one clock
-    if imu is None:
-        imu = _one(found, _of_types(found, IMU) or low_state, "IMU samples", "--imu-topic", findings)
-    commands = _given(found, wanted.commands, "--command-topic", (JOINT_STATE, LOW_CMD))
-    if commands is None:
-        type_of_commands = LOW_CMD if joints is not None and found[joints][0] == LOW_STATE else JOINT_STATE
-        likely = [t for t in _of_types(found, type_of_commands) if _names_commands(t) and t != joints]
-        commands = likely[0] if len(likely) == 1 else None
-    return joints, imu, commands
-
-
-def _of_types(found: Mapping[str, tuple[str, int]], message_type: str) -> list[str]:
-    return [topic for topic, (kind, count) in found.items() if kind == message_type and count > 0]
-
-
-def _names_commands(topic: str) -> bool:
-    return any(word in topic.lower() for word in _COMMAND_WORDS)
-
-
-def _given(found: Mapping[str, tuple[str, int]], topic: str | None, flag: str, types: Sequence[str]) -> str | None:
-    if topic is None:
-        return None
-    topic = topic if topic in found or topic.startswith("/") else f"/{topic}"
-    if topic not in found or found[topic][0] not in types:
-        what = f"is a {found[topic][0]}" if topic in found else "is not in the bag"
-        raise RecordingError(f"{flag} {topic} {what}; it must be a {' or '.join(types)}. The bag has {_listed(found)}")
-    return topic
-
-
-def _one(
-    found: Mapping[str, tuple[str, int]], candidates: Sequence[str], what: str, flag: str, findings: list[Finding]
-) -> str | None:
-    """The only candidate, the one of the usual name, or the one with by far the most messages."""
-    if len(candidates) <= 1:
-        return candidates[0] if candidates else None
-    usual = [topic for topic in candidates if topic.lower() in ("/joint_states", "/imu/data", "/imu")]
-    by_count = sorted(candidates, key=lambda topic: -found[topic][1])
-    if len(usual) == 1:
-        choice, why = usual[0], "it has the usual name"
-    elif found[by_count[0]][1] >= _OFTEN * found[by_count[1]][1]:
-        choice, why = by_count[0], "it has by far the most messages"
-    else:
-        raise RecordingError(
-            f"several topics hold {what}: {', '.join(candidates)}. Say which with {flag}; the bag has {_listed(found)}"
-        )
-    others = ", ".join(topic for topic in candidates if topic != choice)
-    findings.append(Finding("topics", f"{choice} is taken for {what}, not {others}: {why}"))
-    return choice
-
-
-def _listed(found: Mapping[str, tuple[str, int]]) -> str:
-    return ", ".join(f"{topic} ({kind}, {count})" for topic, (kind, count) in found.items()) or "no topics"
-
-
-def _nothing_to_read(
-    path: Path, found: Mapping[str, tuple[str, int]], joints: str | None, imu: str | None
-) -> RecordingError:
-    missing = [what for what, topic in (("joint states", joints), ("IMU samples", imu)) if topic is None]
-    return RecordingError(
-        f"the bag {str(path)!r} holds no {' and no '.join(missing)}: it needs {JOINT_STATE} and {IMU}, or {LOW_STATE}. It has "
-        f"{_listed(found)}"
-    )
 
 
 # --- streams

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.recordings.logs.log import Finding
+from equipoise.recordings.logs.finding import Finding
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -56,7 +56,7 @@ class Stamps:
         if self.ticks.size < 10 or (np.diff(self.ticks) <= 0).any():
             return None
         ticks, received = (self.ticks - self.ticks[0]).astype(float), (self.received - self.received[0]).astype(float)
-        slope, start = np.polyfit(ticks, received, 1)
+        slope, start = (float(value) for value in np.asarray(np.polyfit(ticks, received, 1), dtype=float))
         steady = slope * ticks + start
         return steady if float(np.quantile(np.abs(steady - received), 0.95)) < _TICK_MISS * 1e9 else None
 
@@ -75,24 +75,29 @@ def common_times(
         reasons.append("the stamps of joints and IMU are of different clocks")
     if not reasons:
         origin = min(int(stream.header[0]) for stream in sensed)
-        usable = {stream.topic: stream.header for stream in streams if stream.header.size == stream.received.size}
-        return {topic: (header - origin) * 1e-9 for topic, header in usable.items()} | {
-            stream.topic: (stream.received - origin) * 1e-9 for stream in streams if stream.topic not in usable
-        }, "the messages' own stamps"
-    origin = min(int(stream.received[0]) for stream in sensed)
+        clocks = {stream.topic: stream.header if stream.header.size else stream.received for stream in streams}
+        return {topic: _seconds(clock, origin) for topic, clock in clocks.items()}, "the messages' own stamps"
+    if any(stream.header.size for stream in sensed):
+        message = f"{'; '.join(reasons)}: receive times are used, which wander by the delays of the link"
+        findings.append(Finding("stamps", message))
+    return _by_receipt(streams, min(int(stream.received[0]) for stream in sensed))
+
+
+def _by_receipt(streams: Sequence[Stamps], origin: int) -> tuple[dict[str, FloatArray], str]:
     times: dict[str, FloatArray] = {}
     kind = "receive times"
     for stream in streams:
         steady = stream.by_ticks()
         if steady is None:
-            times[stream.topic] = (stream.received - origin) * 1e-9
+            times[stream.topic] = _seconds(stream.received, origin)
         else:
-            times[stream.topic] = (steady + float(stream.received[0] - origin)) * 1e-9
+            times[stream.topic] = np.asarray((steady + float(stream.received[0] - origin)) * 1e-9, dtype=float)
             kind = "receive times, made even by the robot's tick"
-    if any(stream.header.size for stream in sensed):
-        message = f"{'; '.join(reasons)}: receive times are used, which wander by the delays of the link"
-        findings.append(Finding("stamps", message))
     return times, kind
+
+
+def _seconds(nanoseconds: IntArray, origin: int) -> FloatArray:
+    return np.asarray((nanoseconds - origin) * 1e-9, dtype=float)
 
 
 def _overlap(clocks: Sequence[IntArray]) -> bool:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import csv
 import difflib
+import importlib
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -113,12 +114,16 @@ def _read_csv(path: Path) -> tuple[dict[str, FloatArray], list[str]]:
     except csv.Error as error:
         raise RecordingError(f"the log {str(path)!r} is not CSV: {error}") from error
     if len(rows) < 2:
-        raise RecordingError(f"the log {str(path)!r} holds no samples: it must have a line of column names and then numbers")
+        raise RecordingError(
+            f"the log {str(path)!r} holds no samples: it must have a line of column names and then numbers"
+        )
     names = [name.strip() for name in rows[0]]
     _refuse_duplicates(path, names)
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(names):
-            raise RecordingError(f"line {number} of {str(path)!r} has {len(row)} cells; its first line names {len(names)}")
+            raise RecordingError(
+                f"line {number} of {str(path)!r} has {len(row)} cells; its first line names {len(names)}"
+            )
     cells = zip(*rows[1:], strict=True)
     return {n: _numbers(path, n, column) for n, column in zip(names, cells, strict=True) if _wanted(n)}, names
 
@@ -141,8 +146,8 @@ def _numbers(path: Path, name: str, cells: Sequence[str]) -> FloatArray:
 def _read_parquet(path: Path) -> tuple[dict[str, FloatArray], list[str]]:
     """As `_read_csv`."""
     try:
-        import pyarrow as pa  # noqa: PLC0415 - an optional package
-        import pyarrow.parquet as pq  # noqa: PLC0415
+        pa: Any = importlib.import_module("pyarrow")
+        pq: Any = importlib.import_module("pyarrow.parquet")
     except ModuleNotFoundError as error:
         raise MissingDependencyError(
             f"the Parquet log {str(path)!r} needs pyarrow: pip install 'equipoise[monte-carlo]'"
@@ -158,7 +163,7 @@ def _read_parquet(path: Path) -> tuple[dict[str, FloatArray], list[str]]:
         if pa.types.is_timestamp(column.type):
             stamps = column.cast(pa.timestamp("ns")).cast(pa.int64())
             whole = np.asarray(stamps.fill_null(0).to_numpy(), dtype=np.int64)
-            # The first is subtracted from whole numbers: a float of nanoseconds since 1970 is good for a quarter of one in 256.
+            # The first is subtracted from whole numbers: floats hold nanoseconds since 1970 to some 256.
             columns[name] = np.where(column.is_null().to_numpy(), np.nan, (whole - whole[0]) * 1e-9)
             continue
         try:
