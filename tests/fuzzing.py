@@ -22,7 +22,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PATIENCE = 30.0  # [s] for one file; starting a child is not counted
-NUMBERS = (b"nan", b"inf", b"-inf", b"1e308", b"-1", b"0", b"1e-320", b"99999999999999999999", b"0x1F", b"", b"--3", b"1.2.3")
+NUMBERS = (
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"1e308",
+    b"-1",
+    b"0",
+    b"1e-320",
+    b"99999999999999999999",
+    b"0x1F",
+    b"",
+    b"--3",
+    b"1.2.3",
+)
 
 
 # --- what is damaged

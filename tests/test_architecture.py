@@ -20,7 +20,7 @@ FLOORS = [
     ["result"],
     ["methods"],
     ["calibration"],
-    ["run_folder", "repeatability"],
+    ["run_folder", "offline", "repeatability"],
     ["monte_carlo", "balance"],
     ["outputs"],
     ["cli", "__init__"],

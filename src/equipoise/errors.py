@@ -6,13 +6,20 @@ returns for the error; the codes are stable and are listed in the README.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 
 class EquipoiseError(Exception):
-    """Base of all errors that equipoise raises on purpose."""
+    """Base of all errors that equipoise raises on purpose.
+
+    Attributes:
+        details: what a script may want to know besides, as JSON values.
+    """
 
     exit_code = 1
+    details: Mapping[str, Any] = MappingProxyType({})
 
 
 class SettingsError(EquipoiseError, ValueError):
@@ -87,6 +94,20 @@ class RecordingError(EquipoiseError, ValueError):
 
 class ResumeError(RecordingError):
     """A run that was interrupted cannot be gone on with: what it would do now is not what was recorded."""
+
+
+class LogError(RecordingError):
+    """Nothing in a log can be used.
+
+    Attributes:
+        report: what it holds, piece by piece (LogReport).
+        details: the same as JSON values.
+    """
+
+    def __init__(self, message: str, report: Any, details: Mapping[str, Any]) -> None:
+        super().__init__(message)
+        self.report = report
+        self.details = details
 
 
 class OutputError(EquipoiseError, OSError):

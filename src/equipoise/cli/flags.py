@@ -30,6 +30,7 @@ Seconds = Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")]
 Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
 Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
+Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"])]
 _PLATFORMS = (
     "Where: mujoco, dart (simulated); unitree-go2, unitree-b2 (robot lies, cable in, --set interface=eth0; its sport mode is "

@@ -1,0 +1,70 @@
+"""Where the feet go while a robot moves, as its encoders and its gyroscope say, since it stood still.
+
+The base's way through the room is unknown, so that only differences between feet mean something: each foot's way less the
+mean way of the feet that stand. Standing feet roll, which is no way of theirs: a sphere's centre moves with its angular
+velocity x (radius up).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.estimation.leg_motion import LegChains, cross
+from equipoise.estimation.lift_samples import attitudes
+from equipoise.estimation.rests import Rest
+from equipoise.estimation.track import Track
+from equipoise.robot.model import LEG_NAMES
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FootPaths:
+    """The feet of n steps after a rest, in base axes at that rest.
+
+    Attributes:
+        time: (n,) [s].
+        way: (n, 4, 3) of each foot since the rest, rolling taken off, all with the same unknown way of the base [m].
+        height: (n, 4) of the ways, against gravity [m].
+        turned: (n,) angle that the base has turned by [rad].
+    """
+
+    time: FloatArray
+    way: FloatArray
+    height: FloatArray
+    turned: FloatArray
+
+    @classmethod
+    def after(cls, legs: LegChains, track: Track, rest: Rest, end: float) -> FootPaths:
+        """From a rest's end to a time [s].
+
+        Args:
+            track: with the gyroscope's bias taken off.
+        """
+        part = track.indices(rest.end, end)
+        time, position, turning = track.time[part], track.joint_position[part], track.turning[part]
+        if len(time) < 2:
+            return cls(time, np.zeros((len(time), 4, 3)), np.zeros((len(time), 4)), np.zeros(len(time)))
+        attitude = attitudes(time, turning)
+        to_rest = attitude.as_matrix()
+        up = attitude.inv().apply(rest.up)
+        motion = legs.motion(position, np.gradient(position, time, axis=0), turning)
+        rolling = cross(motion.foot_angular_velocity, legs.foot_radius[:, None] * up[:, None])
+        velocity = np.einsum("nij,nlj->nli", to_rest, rolling)
+        rolled = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(time)[:, None, None], axis=0)
+        way = np.einsum("nij,nlj->nli", to_rest, motion.foot) - legs.feet(rest.joint_position[None])[0]
+        way[1:] -= rolled
+        return cls(time, way, way @ rest.up, np.linalg.norm(attitude.as_rotvec(), axis=1))
+
+    def slid(self, feet: tuple[str, ...] = LEG_NAMES) -> FloatArray:
+        """(n,) by how much the farthest of some feet has moved against their mean [m]."""
+        way = self.way[:, [LEG_NAMES.index(foot) for foot in feet]]
+        return np.linalg.norm(way - way.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+
+    def rise_above(self, feet: tuple[str, ...]) -> FloatArray:
+        """(n, 4) heights above the mean of the feet that stand [m]."""
+        standing = [LEG_NAMES.index(foot) for foot in feet]
+        return self.height - self.height[:, standing].mean(axis=1, keepdims=True)
