@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import CommunicationError, MotionError
+from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platforms.platform import JointCommand, RobotState, TiltLimit, Trajectory, play_by_stepping
 from equipoise.recordings.recording import Recording
 
@@ -22,7 +23,9 @@ _SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
 _ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
 _LOST = 5  # control periods behind after which the deadlines begin anew
 _IDLE = 5  # control periods without a step after which the last command is repeated
+_BEAT = 0.2  # [s] between signs of life to the watchdog
 _KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
+_ASLEEP = 0.25  # [s] without a command after which the robot may have sunk: nothing is sent as if it had not
 
 
 class Link(Protocol):
@@ -60,7 +63,10 @@ class Link(Protocol):
         ...
 
     def send(self, command: JointCommand) -> None:
-        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own."""
+        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own.
+
+        The first may take seconds: a controller on board has to let go of the motors before.
+        """
         ...
 
     def release(self) -> None:
@@ -70,6 +76,14 @@ class Link(Protocol):
     def close(self) -> None:
         """Give the connection back. May be called twice."""
         ...
+
+
+class WatchdogSide(Protocol):
+    """What lets the robot down if this process dies."""
+
+    def moves(self) -> None: ...
+    def beat(self) -> None: ...
+    def dismiss(self) -> None: ...
 
 
 class LoopTiming:
@@ -103,25 +117,29 @@ class LoopTiming:
 class HardwarePlatform:
     """A robot behind a link. Never use it bare: the guard is what makes it safe.
 
-    Commands leave at absolute deadlines, a control period apart. While nobody steps (an estimate is being made), the last
-    command is repeated, so that the robot stands where it was sent.
+    Commands leave at absolute deadlines, a control period apart from when the first one left. While nobody steps (an
+    estimate is being made), the last command is repeated, so that the robot stands where it was sent; not after this
+    program was stopped (Ctrl-Z, a computer that slept), for the robot may lie by then.
 
     Args:
         link: to the robot.
         patience: how long to wait for the first sample [s].
+        watchdog: starts what lets the robot down if this process dies; started with the first command.
 
     Attributes:
         timing: of the control loop.
     """
 
-    def __init__(self, link: Link, patience: float = 5.0) -> None:
+    def __init__(self, link: Link, patience: float = 5.0, watchdog: Callable[[], WatchdogSide] | None = None) -> None:
         self._link = link
         self._patience = patience
+        self._start_watchdog = watchdog
+        self._watchdog: WatchdogSide | None = None
         self._newest: RobotState | None = None
         self._command: JointCommand | None = None
         self._deadline = 0.0
         self._sending = threading.Lock()
-        self._stepped = time.monotonic()
+        self._stepped = self._sent = time.monotonic()
         self._closed = threading.Event()
         self._released = False
         self._holder = threading.Thread(target=self._hold, name="hold", daemon=True)
@@ -152,6 +170,7 @@ class HardwarePlatform:
 
         Raises:
             CommunicationError: the link is gone, or not a single sample has arrived.
+            OverrunError: this program was stopped before the command could leave.
             MotionError: the platform is closed.
         """
         now = time.monotonic()
@@ -159,9 +178,14 @@ class HardwarePlatform:
             self.timing.lost += self._deadline > self._stepped
             self._deadline = now
         _wait_until(self._deadline)
+        if (late := time.monotonic() - self._deadline) > _ASLEEP:
+            raise OverrunError(f"this program stood still for {late * 1000:.0f} ms while the robot moved")
+        first = self._command is None
         with self._sending:
             self._send(command)
-            self._stepped = time.monotonic()
+            self._stepped = self._sent = time.monotonic()
+        if first:
+            self._deadline = self._stepped
         self.timing.add(self._stepped - self._deadline)
         self._deadline += self.control_period
         _wait_until(self._deadline - _LEAD)
@@ -176,11 +200,16 @@ class HardwarePlatform:
         self._released = True
         self._closed.set()
         self._holder.join(timeout=1.0)
+        free = self._sending.acquire(timeout=1.0)  # a sender that hangs must not keep the motors from being released
         try:
-            with self._sending:
+            if self._command is not None:  # who only looked has nothing to give back
                 self._link.release()
         finally:
+            if free:
+                self._sending.release()
             self._link.close()
+        if self._watchdog is not None:  # not if the release failed
+            self._watchdog.dismiss()
 
     def __enter__(self) -> HardwarePlatform:
         return self
@@ -191,21 +220,28 @@ class HardwarePlatform:
     def _send(self, command: JointCommand) -> None:
         if self._released:
             raise MotionError(f"{self.name} is closed; open it again to move it")
-        self._command = command
+        if self._command is None and self._start_watchdog is not None:
+            self._watchdog = self._start_watchdog()
+            self._watchdog.moves()
         self._link.send(command)
+        self._command = command  # not before: what the link refuses must not be repeated
 
     def _sense(self, patience: float) -> RobotState:
-        """The newest sample, those that arrived before it in `earlier`; waits for one if none has arrived."""
+        """The newest sample, the others that arrived in `earlier`; waits for one if none has arrived.
+
+        The newest is the one that was taken last: a sample that others overtook on the way is no news.
+        """
         arrived = self._link.receive()
         until = time.monotonic() + patience
         while not arrived and time.monotonic() < until:
             time.sleep(0.5e-3)
             arrived = self._link.receive()
         if arrived:
-            newest = arrived[-1]
-            since = (newest.received or 0.0) - _KEPT_TIME
-            earlier = tuple(sample for sample in arrived[:-1] if (sample.received or 0.0) >= since)
-            self._newest = replace(newest, earlier=earlier) if earlier else newest
+            known = () if self._newest is None else (self._newest,)
+            newest = max((*reversed(arrived), *known), key=lambda sample: sample.time)
+            since = (arrived[-1].received or 0.0) - _KEPT_TIME
+            kept = (sample for sample in arrived if sample is not newest and (sample.received or 0.0) >= since)
+            self._newest = replace(newest, earlier=tuple(kept))
         elif self._newest is not None and self._newest.earlier:
             self._newest = replace(self._newest, earlier=())
         if self._newest is None:
@@ -216,22 +252,29 @@ class HardwarePlatform:
         return self._newest
 
     def _hold(self) -> None:
-        """Repeat the last command while nobody steps."""
-        idle = _IDLE * self.control_period
+        """Repeat the last command while nobody steps, and tell the watchdog that all is well."""
+        idle, beaten = _IDLE * self.control_period, 0.0
         while not self._closed.wait(idle):
-            while not self._closed.is_set() and time.monotonic() - self._stepped > idle and self._command is not None:
+            now = time.monotonic()
+            if now - beaten > _BEAT:
+                beaten = now
+                if self._watchdog is not None:
+                    self._watchdog.beat()
+            while not self._closed.is_set() and time.monotonic() - self._stepped > idle:
+                if self._command is None or time.monotonic() - beaten > _BEAT:
+                    break
                 with self._sending:
                     if time.monotonic() - self._stepped > idle and not self._released:
-                        _ignoring_loss(lambda command=self._command: self._link.send(command))
+                        self._repeat(self._command)
                 time.sleep(self.control_period)
 
-
-def _ignoring_loss(send: Callable[[], None]) -> None:
-    """The thread that repeats commands has nobody to tell; whoever steps or reads next will notice."""
-    try:
-        send()
-    except (CommunicationError, OSError):
-        return
+    def _repeat(self, command: JointCommand) -> None:
+        """Errors have nobody to be told to here; whoever steps or reads next will notice."""
+        if time.monotonic() - self._sent > _ASLEEP:
+            return
+        with contextlib.suppress(Exception):
+            self._link.send(replace(command, velocity=None))
+        self._sent = time.monotonic()
 
 
 def _wait_until(moment: float) -> None:
