@@ -21,6 +21,34 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from robots import quadruped_mjcf, quadruped_urdf
+
+from equipoise import (
+    Calibration,
+    CalibrationSettings,
+    RobotDescription,
+    RobotModel,
+    RunFolder,
+    calibrate,
+    load_robot,
+    simulate,
+)
+from equipoise.errors import EquipoiseError
+from equipoise.platforms.catalog import given_settings
+from equipoise.platforms.unitree_formats import FORMATS
+from equipoise.platforms.unitree_packets import (
+    CommandPacket,
+    LowState,
+    MotorCommands,
+    StatePacket,
+    read_command,
+    read_state,
+)
+from equipoise.recordings.logs.joint_names import read_joint_map
+from equipoise.recordings.logs.reader import read_log as read_foreign
+from equipoise.recordings.run_log_reader import read_log
+
 PATIENCE = 30.0  # [s] for one file; starting a child is not counted
 NUMBERS = (
     b"nan",
@@ -43,9 +71,6 @@ NUMBERS = (
 
 def corpus(folder):
     """Small valid files by target; written once, read by the damage."""
-    from robots import quadruped_mjcf, quadruped_urdf
-
-    from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, simulate
 
     robot = load_robot("unitree_a1")
     settings = CalibrationSettings("static")
@@ -84,10 +109,6 @@ def table_of(recording):
 
 def packets_of(protocol):
     """A state and a command."""
-    import numpy as np
-
-    from equipoise.platforms.unitree_formats import FORMATS
-    from equipoise.platforms.unitree_packets import CommandPacket, LowState, MotorCommands, StatePacket
 
     layout, values = FORMATS[protocol], np.linspace(0.1, 1.2, 12)
     state = LowState(values, values, values, 30 + values, values[:3], values[:3], 1234, 0.8, 24.0)
@@ -160,12 +181,6 @@ def _token(random_, data):
 
 def readers():
     """By target: what reads a file."""
-    from equipoise import Calibration, RobotDescription, RobotModel, RunFolder, load_robot
-    from equipoise.platforms.catalog import given_settings
-    from equipoise.platforms.unitree_packets import read_command, read_state
-    from equipoise.recordings.logs.joint_names import read_joint_map
-    from equipoise.recordings.logs.reader import read_log as read_foreign
-    from equipoise.recordings.run_log_reader import read_log
 
     robot = load_robot("unitree_a1")
 
@@ -177,8 +192,6 @@ def readers():
         folder.robot()
 
     def packets(name):
-        from equipoise.platforms.unitree_formats import FORMATS
-
         layout = FORMATS[name]
 
         def read(path):
@@ -207,8 +220,6 @@ def readers():
 
 def child(connection, folder):
     """Reads what it is told to, and says how that went."""
-    from equipoise.errors import EquipoiseError
-
     warnings.simplefilter("ignore")
     by_target = readers()
     place = Path(folder)

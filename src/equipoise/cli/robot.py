@@ -117,21 +117,22 @@ def record(
     """
     from equipoise.outputs.platform_terminal import RecordingProgress
     from equipoise.platforms.checkup import watch
-    from equipoise.platforms.interruptions import signals_wait
+    from equipoise.platforms.interruptions import Interruptions
 
     model = load(robot, description_file, description)
     now = datetime.now(timezone.utc)
     out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
+    interruptions = Interruptions()
     with (
         connected(platform, model, set, settings) as connection,
         _log_at(out) as log,
-        signals_wait() as hurry,
+        interruptions.noted(),
         RecordingProgress(quiet) as progress,
     ):
         for piece in watch(connection, model, seconds(duration)):
             log.add(piece)
             progress.update(piece)
-            if hurry.asked:
+            if interruptions.asked:
                 break
     print(out)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import sys
 import threading
@@ -13,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import CommunicationError, MotionError
+from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platforms.platform import JointCommand, RobotState, TiltLimit, Trajectory, play_by_stepping
 from equipoise.recordings.recording import Recording
 
@@ -27,6 +28,7 @@ _IDLE = 5  # control periods without a step after which the last command is repe
 _BEAT = 0.2  # [s] between signs of life to the watchdog
 _KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
 _TURN = 0.2e-3  # [s] that another thread may compute before it must let the loop go on
+_ASLEEP = 0.25  # [s] without a command after which the robot may have sunk: nothing is sent as if it had not
 
 
 class Link(Protocol):
@@ -119,7 +121,8 @@ class HardwarePlatform:
     """A robot behind a link. Never use it bare: the guard is what makes it safe.
 
     Commands leave at absolute deadlines, a control period apart from when the first one left. While nobody steps (an
-    estimate is being made), the last command is repeated, so that the robot stands where it was sent.
+    estimate is being made), the last command is repeated, so that the robot stands where it was sent; not after this
+    program was stopped (Ctrl-Z, a computer that slept), for the robot may lie by then.
 
     While somebody steps, Python does not look for unused objects, which would take milliseconds; and as long as the platform
     is open, Python's threads take turns more often.
@@ -142,7 +145,7 @@ class HardwarePlatform:
         self._command: JointCommand | None = None
         self._deadline = 0.0
         self._sending = threading.Lock()
-        self._stepped = time.monotonic()
+        self._stepped = self._sent = time.monotonic()
         self._closed = threading.Event()
         self._released = False
         self._collects, self._turn = gc.isenabled(), sys.getswitchinterval()
@@ -175,6 +178,7 @@ class HardwarePlatform:
 
         Raises:
             CommunicationError: the link is gone, or not a single sample has arrived.
+            OverrunError: this program was stopped before the command could leave.
             MotionError: the platform is closed.
         """
         gc.disable()
@@ -183,10 +187,12 @@ class HardwarePlatform:
             self.timing.lost += self._deadline > self._stepped
             self._deadline = now
         _wait_until(self._deadline)
+        if (late := time.monotonic() - self._deadline) > _ASLEEP:
+            raise OverrunError(f"this program stood still for {late * 1000:.0f} ms while the robot moved")
         first = self._command is None
         with self._sending:
             self._send(command)
-            self._stepped = time.monotonic()
+            self._stepped = self._sent = time.monotonic()
         if first:
             self._deadline = self._stepped
         self.timing.add(self._stepped - self._deadline)
@@ -203,16 +209,18 @@ class HardwarePlatform:
         self._released = True
         self._closed.set()
         self._holder.join(timeout=1.0)
+        free = self._sending.acquire(timeout=1.0)  # a sender that hangs must not keep the motors from being released
         try:
             if self._command is not None:  # who only looked has nothing to give back
-                with self._sending:
-                    self._link.release()
+                self._link.release()
         finally:
+            if free:
+                self._sending.release()
             self._link.close()
-            if self._watchdog is not None:
-                self._watchdog.dismiss()
             self._collect()
             sys.setswitchinterval(self._turn)
+        if self._watchdog is not None:  # not if the release failed
+            self._watchdog.dismiss()
 
     def __enter__(self) -> HardwarePlatform:
         return self
@@ -274,16 +282,16 @@ class HardwarePlatform:
                     break
                 with self._sending:
                     if time.monotonic() - self._stepped > idle and not self._released:
-                        _ignoring_loss(lambda command=self._command: self._link.send(command))
+                        self._repeat(self._command)
                 time.sleep(self.control_period)
 
-
-def _ignoring_loss(send: Callable[[], None]) -> None:
-    """The thread that repeats commands has nobody to tell; whoever steps or reads next will notice."""
-    try:
-        send()
-    except (CommunicationError, OSError):
-        return
+    def _repeat(self, command: JointCommand) -> None:
+        """Errors have nobody to be told to here; whoever steps or reads next will notice."""
+        if time.monotonic() - self._sent > _ASLEEP:
+            return
+        with contextlib.suppress(Exception):
+            self._link.send(replace(command, velocity=None))
+        self._sent = time.monotonic()
 
 
 def _wait_until(moment: float) -> None:

@@ -1,10 +1,10 @@
-"""Ctrl-C, SIGTERM and a closed terminal, as one thing that Python code can end on; and a while without them."""
+"""Ctrl-C, SIGTERM and a closed terminal: when they may interrupt, when they wait, and when they are only noted."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, NoReturn
@@ -13,51 +13,84 @@ _DEADLY = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 
 
 class Terminated(KeyboardInterrupt):
-    """The process was asked to end by a signal other than Ctrl-C's."""
+    """The process was asked to end by a signal other than Ctrl-C's.
+
+    Attributes:
+        number: of the signal.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(f"ended by {signal.Signals(number).name}")
+        self.number = number
 
 
-@contextmanager
-def signals_raise() -> Generator[None]:
-    """SIGTERM and SIGHUP raise `Terminated` in the main thread, as Ctrl-C raises KeyboardInterrupt."""
+class Interruptions:
+    """What signals do while a robot is under command.
 
-    def end(number: int, frame: FrameType | None) -> NoReturn:
-        raise Terminated(number)
+    As a rule they raise: KeyboardInterrupt, or `Terminated`. Within `held`, a motion, the first one waits until `check` is
+    called, between two control periods: an exception in the middle of one would leave locks and lists half done. Within
+    `noted`, the ending, they interrupt nothing. Flags are set and looked at by the main thread alone, where Python runs
+    handlers; in other threads nothing is changed. Signals that the process ignores (`nohup`) stay ignored.
 
-    with _handled(_DEADLY, end):
-        yield
-
-
-class Hurry:
-    """Whether somebody asked again while something was being ended."""
+    Attributes:
+        asked: whether somebody asked again while the robot was put down.
+    """
 
     def __init__(self) -> None:
         self.asked = False
+        self._holding = self._noting = False
+        self._waiting: int | None = None
+        self._before: dict[int, Any] = {}
 
+    def __enter__(self) -> Interruptions:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, *_DEADLY):
+                if signal.getsignal(number) not in (signal.SIG_IGN, self._hear):
+                    self._before[number] = signal.getsignal(number)
+                    signal.signal(number, self._hear)
+        return self
 
-@contextmanager
-def signals_wait() -> Generator[Hurry]:
-    """Ctrl-C, SIGTERM and SIGHUP interrupt nothing here; they are noted."""
-    hurry = Hurry()
+    def __exit__(self, *exception: object) -> None:
+        while self._before:
+            signal.signal(*self._before.popitem())
 
-    def note(number: int, frame: FrameType | None) -> None:
-        hurry.asked = True
+    @contextmanager
+    def held(self) -> Generator[None]:
+        """The first signal waits for `check`, or for the end; a second one interrupts at once."""
+        self._holding = bool(self._before)
+        try:
+            yield
+        finally:
+            self._holding = False
+        self.check()
 
-    with _handled((signal.SIGINT, *_DEADLY), note):
-        yield hurry
+    def check(self) -> None:
+        """Raise what waits."""
+        if self._waiting is not None:
+            self._raise(self._waiting)
 
+    @contextmanager
+    def noted(self) -> Generator[None]:
+        """Nothing is interrupted; `asked` says whether somebody tried."""
+        self._noting = True  # before handlers are installed, if they are not yet: this one store cannot be interrupted
+        installed = not self._before
+        try:
+            if installed:
+                self.__enter__()
+            yield
+        finally:
+            if installed:
+                self.__exit__()
+            self._noting, self._waiting = False, None
 
-@contextmanager
-def _handled(numbers: tuple[Any, ...], handler: Callable[[int, FrameType | None], object]) -> Generator[None]:
-    """Signals are the main thread's: elsewhere this does nothing."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, handler) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, previous in before.items():
-            signal.signal(number, previous)
+    def _hear(self, number: int, frame: FrameType | None) -> None:
+        if self._noting:
+            self.asked = True
+        elif self._holding and self._waiting is None:
+            self._waiting = number
+        else:
+            self._raise(number)
+
+    def _raise(self, number: int) -> NoReturn:
+        self._waiting = None
+        raise KeyboardInterrupt if number == signal.SIGINT else Terminated(number)

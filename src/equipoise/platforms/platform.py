@@ -239,6 +239,7 @@ class Steps:
 
     def recording(self, events: tuple[Event, ...] = (), first: int = 0, last: int | None = None) -> Recording:
         """The steps from one on, up to another, with the events of that time; events count from the first step of all [s]."""
+        last = self.count if last is None else last  # a step that was interrupted may be noted by half
         states = self._states[first:last]
         before = self._states[first - 1] if first else None
         happened = started_events(events, self._states[0].time, states[-1].time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,7 +89,9 @@ class SampleWatch:
         if target is not None:
             self._check_frozen(target)
         if fresh:
-            self._newest = replace(fresh[-1], earlier=fresh[:-1])
+            self._newest = (
+                fresh[0] if len(fresh) == 1 and not fresh[0].earlier else replace(fresh[-1], earlier=fresh[:-1])
+            )
         elif self._newest is None or self._newest.earlier:
             self._newest = replace(self._newest or state, earlier=())
         return self._newest
@@ -121,17 +124,17 @@ class SampleWatch:
         return True
 
     def _check_numbers(self, sample: RobotState) -> None:
-        for what, values in (
-            ("encoder", sample.joint_position),
-            ("velocity", sample.joint_velocity),
-            ("torque", sample.joint_torque),
-        ):
+        joints = (sample.joint_position, sample.joint_velocity, sample.joint_torque)
+        imu = (sample.angular_velocity, sample.acceleration)
+        # A sum of squares is finite if all numbers are; which one is not is looked for only then.
+        if math.isfinite(sum(float(values @ values) for values in (*joints, *imu) if values is not None)):
+            return
+        for what, values in zip(("encoder", "velocity", "torque"), joints, strict=True):
             if values is not None and not np.isfinite(values).all():
                 joint = self._names[int(np.argmax(~np.isfinite(values)))]
                 raise SensorError(f"the {what} of joint {joint!r} says what is no number at t = {sample.time:.3f} s")
-        for what, values in (("gyroscope", sample.angular_velocity), ("accelerometer", sample.acceleration)):
-            if not np.isfinite(values).all():
-                raise SensorError(f"the {what} says what is no number at t = {sample.time:.3f} s")
+        what = "gyroscope" if not np.isfinite(sample.angular_velocity).all() else "accelerometer"
+        raise SensorError(f"the {what} says what is no number at t = {sample.time:.3f} s")
 
     def _check_jump(self, sample: RobotState, last: RobotState, step: float) -> None:
         """An encoder cannot move faster than its joint."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,39 +16,51 @@ _GRAVITY, _BELIEVED = 9.81, 2.5  # [m/s2]; an accelerometer that reads something
 
 
 class TiltWatch:
-    """A complementary filter.
+    """A complementary filter. In plain numbers: for three of them NumPy takes five times as long.
 
     Args:
         rotation_imu_to_base: (3, 3).
 
     Attributes:
-        tilt: of the base's z axis from up [rad].
+        tilt: of the base's z axis from up [rad]; 0 before anything was felt.
         largest: so far.
     """
 
     def __init__(self, rotation_imu_to_base: FloatArray) -> None:
-        self._base_z_in_imu = rotation_imu_to_base[2]
-        self._up: FloatArray | None = None
+        self._base_z_in_imu: list[float] = rotation_imu_to_base[2].tolist()
+        self._up: tuple[float, float, float] | None = None
         self._time = 0.0
         self.tilt = self.largest = 0.0
 
     def feel(self, sample: RobotState) -> float:
         """Take a sample in; returns the tilt [rad]."""
-        size = float(np.linalg.norm(sample.acceleration))
+        ax, ay, az = sample.acceleration.tolist()
+        size = math.hypot(ax, ay, az)
+        believed = abs(size - _GRAVITY) < _BELIEVED
         if self._up is None:
-            self._up = sample.acceleration / max(size, 1e-6)
+            if not believed:
+                return self.tilt
+            x, y, z = ax, ay, az
         else:
             step = min(max(sample.time - self._time, 0.0), _TIME)
-            self._up = self._up + step * _cross(self._up, sample.angular_velocity)
-            if abs(size - _GRAVITY) < _BELIEVED:
-                self._up = self._up + step / _TIME * (sample.acceleration / size - self._up)
-            self._up = self._up / np.linalg.norm(self._up)
+            x, y, z = _turned(self._up, sample.angular_velocity.tolist(), step)
+            if believed:
+                share = step / _TIME
+                x, y, z = (
+                    x + share * (ax / size - x),
+                    y + share * (ay / size - y),
+                    z + share * (az / size - z),
+                )
+        length = max(math.hypot(x, y, z), 1e-9)
+        self._up = x, y, z = x / length, y / length, z / length
         self._time = sample.time
-        self.tilt = float(np.arccos(np.clip(self._up @ self._base_z_in_imu, -1, 1)))
+        bx, by, bz = self._base_z_in_imu
+        self.tilt = math.acos(min(max(x * bx + y * by + z * bz, -1.0), 1.0))
         self.largest = max(self.largest, self.tilt)
         return self.tilt
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """NumPy's own takes 20 us."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def _turned(up: tuple[float, float, float], rate: list[float], step: float) -> tuple[float, float, float]:
+    """A direction that stays in the world, in a frame that turns at a rate [rad/s] for a step [s]."""
+    (x, y, z), (wx, wy, wz) = up, rate
+    return x + step * (y * wz - z * wy), y + step * (z * wx - x * wz), z + step * (x * wy - y * wx)

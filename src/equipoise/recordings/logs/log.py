@@ -156,9 +156,7 @@ def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[Find
     partial = ~there[rows].all(axis=1)
     if partial.mean() > _MOST_BAD:
         lacking = ~there[rows[int(np.argmax(partial))]]
-        absent = [
-            raw.names[column] for column, missing in zip(columns.tolist(), lacking.tolist(), strict=True) if missing
-        ]
+        absent = [raw.names[int(column)] for column in columns[np.flatnonzero(lacking)]]
         raise RecordingError(
             f"{partial.mean():.0%} of the joint samples hold only some of the legs' joints (the first lacks "
             f"{', '.join(absent)}): a sample must hold all of them"
