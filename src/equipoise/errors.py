@@ -75,7 +75,7 @@ class RecordingError(EquipoiseError, ValueError):
 
 
 class LogError(RecordingError):
-    """Nothing in a log can be used.
+    """What is in a log cannot be used.
 
     Attributes:
         report: what it holds, piece by piece (LogReport).
