@@ -171,8 +171,8 @@ def _not_told(result: Calibration, report: LogReport, settings: CalibrationSetti
 def _nothing_usable(report: LogReport) -> LogError:
     reasons = dict.fromkeys(f"{segment.what}: {segment.why_not}" for segment in report.segments if segment.why_not)
     return LogError(
-        f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are rests "
-        "on four feet with joint torques, and lifts of two diagonal feet or moves over planted feet after them",
+        f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are "
+        "rests on four feet with joint torques, and lifts of two diagonal feet or moves over planted feet after them",
         report,
         {"log": report.to_dict()},
     )
