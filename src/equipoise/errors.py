@@ -97,7 +97,7 @@ class ResumeError(RecordingError):
 
 
 class LogError(RecordingError):
-    """Nothing in a log can be used.
+    """What is in a log cannot be used.
 
     Attributes:
         report: what it holds, piece by piece (LogReport).

@@ -53,22 +53,18 @@ class LogReport:
 
 @dataclass(frozen=True, eq=False)
 class LogEstimate:
-    """A result, and the log that it is from."""
+    """A result, and what the log that it is from holds."""
 
     result: Calibration
     report: LogReport
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form: the result's, with a section "log"."""
-        return {**self.result.to_dict(), "log": self.report.to_dict()}
 
 
 def estimate_log(robot: RobotModel, log: Log, settings: CalibrationSettings | None = None) -> LogEstimate:
     """What a log says of the robot, by the precise method.
 
     Raises:
-        LogError: nothing in it can be used; the error carries the report.
-        RecordingError: its sensors cannot be believed.
+        LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
+        RecordingError: its units cannot be right.
         ImuMountingError: the IMU is mounted turned.
     """
     settings, stance = settings or CalibrationSettings(), nominal_stance(robot)
@@ -80,13 +76,11 @@ def estimate_log(robot: RobotModel, log: Log, settings: CalibrationSettings | No
     report = LogReport(log, tuple(segments), tuple(findings))
     recordings = usable(segments)
     if not recordings:
-        raise _nothing_usable(report, "no rest, move or lift that could be used")
+        raise _nothing_usable(report)
     try:
         result = precise.estimate(robot, recordings, settings, stance, lifts_needed=False)
     except RecordingError as error:
-        if isinstance(error, LogError):
-            raise
-        raise _nothing_usable(report, str(error)) from error
+        raise LogError(str(error), report, {"log": report.to_dict()}) from error
     report = replace(report, segments=_judged(segments, result))
     return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, settings))))
 
@@ -97,6 +91,13 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
     if compared is None:
         message = "too little motion over planted feet to hold the clocks of joints and IMU against each other"
         findings.append(Finding("clocks", message))
+        return recording
+    if not compared.agrees:
+        message = (
+            f"over planted feet the gyroscope does not turn as the legs say ({compared.unexplained:.0%} of it differs): are "
+            "the joints, the IMU's axes and the robot the right ones?"
+        )
+        findings.append(Finding("gyroscope", message))
         return recording
     if abs(compared.offset) < _CLOCK_KNOWN:
         return recording
@@ -167,12 +168,11 @@ def _not_told(result: Calibration, report: LogReport, settings: CalibrationSetti
     return said
 
 
-def _nothing_usable(report: LogReport, why: str) -> LogError:
+def _nothing_usable(report: LogReport) -> LogError:
     reasons = dict.fromkeys(f"{segment.what}: {segment.why_not}" for segment in report.segments if segment.why_not)
-    seen = f". What it holds: {'; '.join(list(reasons)[:4])}" if reasons else ""
     return LogError(
-        f"nothing can be estimated from the log: {why}{seen}. A log needs rests on four feet with moves over planted feet or "
-        "lifts of two diagonal feet between them",
+        f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are "
+        "rests on four feet with joint torques, and lifts of two diagonal feet or moves over planted feet after them",
         report,
         {"log": report.to_dict()},
     )

@@ -64,6 +64,7 @@ def estimate(
     until: Duration = None,
     description_file: File = None,
     description: Described = RobotDescription(),  # noqa: B008
+    out: File = None,
     json: bool = False,
     verbose: Verbose = False,
     debug: bool = False,
@@ -88,13 +89,14 @@ def estimate(
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
         description_file: Of the log's robot: TOML file with a robot description; flags win over it.
+        out: JSON file to save the result of a log in; a run has its calibration.json.
         json: Print the result as one JSON object and nothing else on stdout.
         verbose: Show every piece of a log, and how long each stage of the estimate took.
         debug: Show a traceback if something goes wrong.
     """
     given = _LogFlags(
         Topics(joint_topic, imu_topic, command_topic), joint_map, (seconds(start), seconds(until)), description_file,
-        description,
+        description, out,
     )  # fmt: skip
     if robot is None:
         given.refuse()
@@ -114,6 +116,7 @@ class _LogFlags:
     span: tuple[float | None, float | None]
     description_file: Path | None
     description: RobotDescription
+    out: Path | None = None
 
     def refuse(self) -> None:
         """Raise SettingsError if one was given."""
@@ -123,7 +126,8 @@ class _LogFlags:
         ]
         if given:
             raise SettingsError(
-                "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"
+                "topics, --joint-map, --from, --until, --out and robot descriptions are for logs that are not ours: give "
+                "--robot too"
             )
 
 
@@ -172,11 +176,15 @@ def _estimate_log(
         if not json:
             print_log_report(error.report, verbose)
         raise
+    result = found.result.with_provenance(log=str(path), **log.about)
+    if given.out is not None:
+        result.save(given.out)
     if json:
-        print(json_module.dumps(found.to_dict(), indent=2))
+        print(json_module.dumps({**result.to_dict(), "log": found.report.to_dict()}, indent=2))
     else:
         print_log_report(found.report, verbose)
-        print_calibration(found.result, [], verbose)
+        print_calibration(result, [], verbose)
+        print("" if given.out is None else f"saved: {given.out}\n", end="")
 
 
 def robots(*, json: bool = False, debug: bool = False) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.estimation.paper import AXES, Axis
+from equipoise.estimation.track import true_runs
 
 FloatArray = NDArray[np.float64]
 
@@ -54,8 +55,10 @@ def find_oscillation(time: FloatArray, turning: FloatArray, clock: float) -> Osc
     step = float(np.diff(time).mean())
     window = np.ones(max(1, round(_ENVELOPE * clock / step)))
     strength = np.convolve((turning**2).sum(axis=1), window / len(window), mode="same") ** 0.5
-    steady = np.flatnonzero(np.diff(np.concatenate([[0], strength > _STEADY * strength.max(), [0]])))
-    first, last = max(steady.reshape(-1, 2), key=lambda run: run[1] - run[0])
+    steady = true_runs(strength > _STEADY * strength.max())
+    if not steady:
+        return None
+    first, last = max(steady, key=lambda run: run[1] - run[0])
     if (last - first) * step < _SHORTEST * clock:
         return None
     found = _dominant(turning[first:last], step)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.screening import floor_normals
-from equipoise.estimation.track import STEP, Track
+from equipoise.estimation.track import STEP, Track, true_runs
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import carried_mass
@@ -77,8 +77,9 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[Rest]:
         up = acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
         torque = None if track.joint_torque is None else track.joint_torque[part].mean(axis=0)
         feet = legs.feet(position[None])[0]
-        folded = _folded(stance, feet, up)
-        why_not = "the legs are folded: it lies, or hangs" if folded else _why_not_level(stance, feet, up)
+        normal, _ = floor_normals(feet[None])
+        folded = _folded(stance, feet, normal[0])
+        why_not = "the legs are folded: it lies, or hangs" if folded else _why_not_level(stance, feet, normal[0], up)
         if why_not is None and torque is not None:
             why_not = _why_not_carried(robot, position, torque)
         start, end = float(track.time[first] - track.step / 2), float(track.time[last - 1] + track.step / 2)
@@ -97,9 +98,7 @@ def _still_runs(track: Track, shortest: int) -> list[tuple[int, int]]:
     starts = np.flatnonzero(still)
     np.add.at(covered, starts, 1)
     np.add.at(covered, starts + _WINDOW, -1)
-    inside = np.concatenate([[False], np.cumsum(covered)[:-1] > 0, [False]]).astype(int)
-    edges = np.flatnonzero(np.diff(inside)).reshape(-1, 2)
-    return [(int(first), int(last)) for first, last in edges if last - first >= shortest]
+    return [run for run in true_runs(np.cumsum(covered)[:-1] > 0) if run[1] - run[0] >= shortest]
 
 
 def _spread(values: FloatArray) -> FloatArray:
@@ -110,20 +109,19 @@ def _spread(values: FloatArray) -> FloatArray:
     return np.ptp(parts, axis=0).max(axis=1)
 
 
-def _folded(stance: Stance, feet: FloatArray, up: FloatArray) -> bool:
+def _folded(stance: Stance, feet: FloatArray, normal: FloatArray) -> bool:
     # The base's origin may be anywhere; the hips are above the floor by as much more as the feet are farther below.
-    lower = float((stance.feet_in_base[:, 2] - feet @ up).mean())
+    lower = float((stance.feet_in_base[:, 2] - feet @ normal).mean())
     return stance.hip_height + lower < _LOWEST * stance.hip_height
 
 
-def _why_not_level(stance: Stance, feet: FloatArray, up: FloatArray) -> str | None:
-    """Why (4, 3) feet in the base frame are not those of a robot that stands on them."""
-    normal, _ = floor_normals(feet[None])
+def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: FloatArray) -> str | None:
+    """Why (4, 3) feet in the base frame, and the normal of their plane, are not those of a robot that stands on them."""
     # One foot that is raised by d turns the plane through all four: each is then d / 4 off it.
-    raised = 4 * float(np.abs((feet - feet.mean(axis=0)) @ normal[0]).max())
+    raised = 4 * float(np.abs((feet - feet.mean(axis=0)) @ normal).max())
     if raised > _RAISED * stance.size:
         return f"the feet are not on one plane: one is raised by some {1000 * raised:.0f} mm"
-    lean = float(np.arccos(np.clip(normal[0] @ up, -1, 1)))
+    lean = float(np.arccos(np.clip(normal @ up, -1, 1)))
     if lean > _LEANING:
         return f"the plane of the feet leans by {np.degrees(lean):.0f} deg against gravity"
     return None

@@ -81,9 +81,11 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
     """Raise for units that cannot be right in a whole log, before anything is looked for in it.
 
     Raises:
-        RecordingError: degrees instead of radians, g instead of m/s2, a frozen encoder, velocities of other joints.
+        RecordingError: degrees instead of radians, g instead of m/s2, a dead gyroscope or encoder, wrong velocities.
     """
     _check_gravity(log.imu.acceleration)
+    if not np.ptp(log.imu.angular_velocity, axis=0).any():
+        raise RecordingError("the gyroscope reads the same throughout the log: it is dead, or was not logged")
     # Of a log most samples count: one that is far off is a glitch.
     _check_radians(robot, np.quantile(log.joints.position, (0.05, 0.5, 0.95), axis=0))
     _check_frozen(log)

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.estimation.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
 from equipoise.estimation.foot_paths import FootPaths
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.oscillation import Oscillation, find_oscillation
@@ -24,23 +25,16 @@ from equipoise.estimation.screening import screen
 from equipoise.estimation.track import Track
 from equipoise.recordings.logs.gaps import Piece, split_at_gaps
 from equipoise.recordings.recording import PHASE, TRIAL, Event, Recording
-from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["rest", "move", "sway", "lift", "steps", "slip", "motion", "gap"]
 
 # On an A1; lengths scale with the stance's size, times with its clock.
-_CLEAR = 2.5e-3  # [m] above the standing feet: off the floor, as lift_samples.py has it
-_OFF_FLOOR = 6e-3  # [m] above the two lowest feet: plainly off the floor
-_SLID = (
-    6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders that are off by 5 mrad
-)
+_OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
+_SLID = 6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders off by 5 mrad
 _SLIDING = 12e-3  # [m] on the way
-_STANDING_SLID = 5e-3  # [m] of two standing feet against each other; below 1 mm in lifts
-_SHORTEST_LIFT = 0.05  # [s]; shorter ones are not worth a word
-_SOON = 1.5  # [s] from the rest's end until two feet are up: the attitude drifts
-_NEXT_STEP = 0.15  # [s]; feet that rise so soon after others came down walk
 _FALLING = 5.0  # [m/s2]: a robot whose accelerometer reads less has no foot on the floor
 _MOVED = 0.03  # [rad] of a joint: less is no move
 _LONGEST_MOVE = 8.0  # [s]: the gyroscope's attitude is good for a milliradian so long
@@ -48,7 +42,6 @@ _HELD = 1.0  # [s] of a rest that are used, at most: what is nearest to the moti
 # [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
 _SETTLING, _LEAVING = 0.3, 0.12
 _LANDED = 0.2  # [s] after a lift that are kept with it
-_PLANTED_WINDOW, _PLANTED_SLID = 0.2, 1.5e-3  # [s], [m]: feet that move less in a window do not slip
 _SHORTEST_SWAY = 1.5  # [s] of planted motion that torques are worth reading of
 
 
@@ -176,14 +169,17 @@ class _PieceReader:
     def _lift(self, index: int, paths: FootPaths, until: float) -> Segment | None:
         """The first time that two diagonal feet are up; None if they never are."""
         clock, rest = self.stance.clock, self.rests[index]
-        runs = [run for run in _diagonal_runs(paths, self.stance) if run.duration >= _SHORTEST_LIFT * clock]
-        if not runs:
+        stances = diagonal_stances(paths, self.stance)
+        if not stances:
             return None
-        first = runs[0]
-        what = f"lift on {first.diagonal}, {first.duration:.2f} s on two feet"
-        why_not = self._why_no_lift(paths, runs, rest)
+        first = stances[0]
+        why_not = why_no_lift(paths, stances, rest, self.stance)
+        felt = np.linalg.norm(self.track.acceleration[self.track.indices(first.start, first.end)], axis=1)
+        if why_not is None and felt.size and felt.min() < _FALLING:
+            why_not = "it jumps: no foot is on the floor for a moment"
         if why_not is not None:
             return Segment(rest.end, until, "steps", f"steps, the first on {first.diagonal}", why_not)
+        what = f"lift on {first.diagonal}, {first.end - first.start:.2f} s on two feet"
         begin, leaves = self._before(index)
         phases = [("rest", begin), ("unload", leaves), ("lower", first.end)]
         landed = min(first.end + _LANDED * clock, until)
@@ -192,74 +188,66 @@ class _PieceReader:
         recording = _marked(whole, phases, begin, landed, kind="lift", diagonal=first.diagonal)
         return Segment(rest.end, until, "lift", what, None, recording)
 
-    def _why_no_lift(self, paths: FootPaths, runs: Sequence[_Run], rest: Rest) -> str | None:
-        clock, size, first = self.stance.clock, self.stance.size, runs[0]
-        if first.start - rest.end > _SOON * clock:
-            return f"two feet go up {first.start - rest.end:.1f} s after the last rest: the attitude is not known well"
-        for other in runs[1:]:
-            if other.diagonal != first.diagonal and other.start - first.end < _NEXT_STEP * clock:
-                return (
-                    f"the other two feet rise {max(0.0, other.start - first.end):.2f} s after these came down: it walks"
-                )
-        inside = (paths.time >= first.start) & (paths.time <= first.end)
-        before = paths.time < first.start
-        slid = float(paths.slid(DIAGONALS[first.diagonal])[inside | before].max())
-        if slid > _STANDING_SLID * size:
-            return f"the standing feet move by {slid * 1000:.0f} mm: they slip, or are not on the floor"
-        felt = np.linalg.norm(self.track.acceleration[self.track.indices(first.start, first.end)], axis=1)
-        if felt.size and felt.min() < _FALLING:
-            return "it jumps: no foot is on the floor for a moment"
-        return None
-
     # --- planted feet
 
     def _planted(self, index: int, paths: FootPaths, until: float, after: Rest | None) -> Segment:
         """A move or a sway over planted feet."""
-        rest, size = self.rests[index], self.stance.size
+        rest = self.rests[index]
         sway = self._sway(rest.end, until)
         if sway is not None:
             return sway
-        if after is None or not after.standing:
-            return Segment(rest.end, until, "motion", "motion over planted feet", "no rest on four feet after it")
-        if float(np.abs(after.joint_position - rest.joint_position).max()) < _MOVED:
-            return Segment(
-                rest.end, until, "motion", "a disturbance between two rests", "the robot ends where it began"
+        why_not = self._why_no_move(rest, paths, until, after)
+        if why_not is not None:
+            return self._weighable(rest.end, until) or Segment(
+                rest.end, until, "motion", "motion over planted feet", why_not
             )
-        slid = float(paths.slid()[-1])
         what = f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
-        if slid > _SLID * size:
+        slid = float(paths.slid()[-1])
+        if slid > _SLID * self.stance.size:
             return Segment(rest.end, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
-        if until - rest.end > _LONGEST_MOVE * self.stance.clock:
-            why_not = (
-                f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts, and nothing oscillates"
-            )
-            return Segment(rest.end, until, "move", what, why_not)
         (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
         phases = [("before", begin), ("move", leaves), ("rest", arrives)]
         self._weighed.add(index + 1)
         recording = _marked(self.recording, phases, begin, end, kind="posture")
         return Segment(rest.end, until, "move", what, None, recording)
 
+    def _why_no_move(self, rest: Rest, paths: FootPaths, until: float, after: Rest | None) -> str | None:
+        if after is None or not after.standing:
+            return "no rest on four feet after it"
+        if until - rest.end > _LONGEST_MOVE * self.stance.clock:
+            return f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts by then"
+        moved = float(np.abs(after.joint_position - rest.joint_position).max())
+        if moved < _MOVED and float(np.ptp(paths.turned)) < _MOVED:
+            return "a disturbance: the robot hardly moves"
+        return "the robot ends where it began" if moved < _MOVED else None
+
     def _sway(self, start: float, end: float) -> Segment | None:
-        """Planted motion that goes on for a while: torques tell, and if it oscillates, the paper's I and C."""
-        clock = self.stance.clock
+        """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
         part = self.track.indices(start, end)
-        found = find_oscillation(self.track.time[part], self.track.turning[part], clock)
-        if found is None and (end - start < _LONGEST_MOVE * clock or self.recording.joints.torque is None):
-            return None
+        found = find_oscillation(self.track.time[part], self.track.turning[part], self.stance.clock)
         if found is None:
-            found = Oscillation(start, end, {})
+            return None
         what = f"sway over planted feet, {found.words}"
         if self.recording.joints.torque is None:
             return Segment(start, end, "sway", what, "no joint torques: a sway tells nothing without them")
-        phases = [("ramp", start), ("sway", found.start), ("end", found.end)]
-        trial = {"kind": "sway", "axis": "all", "frequencies": found.frequencies}
-        return Segment(start, end, "sway", what, None, _marked(self.recording, phases, start, end, **trial))
+        return Segment(start, end, "sway", what, None, self._swaying(start, end, found))
+
+    def _weighable(self, start: float, end: float) -> Segment | None:
+        """Any other motion over planted feet that is long enough for its torques to tell something."""
+        if self.recording.joints.torque is None or end - start < _SHORTEST_SWAY * self.stance.clock:
+            return None
+        recording = self._swaying(start, end, Oscillation(start, end, {}))
+        return Segment(start, end, "sway", f"motion over planted feet, {end - start:.1f} s", None, recording)
+
+    def _swaying(self, start: float, end: float, steady: Oscillation) -> Recording:
+        phases = [("ramp", start), ("sway", steady.start), ("end", steady.end)]
+        return _marked(self.recording, phases, start, end, kind="sway", axis="all", frequencies=steady.frequencies)
 
     def _not_planted(self, rest: Rest, paths: FootPaths, until: float) -> list[Segment]:
         """Walking, or sliding; with a sway in it, if the feet stay for long enough somewhere."""
-        stretch = _longest_planted(paths, self.stance)
-        if stretch is not None and (sway := self._sway(*stretch)) is not None:
+        stretch = paths.longest_planted(self.stance, _SHORTEST_SWAY * self.stance.clock)
+        sway = None if stretch is None else self._sway(*stretch) or self._weighable(*stretch)
+        if stretch is not None and sway is not None:
             parts = [(rest.end, stretch[0]), (stretch[1], until)]
             around = [self._moving_feet(paths, a, b) for a, b in parts if b - a > 2 * self.track.step]
             return sorted([sway, *around], key=lambda segment: segment.start)
@@ -270,7 +258,7 @@ class _PieceReader:
         rise = paths.height[part]
         lowest = np.sort(rise, axis=1)[:, :2].mean(axis=1)
         off = ((rise - lowest[:, None]) > _OFF_FLOOR * self.stance.size).mean(axis=0) * (end - start)
-        feet = [foot for foot, time in zip(LEG_NAMES, off, strict=True) if time > _SHORTEST_LIFT * self.stance.clock]
+        feet = [foot for foot, time in zip(LEG_NAMES, off, strict=True) if time > SHORTEST_STANCE * self.stance.clock]
         if feet:
             why_not = f"feet leave the floor ({', '.join(feet)}), but no diagonal pair alone"
             return Segment(start, end, "steps", "steps", why_not)
@@ -295,50 +283,6 @@ class _PieceReader:
         rest, clock = self.rests[index], self.stance.clock
         length = rest.end - rest.start
         return rest.start + min(_SETTLING * clock, length / 3), rest.end - min(_LEAVING * clock, length / 4)
-
-
-@dataclass(frozen=True)
-class _Run:
-    """A time in which the two feet off a diagonal are up."""
-
-    diagonal: str
-    start: float
-    end: float
-
-    @property
-    def duration(self) -> float:
-        return self.end - self.start
-
-
-def _diagonal_runs(paths: FootPaths, stance: Stance) -> list[_Run]:
-    """In order of time."""
-    runs: list[_Run] = []
-    for diagonal, standing in DIAGONALS.items():
-        lifted = [leg not in standing for leg in LEG_NAMES]
-        up = paths.rise_above(standing)[:, lifted].min(axis=1) > _CLEAR * stance.size
-        runs += [_Run(diagonal, float(paths.time[a]), float(paths.time[b - 1])) for a, b in true_runs(up)]
-    return sorted(runs, key=lambda run: run.start)
-
-
-def true_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last (exclusive) index of every run of true flags."""
-    padded = np.concatenate([[False], flags, [False]]).astype(int)
-    return [(int(a), int(b)) for a, b in np.flatnonzero(np.diff(padded)).reshape(-1, 2)]
-
-
-def _longest_planted(paths: FootPaths, stance: Stance) -> tuple[float, float] | None:
-    """The longest stretch in which no foot moves, though they moved before or after; None if it is short."""
-    window = max(2, round(_PLANTED_WINDOW * stance.clock / float(np.diff(paths.time).mean())))
-    if len(paths.time) <= window:
-        return None
-    moved = paths.way[window:] - paths.way[:-window]
-    slid = np.linalg.norm(moved - moved.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-    runs = true_runs(slid < _PLANTED_SLID * stance.size)
-    if not runs:
-        return None
-    first, last = max(runs, key=lambda run: run[1] - run[0])
-    start, end = float(paths.time[first]), float(paths.time[last + window - 1])
-    return (start, end) if end - start >= _SHORTEST_SWAY * stance.clock else None
 
 
 def _without_torques(recording: Recording) -> Recording:

@@ -79,6 +79,12 @@ class Track:
         return slice(int(first), int(last))
 
 
+def true_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last (exclusive) index of every run of true flags."""
+    padded = np.concatenate([[False], flags, [False]]).astype(int)
+    return [(int(a), int(b)) for a, b in np.flatnonzero(np.diff(padded)).reshape(-1, 2)]
+
+
 def step_means(time: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
     """(n - 1, k) means of (m, k) samples between n edges, samples joined by straight lines."""
     if len(edges) < 2:

@@ -110,7 +110,7 @@ def _print_precise(console: Console, result: Calibration) -> None:
     if result.base.mass is not None and None not in base:
         console.print(
             f"Base link alone: {result.base.mass:.3f} kg, CoM {' '.join(f'{1000 * (c or 0):.2f}' for c in base)} mm; its "
-            "inertia, covariances and the paper's stance-effective body are in calibration.json."
+            "inertia, covariances and the paper's stance-effective body are in the JSON form."
         )
     paper = [f"{axis} {sway.moment:.3f}, C {sway.damping:.1f}" for axis, sway in result.sways.items() if sway.moment]
     if paper:

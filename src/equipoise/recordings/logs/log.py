@@ -155,8 +155,8 @@ def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[Find
         raise RecordingError("the log holds no sample of the legs' joints")
     partial = ~there[rows].all(axis=1)
     if partial.mean() > _MOST_BAD:
-        lacking = ~there[rows[int(np.argmax(partial))]]
-        absent = [raw.names[int(column)] for column in columns[np.flatnonzero(lacking)]]
+        first = there[rows[int(np.argmax(partial))]]
+        absent = [raw.names[int(column)] for column in columns[~first]]
         raise RecordingError(
             f"{partial.mean():.0%} of the joint samples hold only some of the legs' joints (the first lacks "
             f"{', '.join(absent)}): a sample must hold all of them"
