@@ -42,6 +42,7 @@ from equipoise.robot.model import RobotModel
 _SPORT_MODE = "normal"
 _LETS_GO = 0.3  # [s] after which the robot's own controller has ended
 _NO_SUCH_FUNCTION = 3203  # status code
+_ANOTHER_GAIN = 0.1  # change that is worth a line
 _IMU_TEMPERATURE, _MOTOR_TEMPERATURE = 60, 40  # [deg C]
 _CHARGE, _VOLTAGE, _CURRENT = 80, 29.4, 2.1  # [%], [V], [A]
 
@@ -87,7 +88,7 @@ class UnitreeDdsWire:
         self._lets_go: float | None = None
         self._now = 0.0
         self._position = np.zeros(MOTORS)
-        self._gains: tuple[float, float] | None = None
+        self._gains = np.nan, np.nan
         self.received = self.damaged = self.fought = 0
         self._domain = DdsDomain(settings.domain, LOOPBACK)
         self._state_type = raw(LowState)
@@ -151,7 +152,8 @@ class UnitreeDdsWire:
             motors[name][order].astype(float) for name in ("q", "dq", "tau", "kp", "kd")
         )
         holds, brakes = on & (np.abs(position) < STOP_POSITION / 2), on & (np.abs(velocity) < STOP_VELOCITY / 2)
-        if (gains := (float(kp.mean()), float(kd.mean()))) != self._gains:
+        gains = float(kp.mean()), float(kd.mean())
+        if not np.allclose(gains, self._gains, rtol=_ANOTHER_GAIN, atol=0):
             self._gains = gains
             self._say(kp=round(gains[0], 3), kd=round(gains[1], 3))
         return JointCommand(
