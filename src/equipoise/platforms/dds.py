@@ -13,7 +13,7 @@ from xml.sax.saxutils import quoteattr
 from equipoise.errors import CommunicationError, MissingDependencyError, SettingsError
 
 try:
-    from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
+    from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
     from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.idl import IdlStruct
     from cyclonedds.pub import DataWriter
@@ -70,10 +70,13 @@ class Inbox:
 
     def __init__(self, participant: Any, topic: str, sample_type: Any) -> None:
         qos = Qos(_READING, _PLAIN, Policy.History.KeepLast(_KEPT))
-        self._reader: Any = DataReader(participant, Topic(participant, topic, sample_type), qos)
+        self._writers = 0
+        listener: Any = Listener(on_subscription_matched=self._match)
+        self._reader: Any = DataReader(participant, Topic(participant, topic, sample_type), qos, listener)
         self._waiting: Any = WaitSet(participant)
         self._waiting.attach(ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.NotRead))
         self._arrived: deque[tuple[float, Any]] = deque(maxlen=_KEPT)
+        self._collecting = threading.Lock()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._listen, name=f"inbox {topic}", daemon=True)
         self._thread.start()
@@ -81,10 +84,12 @@ class Inbox:
     @property
     def offered(self) -> bool:
         """Whether somebody publishes what it can read."""
-        return bool(self._reader is not None and self._reader.get_matched_publications())
+        return self._reader is not None and self._writers > 0
 
     def take(self) -> list[tuple[float, Any]]:
         """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
+        if not self._arrived and self._reader is not None:
+            self._collect(self._reader)  # the thread may not have had its turn
         arrived: list[tuple[float, Any]] = []
         while self._arrived:
             arrived.append(self._arrived.popleft())
@@ -101,10 +106,17 @@ class Inbox:
         patience = duration(seconds=_PATIENCE)
         while not self._closed.is_set():
             if waiting.wait(patience):
-                received = time.monotonic()
-                for sample in reader.take(_KEPT):
-                    if sample.sample_info.valid_data:
-                        self._arrived.append((received, sample))
+                self._collect(reader)
+
+    def _match(self, _: Any, status: Any) -> None:
+        self._writers = int(status.current_count)
+
+    def _collect(self, reader: Any) -> None:
+        received = time.monotonic()
+        with self._collecting:
+            for sample in reader.take(_KEPT):
+                if sample.sample_info.valid_data:
+                    self._arrived.append((received, sample))
 
 
 class Outbox:
@@ -112,13 +124,15 @@ class Outbox:
 
     def __init__(self, participant: Any, topic: str, sample_type: Any) -> None:
         self._topic = topic
+        self._listeners = 0
         qos = Qos(_WRITING, _PLAIN, Policy.History.KeepLast(1))
-        self._writer: Any = DataWriter(participant, Topic(participant, topic, sample_type), qos)
+        listener: Any = Listener(on_publication_matched=self._match)
+        self._writer: Any = DataWriter(participant, Topic(participant, topic, sample_type), qos, listener)
 
     @property
     def heard(self) -> bool:
         """Whether somebody has subscribed."""
-        return bool(self._writer is not None and self._writer.get_matched_subscriptions())
+        return self._listeners > 0
 
     def send(self, sample: Any) -> None:
         """Write a sample of the topic's type.
@@ -136,6 +150,9 @@ class Outbox:
     def close(self) -> None:
         """Stop sending; may be called twice."""
         self._writer = None
+
+    def _match(self, _: Any, status: Any) -> None:
+        self._listeners = int(status.current_count)
 
 
 class DdsDomain:

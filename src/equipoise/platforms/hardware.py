@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -23,6 +25,7 @@ _ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on 
 _LOST = 5  # control periods behind after which the deadlines begin anew
 _IDLE = 5  # control periods without a step after which the last command is repeated
 _KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
+_TURN = 0.2e-3  # [s] that another thread may compute before it must let the loop go on
 
 
 class Link(Protocol):
@@ -60,7 +63,10 @@ class Link(Protocol):
         ...
 
     def send(self, command: JointCommand) -> None:
-        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own."""
+        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own.
+
+        The first may take seconds: a controller on board has to let go of the motors before.
+        """
         ...
 
     def release(self) -> None:
@@ -103,8 +109,11 @@ class LoopTiming:
 class HardwarePlatform:
     """A robot behind a link. Never use it bare: the guard is what makes it safe.
 
-    Commands leave at absolute deadlines, a control period apart. While nobody steps (an estimate is being made), the last
-    command is repeated, so that the robot stands where it was sent.
+    Commands leave at absolute deadlines, a control period apart from when the first one left. While nobody steps (an
+    estimate is being made), the last command is repeated, so that the robot stands where it was sent.
+
+    While somebody steps, Python does not look for unused objects, which would take milliseconds; and as long as the platform
+    is open, Python's threads take turns more often.
 
     Args:
         link: to the robot.
@@ -124,6 +133,8 @@ class HardwarePlatform:
         self._stepped = time.monotonic()
         self._closed = threading.Event()
         self._released = False
+        self._collects, self._turn = gc.isenabled(), sys.getswitchinterval()
+        sys.setswitchinterval(_TURN)
         self._holder = threading.Thread(target=self._hold, name="hold", daemon=True)
         self._holder.start()
         self.timing = LoopTiming()
@@ -154,14 +165,18 @@ class HardwarePlatform:
             CommunicationError: the link is gone, or not a single sample has arrived.
             MotionError: the platform is closed.
         """
+        gc.disable()
         now = time.monotonic()
         if now - self._deadline > _LOST * self.control_period:
             self.timing.lost += self._deadline > self._stepped
             self._deadline = now
         _wait_until(self._deadline)
+        first = self._command is None
         with self._sending:
             self._send(command)
             self._stepped = time.monotonic()
+        if first:
+            self._deadline = self._stepped
         self.timing.add(self._stepped - self._deadline)
         self._deadline += self.control_period
         _wait_until(self._deadline - _LEAD)
@@ -181,6 +196,8 @@ class HardwarePlatform:
                 self._link.release()
         finally:
             self._link.close()
+            self._collect()
+            sys.setswitchinterval(self._turn)
 
     def __enter__(self) -> HardwarePlatform:
         return self
@@ -191,8 +208,8 @@ class HardwarePlatform:
     def _send(self, command: JointCommand) -> None:
         if self._released:
             raise MotionError(f"{self.name} is closed; open it again to move it")
-        self._command = command
         self._link.send(command)
+        self._command = command  # not before: what the link refuses must not be repeated
 
     def _sense(self, patience: float) -> RobotState:
         """The newest sample, those that arrived before it in `earlier`; waits for one if none has arrived."""
@@ -215,10 +232,16 @@ class HardwarePlatform:
             )
         return self._newest
 
+    def _collect(self) -> None:
+        if self._collects:
+            gc.enable()
+
     def _hold(self) -> None:
         """Repeat the last command while nobody steps."""
         idle = _IDLE * self.control_period
         while not self._closed.wait(idle):
+            if time.monotonic() - self._stepped > idle:
+                self._collect()
             while not self._closed.is_set() and time.monotonic() - self._stepped > idle and self._command is not None:
                 with self._sending:
                     if time.monotonic() - self._stepped > idle and not self._released:

@@ -12,6 +12,7 @@ try:
 except ModuleNotFoundError as error:
     raise MissingDependencyError("talking to a Unitree robot needs cyclonedds: pip install 'equipoise[dds]'") from error
 
+Bytes = sequence[uint8]
 MOTORS = 20
 """Places for motors in every message; a quadruped uses the first twelve."""
 
@@ -166,7 +167,7 @@ class Request(IdlStruct, typename="unitree_api.msg.dds_.Request_"):
 
     header: RequestHeader
     parameter: str
-    binary: sequence[uint8]
+    binary: Bytes
 
 
 @dataclass
@@ -190,4 +191,4 @@ class Response(IdlStruct, typename="unitree_api.msg.dds_.Response_"):
 
     header: ResponseHeader
     data: str
-    binary: sequence[uint8]
+    binary: Bytes
