@@ -24,7 +24,7 @@ from equipoise.platforms.ros2_messages import (
     Vector3,
     dds_topic,
 )
-from equipoise.platforms.ros2_samples import ImuTopic, JointTopic, StampClock
+from equipoise.platforms.ros2_samples import ImuTopic, JointTopic, StampClock, together
 
 NAMES = ("hip", "thigh", "calf")
 STATE = JointState(
@@ -165,6 +165,29 @@ def test_both_topics_share_one_clock():
     heard.hear(0.0, STATE.serialize())
     felt.hear(0.0, IMU.serialize())
     assert felt.newest.time - heard.newest.time == pytest.approx(1e-3)
+
+
+def test_a_state_is_as_old_as_the_older_of_its_two_samples():
+    clock = StampClock(by_header=True)
+    heard, felt = JointTopic("/j", clock, NAMES), ImuTopic("/i", clock)
+    heard.hear(10.0, STATE.serialize())
+    felt.hear(9.9, IMU.serialize())
+    state = together(heard.newest, felt.newest, None)
+    assert state.received == 9.9
+    assert (state.time, state.imu_time) == (heard.newest.time, felt.newest.time)
+    assert state.joint_position.tolist() == [1, 2, 3]
+    assert state.acceleration.tolist() == [1, 2, 9.81]
+
+
+def test_samples_of_two_clocks_are_refused():
+    clock = StampClock(by_header=True)
+    heard, felt = JointTopic("/j", clock, NAMES), ImuTopic("/i", clock)
+    heard.hear(0.0, STATE.serialize())
+    felt.hear(0.0, replace(IMU, header=Header(Time(1_800_000_000, 0))).serialize())
+    with pytest.raises(
+        SensorError, match=r"joints and IMU are stamped -1799999992\.8 s apart: do all nodes use one clock"
+    ):
+        together(heard.newest, felt.newest, None)
 
 
 def test_arrival_is_a_time_too():

@@ -25,7 +25,7 @@ from equipoise.platforms.ros2_messages import (
     JointTrajectoryPoint,
     dds_topic,
 )
-from equipoise.platforms.ros2_samples import ImuTopic, JointTopic, StampClock, listed
+from equipoise.platforms.ros2_samples import ImuTopic, JointTopic, StampClock, listed, together
 from equipoise.robot.model import RobotModel
 
 # What each type of command is usually called, and how often it is sent [Hz]: a trajectory costs its controller more.
@@ -34,6 +34,7 @@ _COMMANDS = {
     "joint_trajectory": ("/joint_trajectory_controller/joint_trajectory", 100.0, JointTrajectory),
 }
 _STAMPS = ("header", "arrival")
+_FRESH = 0.25  # [s] for which a sample says where the joints are
 _PATIENCE = 4.0  # [s] for both topics and the controller to be found; less than a platform's, because this knows more
 
 
@@ -143,14 +144,14 @@ class Ros2Link:
         Raises:
             CommunicationError: one of the topics has brought nothing since the link was opened.
             SettingsError: the robot has other joints than the model.
-            SensorError: the messages carry no times, or no angular velocity or acceleration.
+            SensorError: the messages carry no times, or times of different clocks, or no angular velocity or acceleration.
         """
         arrived = [(received, self._joints.hear, sample) for received, sample in self._joint_inbox.take()]
         arrived += [(received, self._imu.hear, sample) for received, sample in self._imu_inbox.take()]
         states: list[RobotState] = []
         for received, hear, sample in sorted(arrived, key=lambda item: item[0]):
-            if hear(received, sample.data) and (state := self._state()) is not None:
-                states.append(state)
+            if hear(received, sample.data) and self._joints.newest is not None and self._imu.newest is not None:
+                states.append(together(self._joints.newest, self._imu.newest, self._clock.health))
         if self._joints.newest is None or self._imu.newest is None:
             self._look_for_both()
         return states
@@ -173,10 +174,14 @@ class Ros2Link:
         self._commanded = True
 
     def release(self) -> None:
-        """Let the robot stay where it is: a position controller has no torque to take away. Nothing if it never moved."""
-        if self._commanded and self._joints.newest is not None:
-            self._commanded = False
-            self._outbox.send(self._message(self._joints.newest.position[self._order].tolist()))
+        """Let the robot stay where it is: a position controller has no torque to take away.
+
+        Nothing is sent if nothing was before, or if it is not known where the joints are: they are held where they were sent.
+        """
+        here = self._joints.newest
+        if self._commanded and here is not None and time.monotonic() - here.received < _FRESH:
+            self._outbox.send(self._message(here.position[self._order].tolist()))
+        self._commanded = False
 
     def close(self) -> None:
         self._domain.close()
@@ -187,22 +192,6 @@ class Ros2Link:
         nanoseconds = round(1e9 * self._settings.time_from_start)
         point = JointTrajectoryPoint(positions, time_from_start=Duration(*divmod(nanoseconds, 10**9)))
         return JointTrajectory(Header(), [self._joint_names[joint] for joint in self._order], [point])
-
-    def _state(self) -> RobotState | None:
-        joints, imu = self._joints.newest, self._imu.newest
-        if joints is None or imu is None:
-            return None
-        return RobotState(
-            joints.time,
-            joints.position,
-            joints.velocity,
-            joints.torque,
-            imu.angular_velocity,
-            imu.acceleration,
-            imu.time,
-            min(joints.received, imu.received),
-            self._clock.health,
-        )
 
     def _look_for_both(self) -> None:
         """Say what is missing, as long as something is."""

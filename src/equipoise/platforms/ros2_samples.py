@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import SensorError, SettingsError
-from equipoise.platforms.platform import Health
+from equipoise.platforms.platform import Health, RobotState
 from equipoise.platforms.ros2_messages import Header, Imu, JointState
 
 FloatArray = NDArray[np.float64]
 
 _PACE_WINDOW = 2.0  # [s] over which the robot's clock is held against ours
 _PACE_TOLERANCE = 0.4  # as a fraction: a busy computer may cost some of it; a simulation in slow motion is far off
+_ASUNDER = 1.0  # [s] between the newest of both topics, beyond which they are not of one clock
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +201,30 @@ class ImuTopic(_Topic):
             at, received, np.array([turning.x, turning.y, turning.z]), np.array([felt.x, felt.y, felt.z])
         )
         return True
+
+
+def together(joints: JointSample, imu: ImuSample, health: Health | None) -> RobotState:
+    """The newest of both as one state, received when the older of the two was.
+
+    Raises:
+        SensorError: their times are far apart: of a simulation and of day, of two computers.
+    """
+    if abs(joints.time - imu.time) > _ASUNDER:
+        raise SensorError(
+            f"joints and IMU are stamped {joints.time - imu.time:+.1f} s apart: do all nodes use one clock (use_sim_time), "
+            "are the computers' clocks right, has one of the topics fallen silent? Times of arrival may do: stamps=arrival"
+        )
+    return RobotState(
+        joints.time,
+        joints.position,
+        joints.velocity,
+        joints.torque,
+        imu.angular_velocity,
+        imu.acceleration,
+        imu.time,
+        min(joints.received, imu.received),
+        health,
+    )
 
 
 def listed(names: tuple[str, ...]) -> str:
