@@ -2,8 +2,9 @@
 
 What a position controller costs that takes no gains and no torques. Same robot, payload, noise and truth as in the row
 `direct`, which is the simulation without a link. All in real time, about half an hour for two seeds, and it needs two cores
-for itself: a row says how much slower than ours the robot's time passed. Rows are kept in benchmarks/results/ros2.jsonl, so
-that an interrupted benchmark goes on where it was; `--tables` only writes benchmarks/results/ros2.md.
+for itself: a row says how much slower than ours the robot's time passed. Where others compute too: `chrt -r 4 python ...`.
+Rows are kept in benchmarks/results/ros2.jsonl, so that an interrupted benchmark goes on where it was; `--tables` only writes
+benchmarks/results/ros2.md.
 """
 
 from __future__ import annotations
@@ -125,6 +126,11 @@ class Peer:
         self._process.stdout.close()
 
 
+def rounded(row: dict[str, object]) -> dict[str, object]:
+    """Numbers to six digits: rows are kept in the repository."""
+    return json.loads(json.dumps(row), parse_float=lambda text: float(f"{float(text):.6g}"))
+
+
 def cell(values: list[float | None], unit: list[float]) -> str:
     return " / ".join("-" if v is None else f"{v * u:+.2f}" for v, u in zip(values, unit, strict=True))
 
@@ -138,7 +144,8 @@ def write_table() -> str:
         f"a simulated A1 with a payload of 1 kg, preset `realistic`, a scale good to 0.5 %, `precise` with a budget of "
         f"{BUDGET:.0f} s; a peer process speaks JointState, Imu and the commands over DDS on loopback, in real time. "
         "`x sd`: the largest error of CoM and moments in standard deviations that the result itself states. The paper's I is "
-        "compared with the whole robot's. Pace: the peer's time over ours. Late: commands more than a millisecond late.",
+        "compared with the whole robot's. Pace: the peer's time over ours. Late: commands more than a millisecond late (of a "
+        "hundred trajectories a second, each waits for ten samples to be looked at).",
         "",
         "| position control | method | seed | CoM x / y / z mm | Ixx / Iyy / Izz % | x sd | pace | late |",
         "|---|---|---|---|---|---|---|---|",
@@ -180,7 +187,7 @@ def main() -> None:
                     if (case.name, method, seed) not in done:
                         row = run(case, method, seed)
                         with ROWS.open("a", encoding="utf-8") as out:
-                            out.write(json.dumps(row) + "\n")
+                            out.write(json.dumps(rounded(row)) + "\n")
                         print({key: value for key, value in row.items() if key not in ("truth", "sd")}, flush=True)
     print(write_table())
 
