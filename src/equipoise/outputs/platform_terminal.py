@@ -75,14 +75,14 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
         table.add_row(posture.what, str(posture.times), torque)
     console.print(table)
     joints = Table(title="Joints", title_justify="left", box=box.SIMPLE_HEAD)
-    for column in ("joint", "from [rad]", "to [rad]", "limits [rad]", "torque [Nm]", "limit [Nm]"):
-        joints.add_column(escape(column), justify="left" if column == "joint" else "right")
+    for column in ("joint", "from [rad]", "to", "limits [rad]", "torque [Nm]"):
+        joints.add_column(escape(column), justify="left" if column == "joint" else "right", no_wrap=True)
     lower, upper = rehearsal.joint_range
     for index, name in enumerate(rehearsal.robot.joint_names):
-        allowed = f"{rehearsal.robot.lower_limit[index]:+.2f} to {rehearsal.robot.upper_limit[index]:+.2f}"
+        allowed = f"{rehearsal.robot.lower_limit[index]:+.2f}, {rehearsal.robot.upper_limit[index]:+.2f}"
         joints.add_row(
             name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed,
-            f"{rehearsal.largest_torque[index]:.1f}", f"{limit[index]:.1f}",
+            f"{rehearsal.largest_torque[index]:.1f} of {limit[index]:.1f}",
         )  # fmt: skip
     console.print(joints)
     console.print("By the model, from lying to lying. Nothing was moved.")

@@ -27,7 +27,7 @@ _LEAN = np.radians(
 )  # between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less
 _ASKEW = np.radians(35)  # also for a robot that lies on whatever it lies on
 _BIAS = 0.05  # [rad/s] of a gyroscope at rest
-_STILL = 0.03  # [rad/s]
+_STILL = 0.06  # [rad/s]
 _MASS_RANGE = (0.6, 1.7)  # carried, over the model's
 _HOT, _WEAK_BATTERY = 60.0, 0.3  # [deg C], share
 
