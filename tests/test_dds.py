@@ -9,6 +9,7 @@ pytest.importorskip("cyclonedds")
 from cyclonedds.idl import IdlStruct
 
 from equipoise.errors import CommunicationError, SettingsError
+from equipoise.platforms import ros2_messages, unitree_messages
 from equipoise.platforms.dds import DdsDomain, RawSample, check_version, configuration, raw
 from equipoise.platforms.unitree_messages import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
 
@@ -75,6 +76,15 @@ def test_an_outbox_knows_whether_it_is_heard_and_an_inbox_whether_somebody_sends
     assert inbox.offered
     inbox.close()
     assert not inbox.offered
+
+
+@pytest.mark.parametrize("messages", [unitree_messages, ros2_messages])
+def test_no_type_is_announced_that_older_versions_do_not_know(messages):
+    """cyclonedds 0.10 ends with a segmentation fault when 11 describes a type that holds a uint8 or an int8."""
+    types = [kind for kind in vars(messages).values() if isinstance(kind, type) and issubclass(kind, IdlStruct)]
+    assert len(types) > 5
+    for kind in types:
+        assert not any(name in str(field) for field in kind.__annotations__.values() for name in ("'uint8'", "'int8'"))
 
 
 def test_a_domain_is_open_once_a_process_and_can_be_opened_again():

@@ -1,4 +1,8 @@
-"""What Unitree's Go2 and B2 say and hear over DDS: the layouts of its messages, field by field in their order on the wire."""
+"""What Unitree's Go2 and B2 say and hear over DDS: the layouts of its messages, field by field in their order on the wire.
+
+Its uint8 are called byte here. On the wire they are the same; but cyclonedds 11 announces a uint8 as a kind of type that 0.10
+does not know and crashes at, and a byte as what 0.10 itself announces for both.
+"""
 
 # No `from __future__ import annotations` here: the types are read from the annotations when a class is made.
 
@@ -8,11 +12,11 @@ from equipoise.errors import MissingDependencyError
 
 try:
     from cyclonedds.idl import IdlStruct
-    from cyclonedds.idl.types import array, float32, int16, int32, int64, sequence, uint8, uint16, uint32
+    from cyclonedds.idl.types import array, byte, float32, int16, int32, int64, sequence, uint16, uint32
 except ModuleNotFoundError as error:
     raise MissingDependencyError("talking to a Unitree robot needs cyclonedds: pip install 'equipoise[dds]'") from error
 
-Bytes = sequence[uint8]
+Bytes = sequence[byte]
 MOTORS = 20
 """Places for motors in every message; a quadruped uses the first twelve."""
 
@@ -21,7 +25,7 @@ MOTORS = 20
 class MotorCmd(IdlStruct, typename="unitree_go.msg.dds_.MotorCmd_"):
     """Of one motor."""
 
-    mode: uint8
+    mode: byte
     q: float32
     dq: float32
     tau: float32
@@ -34,26 +38,26 @@ class MotorCmd(IdlStruct, typename="unitree_go.msg.dds_.MotorCmd_"):
 class BmsCmd(IdlStruct, typename="unitree_go.msg.dds_.BmsCmd_"):
     """To the battery."""
 
-    off: uint8
-    reserve: array[uint8, 3]
+    off: byte
+    reserve: array[byte, 3]
 
 
 @dataclass
 class LowCmd(IdlStruct, typename="unitree_go.msg.dds_.LowCmd_"):
     """To all motors, every control period."""
 
-    head: array[uint8, 2]
-    level_flag: uint8
-    frame_reserve: uint8
+    head: array[byte, 2]
+    level_flag: byte
+    frame_reserve: byte
     sn: array[uint32, 2]
     version: array[uint32, 2]
     bandwidth: uint16
     motor_cmd: array[MotorCmd, MOTORS]
     bms_cmd: BmsCmd
-    wireless_remote: array[uint8, 40]
-    led: array[uint8, 12]
-    fan: array[uint8, 2]
-    gpio: uint8
+    wireless_remote: array[byte, 40]
+    led: array[byte, 12]
+    fan: array[byte, 2]
+    gpio: byte
     reserve: uint32
     crc: uint32
 
@@ -66,14 +70,14 @@ class IMUState(IdlStruct, typename="unitree_go.msg.dds_.IMUState_"):
     gyroscope: array[float32, 3]
     accelerometer: array[float32, 3]
     rpy: array[float32, 3]
-    temperature: uint8
+    temperature: byte
 
 
 @dataclass
 class MotorState(IdlStruct, typename="unitree_go.msg.dds_.MotorState_"):
     """Of one motor."""
 
-    mode: uint8
+    mode: byte
     q: float32
     dq: float32
     ddq: float32
@@ -81,7 +85,7 @@ class MotorState(IdlStruct, typename="unitree_go.msg.dds_.MotorState_"):
     q_raw: float32
     dq_raw: float32
     ddq_raw: float32
-    temperature: uint8
+    temperature: byte
     lost: uint32
     reserve: array[uint32, 2]
 
@@ -90,14 +94,14 @@ class MotorState(IdlStruct, typename="unitree_go.msg.dds_.MotorState_"):
 class BmsState(IdlStruct, typename="unitree_go.msg.dds_.BmsState_"):
     """Of the battery; `soc` is its charge in per cent, the current is in mA."""
 
-    version_high: uint8
-    version_low: uint8
-    status: uint8
-    soc: uint8
+    version_high: byte
+    version_low: byte
+    status: byte
+    soc: byte
     current: int32
     cycle: uint16
-    bq_ntc: array[uint8, 2]
-    mcu_ntc: array[uint8, 2]
+    bq_ntc: array[byte, 2]
+    mcu_ntc: array[byte, 2]
     cell_vol: array[uint16, 15]
 
 
@@ -105,9 +109,9 @@ class BmsState(IdlStruct, typename="unitree_go.msg.dds_.BmsState_"):
 class LowState(IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
     """Of everything, every control period; `tick` counts milliseconds."""
 
-    head: array[uint8, 2]
-    level_flag: uint8
-    frame_reserve: uint8
+    head: array[byte, 2]
+    level_flag: byte
+    frame_reserve: byte
     sn: array[uint32, 2]
     version: array[uint32, 2]
     bandwidth: uint16
@@ -117,11 +121,11 @@ class LowState(IdlStruct, typename="unitree_go.msg.dds_.LowState_"):
     foot_force: array[int16, 4]
     foot_force_est: array[int16, 4]
     tick: uint32
-    wireless_remote: array[uint8, 40]
-    bit_flag: uint8
+    wireless_remote: array[byte, 40]
+    bit_flag: byte
     adc_reel: float32
-    temperature_ntc1: uint8
-    temperature_ntc2: uint8
+    temperature_ntc1: byte
+    temperature_ntc2: byte
     power_v: float32
     power_a: float32
     fan_frequency: array[uint16, 4]
