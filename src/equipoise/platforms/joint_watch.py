@@ -194,6 +194,8 @@ class StuckWatch:
 
     def feel(self, target: FloatArray, position: FloatArray) -> tuple[int, float, float] | None:
         """Take (nj,) targets and positions in; the joint that is stuck, what it was sent through, what it did [rad]."""
+        if self._count == 0:
+            self._sent.clear()  # what was sent before this window has been answered before it, at least in part
         self._sent.append(target)
         now = self._now
         now[0], now[1] = self._sent[0], position
