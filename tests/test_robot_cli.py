@@ -49,8 +49,7 @@ def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
     with robot() as (peer, flags):
         assert main(["record", *flags, "--duration", "1s", "--out", str(path), "--quiet"]) == 0
     assert str(path) in capsys.readouterr().out
-    content = read_log(path)
-    assert content.tail is not None or content.recordings
+    assert len(read_log(path).plays[0].recording.joints.time) > 100
     assert not any(entry.get("mode") == "commanded" for entry in peer.log)
     assert main(["record", "--duration", "1s", "--out", str(path)]) == 6
     assert "exists; name a new file with --out" in capsys.readouterr().err
@@ -64,7 +63,7 @@ def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, c
             time.sleep(0.5)
         told = capsys.readouterr()
         modes = [entry["mode"] for entry in peer.log if "mode" in entry]
-        assert "released" in modes
+        assert "released" in modes, told.err
         if code == 0:
             break
         assert "this computer sent nothing" in told.err or "stood still" in told.err or "no sample" in told.err

@@ -180,11 +180,12 @@ def _floor(robot: RobotModel, position: FloatArray, acceleration: FloatArray) ->
         f"{np.degrees(angle):.1f} deg between up and the feet's floor; up is ({up[0]:+.2f}, {up[1]:+.2f}, {up[2]:+.2f})"
     )
     if lies(robot, nominal_stance(robot), position):
-        fine = None if angle < _ASKEW else False
+        fine = None if bool(angle < _ASKEW) else False
         advice = "is the IMU mounted turned (imu_rpy), does the robot lie level?"
         return Finding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
     advice = "is the IMU mounted turned (imu_rpy), is the joint map right, does the floor slope?"
-    return Finding("gravity against the stance", value, angle < _LEAN, "" if angle < _LEAN else advice, serious=True)
+    fine = bool(angle < _LEAN)
+    return Finding("gravity against the stance", value, fine, "" if fine else advice, serious=True)
 
 
 def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) -> Finding:
