@@ -11,6 +11,7 @@ import json
 import mmap
 import os
 import random
+import shutil
 import struct
 import subprocess
 import sys
@@ -30,6 +31,7 @@ from equipoise.recordings.run_log_reader import read_log
 
 RESULTS = Path(__file__).parent / "results"
 KILLS, SEED = 20, 5
+PERIOD = 0.002  # [s]
 METHODS = {
     "precise": ["--budget", "30s", "--no-sway"],
     "paper": ["--method", "paper", "--tolerance", "0.02"],
@@ -99,7 +101,7 @@ class Kill:
     """What became of a run that was killed."""
 
     method: str
-    moment: float  # [s] after the run's folder was made
+    moment: float  # [s] of simulated time
     complete: int  # recordings by then
     lost: float  # [s] of samples
     identical: bool
@@ -115,27 +117,33 @@ def calibrate(folder: Path, witness: Witness, *arguments: str) -> subprocess.Pop
     return process
 
 
-def uninterrupted(method: str, folder: Path, witness: Witness) -> float:
-    """Seconds that a run takes from when its folder is made."""
+def uninterrupted(method: str, folder: Path, witness: Witness) -> int:
+    """Control periods that a run takes."""
     process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
-    start = time.perf_counter()
     if process.wait():
         raise RuntimeError(f"the calibration ended with {process.returncode}")
-    return time.perf_counter() - start
+    return witness.periods
 
 
-def killed(method: str, folder: Path, witness: Witness, moment: float, expected: object) -> Kill:
-    process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
-    time.sleep(moment)
-    process.kill()
-    process.wait()
+def killed(method: str, folder: Path, witness: Witness, draw: random.Random, whole: int) -> Kill:
+    """Kill a run some time after a control period, both drawn: also between motions, where it plans."""
+    code = 0
+    while code == 0:  # it had ended before it was killed
+        shutil.rmtree(folder, ignore_errors=True)
+        period, later = draw.uniform(0, whole), draw.uniform(0, 0.3)
+        process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
+        while witness.periods < period and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(later)
+        process.kill()
+        code = process.wait()
     log = read_log(folder / "recording.mcap")
-    logged = sum(len(play.recording.joints.time) for play in log.plays)
-    lost = 0.002 * (witness.periods - logged)
+    lost = witness.periods - sum(len(play.recording.joints.time) for play in log.plays)
+    kill = Kill(method, PERIOD * witness.periods, len(log.recordings), PERIOD * lost, False)
     command = [sys.executable, "-m", "equipoise", "calibrate", "--quiet", "--no-pictures", "--resume", str(folder)]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
-    identical = done.returncode == 0 and result(folder) == expected
-    return Kill(method, moment, len(log.recordings), lost, identical)
+    kill.identical = done.returncode == 0 and result(folder) == result(folder.with_name(method))
+    return kill
 
 
 def result(folder: Path) -> object:
@@ -148,11 +156,9 @@ def calibrations(folder: Path, draw: random.Random) -> list[Kill]:
     kills: list[Kill] = []
     for method in METHODS:
         witness = Witness(folder / f"{method}.periods")
-        duration = uninterrupted(method, folder / method, witness)
-        expected = result(folder / method)
+        whole = uninterrupted(method, folder / method, witness)
         for index in range(KILLS // len(METHODS)):
-            moment = draw.uniform(0.0, 0.95 * duration)
-            kills.append(killed(method, folder / f"{method}-{index}", witness, moment, expected))
+            kills.append(killed(method, folder / f"{method}-{index}", witness, draw, whole))
             print(kills[-1], flush=True)
     return kills
 
@@ -172,7 +178,7 @@ def robots(folder: Path, draw: random.Random) -> tuple[list[float], list[float]]
         printed, _ = process.communicate()
         took += [float(line) for line in printed.splitlines()]
         log = read_log(path)
-        lost.append(0.002 * (witness.periods - sum(len(play.recording.joints.time) for play in log.plays)))
+        lost.append(PERIOD * (witness.periods - sum(len(play.recording.joints.time) for play in log.plays)))
     return lost, took
 
 
@@ -192,7 +198,7 @@ def main() -> None:
         "times. A simulation hands over a motion when it is over, some tens of milliseconds after it began; what is lost then "
         "is simulated again.",
         "",
-        "| method | killed after [s] | complete recordings by then | simulated time lost [s] | resumed to the same result |",
+        "| method | killed at [s of simulated time] | complete recordings by then | simulated time lost [s] | same result |",
         "|---|---|---|---|---|",
         *(
             f"| {kill.method} | {kill.moment:.2f} | {kill.complete} | {kill.lost:.2f} | {'yes' if kill.identical else 'NO'} |"
