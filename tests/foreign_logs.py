@@ -32,7 +32,7 @@ def shifted(stream, seconds):
 
 def store():
     types = get_typestore(Stores.EMPTY)
-    types.register(known_types())
+    types.register(dict(known_types()))
     return types
 
 

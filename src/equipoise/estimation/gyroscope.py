@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from equipoise.errors import RecordingError
 from equipoise.estimation.leg_motion import LegChains, cross, cross_matrix
 from equipoise.estimation.screening import GYROSCOPE_MISTAKES
-from equipoise.estimation.track import Track, step_means
+from equipoise.estimation.track import Integral, Track
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -62,10 +62,11 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     if planted.sum() * track.step < _ENOUGH * stance.clock:
         return None
     gyroscope = recording.imu.angular_velocity @ np.array(robot.imu_in_base.rotation).T
+    angle = Integral(recording.imu.time, gyroscope)
 
     def unexplained(offset: float, factor: FloatArray) -> float:
         edges = np.append(track.time - track.step / 2, track.time[-1] + track.step / 2) - offset
-        felt = factor * step_means(recording.imu.time, gyroscope, edges)
+        felt = factor * angle.means(edges)
         inside = planted & (edges[:-1] >= recording.imu.time[0]) & (edges[1:] <= recording.imu.time[-1])
         difference, reference = (felt - turning)[inside], turning[inside]
         spread = ((reference - reference.mean(axis=0)) ** 2).sum()

@@ -61,10 +61,10 @@ class Track:
         return cls(
             (edges[1:] + edges[:-1]) / 2,
             step,
-            step_means(joints.time, joints.position, edges),
-            step_means(imu.time, imu.angular_velocity, edges) @ to_base,
-            step_means(imu.time, imu.acceleration, edges) @ to_base,
-            None if joints.torque is None else step_means(joints.time, joints.torque, edges),
+            Integral(joints.time, joints.position).means(edges),
+            Integral(imu.time, imu.angular_velocity).means(edges) @ to_base,
+            Integral(imu.time, imu.acceleration).means(edges) @ to_base,
+            None if joints.torque is None else Integral(joints.time, joints.torque).means(edges),
             _noise_of_means(imu.time, imu.angular_velocity, step),
             _noise_of_means(joints.time, joints.position, step),
         )
@@ -85,16 +85,19 @@ def true_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in np.flatnonzero(np.diff(padded)).reshape(-1, 2)]
 
 
-def step_means(time: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
-    """(n - 1, k) means of (m, k) samples between n edges, samples joined by straight lines."""
-    if len(edges) < 2:
-        return np.empty((0, values.shape[1]))
-    integral = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
-    # Between samples the integral of straight lines is a parabola; the steps are as long as samples are apart or longer.
-    at_edges = np.empty((len(edges), values.shape[1]))
-    for column in range(values.shape[1]):
-        at_edges[:, column] = np.interp(edges, time, integral[:, column])
-    return np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
+class Integral:
+    """The integral of (m, k) samples joined by straight lines: what means over any steps are read from."""
+
+    def __init__(self, time: FloatArray, values: FloatArray) -> None:
+        self._time = time
+        self._integral = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
+
+    def means(self, edges: FloatArray) -> FloatArray:
+        """(n - 1, k) means between n edges; those should be no nearer to each other than the samples are."""
+        at_edges = np.empty((len(edges), self._integral.shape[1]))
+        for column in range(at_edges.shape[1]):
+            at_edges[:, column] = np.interp(edges, self._time, self._integral[:, column])
+        return np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
 
 
 def _noise_of_means(time: FloatArray, values: FloatArray, step: float) -> float:

@@ -1,7 +1,8 @@
 """Which joint of a log is which joint of the robot: names differ between descriptions, drivers and firmware.
 
-Tried in this order, joint by joint: what the user says; the same name; the same name but for case, separators, a namespace
-before it or "joint" after it; the same leg and the same place in it, by the words that people use for them.
+Tried in this order, leg by leg: what the user says; the same names; the same names but for case, separators, a namespace
+before them or "joint" after them; the same leg and the same places in it, by the words that people use for them. A leg is
+taken as a whole: the "hip" of some is the abduction, and of others what comes after it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.model import Leg, RobotModel
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -100,16 +101,17 @@ def map_joints(robot: RobotModel, log_joints: Sequence[str], given: Mapping[str,
     found = _given(robot, log_joints, given or {})
     problems: list[str] = []
     for how, match in (("same name", _same_name), ("spelling", _spelling), ("leg and place", _leg_and_place)):
-        left = [joint for joint in robot.joint_names if joint not in found]
-        free = [column for column in range(len(log_joints)) if column not in {m.column for m in found.values()}]
-        if not left:
-            break
-        for joint, columns in match(robot, left, log_joints, free).items():
-            if len(columns) == 1:
-                found[joint] = JointMatch(joint, log_joints[columns[0]], columns[0], how)
-            elif len(columns) > 1:
-                names = " or ".join(repr(log_joints[column]) for column in columns)
-                problems.append(f"{joint} may be {names}")
+        used = {m.column for m in found.values()}
+        free = [column for column in range(len(log_joints)) if column not in used]
+        problems = []
+        for leg in robot.legs.values():
+            joints = [joint for joint in leg.joint_names if joint not in found]
+            columns = match(leg, joints, log_joints, free)
+            if joints and all(len(those) == 1 for those in columns):
+                for joint, (column,) in zip(joints, columns, strict=True):
+                    found[joint] = JointMatch(joint, log_joints[column], column, how)
+            elif joints and all(columns):
+                problems += [_several(joint, those, log_joints) for joint, those in zip(joints, columns, strict=True)]
         if problems:
             break
     missing = [joint for joint in robot.joint_names if joint not in found]
@@ -183,40 +185,31 @@ def _given(robot: RobotModel, log_joints: Sequence[str], given: Mapping[str, str
     return found
 
 
-_Candidates = dict[str, list[int]]
+def _several(joint: str, columns: Sequence[int], log_joints: Sequence[str]) -> str:
+    return f"{joint} may be {' or '.join(repr(log_joints[column]) for column in columns)}"
 
 
-def _same_name(robot: RobotModel, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]) -> _Candidates:
-    del robot
-    return {joint: [column for column in free if log_joints[column] == joint] for joint in joints}
+def _same_name(leg: Leg, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]) -> list[list[int]]:
+    """Columns for each of a leg's joints."""
+    del leg
+    return [[column for column in free if log_joints[column] == joint] for joint in joints]
 
 
-def _spelling(robot: RobotModel, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]) -> _Candidates:
-    del robot
+def _spelling(leg: Leg, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]) -> list[list[int]]:
+    del leg
     keys = {column: _key(log_joints[column]) for column in free}
-    found: _Candidates = {}
+    found: list[list[int]] = []
     for joint in joints:
         key = _key(joint)
         same = [column for column in free if keys[column] == key]
-        found[joint] = same or [column for column in free if keys[column].endswith(f"_{key}")]
+        found.append(same or [column for column in free if keys[column].endswith(f"_{key}")])
     return found
 
 
-def _leg_and_place(
-    robot: RobotModel, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]
-) -> _Candidates:
-    found: _Candidates = {}
-    of_leg: dict[str, list[int]] = {leg: [] for leg in LEG_NAMES}
-    for column in free:
-        leg = _leg(_words(log_joints[column]))
-        if leg is not None:
-            of_leg[leg].append(column)
-    for leg in robot.legs.values():
-        wanted = [joint for joint in leg.joint_names if joint in joints]
-        places = [3 - len(leg.joint_names) + leg.joint_names.index(joint) for joint in wanted]
-        for joint, columns in zip(wanted, _assign(places, of_leg[leg.name], log_joints), strict=True):
-            found[joint] = columns
-    return found
+def _leg_and_place(leg: Leg, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]) -> list[list[int]]:
+    of_leg = [column for column in free if _leg(_words(log_joints[column])) == leg.name]
+    places = [3 - len(leg.joint_names) + leg.joint_names.index(joint) for joint in joints]
+    return _assign(places, of_leg, log_joints)
 
 
 def _assign(places: Sequence[int], columns: Sequence[int], log_joints: Sequence[str]) -> list[list[int]]:

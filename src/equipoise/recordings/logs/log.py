@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 _MOST_BAD = 0.05  # of a stream's samples: more is no dropped packet but another kind of file
 _LEAST_OVERLAP = 1.0  # [s] of joints and IMU together
 _HELD = 0.3  # of consecutive samples that repeat: an IMU that was written more often than it was read
+_SLOWEST = 20.0  # [Hz]
 _LONGEST_HELD = 20  # samples: an IMU that repeats for longer is frozen
 
 
@@ -113,6 +114,8 @@ def assemble(
     imu = _imu_stream(raw.imu, origin, (start, end), findings)
     commands = _commands(raw.commands, joint_map, origin, (start, end), findings)
     _check_overlap(joints.time, imu.time)
+    _check_rate("joint", joints.time)
+    _check_rate("IMU", imu.time)
     recording = Recording(robot.joint_names, joints, imu, commands)
     about = {**raw.about, "rates": f"joints {rate(joints.time):.0f} Hz, IMU {rate(imu.time):.0f} Hz"}
     return Log(recording, joint_map, about, tuple(findings))
@@ -253,6 +256,14 @@ def _refuse_many(name: str, bad: NDArray[np.bool_], what: str) -> None:
         raise RecordingError(
             f"{bad.mean():.0%} of the {name} samples {what}, the first at sample {int(np.argmax(bad))}: a sensor that fails "
             "so often cannot be believed between"
+        )
+
+
+def _check_rate(name: str, time: FloatArray) -> None:
+    if rate(time) < _SLOWEST:
+        raise RecordingError(
+            f"{name} samples come at {rate(time):.3g} Hz, or their stamps are not in seconds: below {_SLOWEST:.0f} Hz nothing "
+            "can be said of a motion; 100 Hz and more are usual"
         )
 
 

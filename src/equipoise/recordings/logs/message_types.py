@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import lru_cache
+from types import MappingProxyType
 from typing import Any
 
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
@@ -102,11 +105,12 @@ _UNITREE_GO = {
 }
 
 
-def known_types() -> dict[str, Any]:
+@lru_cache(maxsize=1)
+def known_types() -> Mapping[str, Any]:
     """Field definitions of ROS 2's own types and of `unitree_go`, by name."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - half a second to import
 
     types: dict[str, Any] = dict(get_typestore(Stores.ROS2_HUMBLE).fielddefs)
     for name, definition in _UNITREE_GO.items():
         types.update(get_types_from_msg("\n".join(line.strip() for line in definition.splitlines()), name))
-    return types
+    return MappingProxyType(types)

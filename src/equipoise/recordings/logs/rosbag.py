@@ -87,7 +87,7 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     gathered: dict[str, _Gathered] = {}
     findings: list[Finding] = []
     chosen: list[str | None] = []
-    types = known_types()
+    types = dict(known_types())
     for part in parts:
         with Reader(part) as reader:
             if not chosen:
