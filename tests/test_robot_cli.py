@@ -29,6 +29,11 @@ def robot(*flags):
         yield peer, ["--platform", "unitree-go1", *(flag for pair in pairs for flag in ("--set", _named(pair)))]
 
 
+def sunk():
+    """A limp robot sinks to the floor at first; a calibration begins where it lies."""
+    time.sleep(3.0)
+
+
 def _named(pair):
     key, value = pair.split("=")
     return f"{ {'robot': 'address'}.get(key, key) }={value}"
@@ -59,6 +64,7 @@ def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, c
     for _ in range(3):  # a busy machine may stall, which the guard does not put up with
         out = tmp_path / str(time.monotonic_ns())
         with robot("--start", "lying") as (peer, flags):
+            sunk()
             code = main(["calibrate", *flags, *STATIC, "--out", str(out)])
             time.sleep(0.5)
         told = capsys.readouterr()
@@ -70,7 +76,7 @@ def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, c
     else:
         pytest.skip("this machine is too busy for real time")
     assert "lying" not in told.out
-    assert modes.index("commanded") < modes.index("damped") < modes.index("released")
+    assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
     provenance = RunFolder.open(out).provenance
     assert provenance["platform"] == "unitree-go1"
     assert len(RunFolder.open(out).recordings()) == 1
@@ -91,6 +97,7 @@ def test_nothing_moves_unless_the_robot_is_named(tmp_path, monkeypatch, capsys):
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 def test_a_program_that_is_killed_leaves_a_damped_robot(tmp_path):
     with robot("--start", "lying") as (peer, flags):
+        sunk()
         command = [sys.executable, "-m", "equipoise", "calibrate", *flags, *STATIC, "--out", str(tmp_path / "run")]
         environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
         with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL) as process:

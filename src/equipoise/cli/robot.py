@@ -17,6 +17,8 @@ from equipoise.robot.description import RobotDescription
 if TYPE_CHECKING:
     from equipoise.recordings.run_log import RunLog
 
+_PIECES_HELD = 40  # in memory, by a log that does not know yet what they belong to
+
 
 def platforms(*, json: bool = False, debug: bool = False) -> None:
     """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
@@ -129,8 +131,10 @@ def record(
         interruptions.noted(),
         RecordingProgress(quiet) as progress,
     ):
-        for piece in watch(connection, model, seconds(duration)):
+        for number, piece in enumerate(watch(connection, model, seconds(duration)), 1):
             log.add(piece)
+            if number % _PIECES_HELD == 0:
+                log.set_aside()
             progress.update(piece)
             if interruptions.asked:
                 break

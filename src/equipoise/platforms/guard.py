@@ -150,7 +150,8 @@ class Guard:
                 state = self._watched.read()
         self._watched.take_over(state, first)
         lying = lies(self._robot, self._stance, state.joint_position)
-        for command in soft_start(first, state, self._watched.own_gains, lying, self.control_period):
+        allowed = np.stack([self._robot.lower_limit, self._robot.upper_limit])
+        for command in soft_start(first, state, self._watched.own_gains, lying, self.control_period, allowed):
             self._step(command)
             self._interruptions.check()
 

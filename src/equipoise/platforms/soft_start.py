@@ -17,7 +17,12 @@ SOFT_START = 1.0  # [s]
 
 
 def soft_start(
-    first: JointCommand, state: RobotState, own_gains: tuple[FloatArray, FloatArray] | None, limp: bool, period: float
+    first: JointCommand,
+    state: RobotState,
+    own_gains: tuple[FloatArray, FloatArray] | None,
+    limp: bool,
+    period: float,
+    allowed: FloatArray,
 ) -> Generator[JointCommand]:
     """Commands up to the first one, none of which the joints feel as a blow.
 
@@ -30,8 +35,9 @@ def soft_start(
         own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] that commands mean which say none; None: gains cannot be sent.
         limp: whether the joints carry nothing yet.
         period: of control [s].
+        allowed: (2, nj) lower and upper joint limits [rad]; a limp robot may hang a little beyond them, and is not held there.
     """
-    here, now = state.joint_position, _torque_now(first, state, limp)
+    here, now = np.clip(state.joint_position, *allowed), _torque_now(first, state, limp)
     for share in smooth_step(round(SOFT_START / period)):
         position = here + share * (first.position - here)
         torque = None if first.torque is None else now + share * (first.torque - now)
