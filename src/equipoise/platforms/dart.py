@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import dartpy
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,21 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
+# A planted foot that is off the floor by no more than this has not been lifted, but was lost.
+_LOST_GAP, _LOST_SPEED = 1e-6, 1e-3  # [m], [m/s]
+_PRESSED = 1e-6  # [m], into the floor
 _FASTEST = 1e6  # generalised velocity, squared and summed, beyond which a simulation is none
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """All that what follows depends on."""
+
+    positions: FloatArray
+    velocities: FloatArray
+    late_rotor_torque: FloatArray
+    contacts: int
+    time: float
 
 
 class DartPlatform(SimulatedPlatform):
@@ -26,6 +42,10 @@ class DartPlatform(SimulatedPlatform):
     missing is the rotor's own share, -A dv / h, a torque that hardly changes from step to step: the last step's is applied.
     (Where it is wrong the next step has A P (M + A)^-1 of the error left, P being the projector M^-1 J^T (J M^-1 J^T)^-1 J;
     its eigenvalues are between 0 and 1.) The momentum of the whole robot is exact at each step.
+
+    DART's contacts are 30 nm deep, and in a step a moving leg's foot strays by as much, for joints move along their tangents.
+    A foot that has strayed off the floor by nanometres is free for a step, and planted again 20 um away. That happened every
+    half second to the feet of a Go2 that moved its body. Such a step is done again with the foot pressed in.
 
     Args:
         robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
@@ -51,6 +71,7 @@ class DartPlatform(SimulatedPlatform):
         self._rotor = sizes.armature / timestep  # [Nm s/rad]
         self._drive = self._rotor - sizes.viscous_friction
         self._late_rotor_torque = np.zeros(len(self.joint_names))
+        self._contacts = 0
         mounted = robot.imu_in_base
         tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
         self._imu_rotation = np.array(mounted.rotation) @ tilt
@@ -90,42 +111,73 @@ class DartPlatform(SimulatedPlatform):
             self._restore(before)
         return raw[0]
 
-    def _state(self) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    def _state(self) -> _State:
         skeleton = self._skeleton
-        return skeleton.getPositions(), skeleton.getVelocities(), self._late_rotor_torque, self._world.getTime()
+        present = skeleton.getPositions(), skeleton.getVelocities()
+        return _State(*present, self._late_rotor_torque, self._contacts, self._world.getTime())
 
-    def _restore(self, state: tuple[FloatArray, FloatArray, FloatArray, float]) -> None:
-        positions, velocities, self._late_rotor_torque, time = state
-        self._skeleton.setPositions(positions)
-        self._skeleton.setVelocities(velocities)
-        self._world.setTime(time)
+    def _restore(self, state: _State) -> None:
+        self._skeleton.setPositions(state.positions)
+        self._skeleton.setVelocities(state.velocities)
+        self._late_rotor_torque, self._contacts = state.late_rotor_torque, state.contacts
+        self._world.setTime(state.time)
 
     def _step(self, control: FloatArray, raw: FloatArray) -> None:
         """The engine's steps, and what the sensors say of the states that they start at."""
-        skeleton, world, base = self._skeleton, self._world, self._simulated.base
+        skeleton, base = self._skeleton, self._simulated.base
         dofs, limit, gain = self._simulated.dofs, self._simulated.torque_limit, self._errors.torque_gain
         kp, kd, joints = self._kp, self._kd, len(dofs)
         forces = np.zeros(skeleton.getNumDofs())
         rotations, twists = np.empty((len(control), 3, 3)), np.empty((len(control) + 1, 2, 3))
         speeds = np.empty((len(control) + 1, joints))
         for index, target in enumerate(control):
-            position, velocity = skeleton.getPositions()[dofs], skeleton.getVelocities()
-            if not velocity @ velocity < _FASTEST:
-                raise self._became_unstable(world.getTime())
-            raw[index, :joints], speeds[index] = position, velocity[dofs]
+            positions, velocities = skeleton.getPositions(), skeleton.getVelocities()
+            if not velocities @ velocities < _FASTEST:
+                raise self._became_unstable(self._world.getTime())
+            position = positions[dofs]
+            raw[index, :joints], speeds[index] = position, velocities[dofs]
             rotations[index] = base.getTransform().rotation()
             twists[index] = base.getAngularVelocity(), base.getLinearVelocity()
             torque = np.minimum(np.maximum(kp * (target - position) - kd * speeds[index], -limit), limit)
             raw[index, 2 * joints : 3 * joints] = torque
             forces[dofs] = gain * torque + self._drive * speeds[index] + self._late_rotor_torque
-            skeleton.setForces(forces)
-            world.step(True)
+            self._step_once(positions, velocities, forces)
             self._late_rotor_torque = -self._rotor * skeleton.getVelocityChanges()[dofs]
         speeds[-1] = skeleton.getVelocities()[dofs]
         twists[-1] = base.getAngularVelocity(), base.getLinearVelocity()
         # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
         raw[:, joints : 2 * joints] = (speeds[:-1] + speeds[1:]) / 2
         raw[:, -6:-3], raw[:, -3:] = self._imu(rotations, (twists[:-1] + twists[1:]) / 2, np.diff(twists, axis=0))
+
+    def _step_once(self, positions: FloatArray, velocities: FloatArray, forces: FloatArray) -> None:
+        """One engine step from a state; a foot that it lost is pressed in and the step done again."""
+        skeleton, world = self._skeleton, self._world
+        skeleton.setForces(forces)
+        world.step(True)
+        contacts = world.getLastCollisionResult().getNumContacts()
+        if contacts < self._contacts and (pressed := self._with_lost_feet_pressed(positions, velocities)) is not None:
+            skeleton.setPositions(pressed)
+            skeleton.setVelocities(velocities)
+            skeleton.setForces(forces)
+            world.setTime(world.getTime() - self._timestep)
+            world.step(True)
+            contacts = world.getLastCollisionResult().getNumContacts()
+        self._contacts = contacts
+
+    def _with_lost_feet_pressed(self, positions: FloatArray, velocities: FloatArray) -> FloatArray | None:
+        """Positions with every lost foot in the floor again, by its own leg's joints; None: no foot was lost."""
+        simulated, skeleton = self._simulated, self._skeleton
+        present, pressed = skeleton.getPositions(), positions.copy()
+        skeleton.setPositions(positions)
+        for foot in simulated.feet:
+            gap = foot.getWorldTransform().translation()[2] - foot.getShape().getRadius()
+            offset = foot.getRelativeTransform().translation()
+            rise = skeleton.getLinearJacobian(foot.getBodyNodePtr(), offset)[2]
+            if 0 <= gap < _LOST_GAP and abs(rise @ velocities) < _LOST_SPEED:
+                by_joints = rise[simulated.dofs]
+                pressed[simulated.dofs] -= (gap + _PRESSED) * by_joints / (by_joints @ by_joints)
+        skeleton.setPositions(present)
+        return None if np.array_equal(pressed, positions) else pressed
 
     def _imu(self, rotations: FloatArray, twists: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n, 3) angular velocity and specific force in the IMU's axes.
