@@ -26,6 +26,13 @@ def every(stream, step, start=0):
     return replace(stream, **{name: getattr(stream, name)[start::step] for name in names})
 
 
+def without(stream, start, end):
+    """A stream with a hole from one time to another."""
+    kept = (stream.time < start) | (stream.time > end)
+    names = [name for name in type(stream).__dataclass_fields__ if getattr(stream, name) is not None]
+    return replace(stream, **{name: getattr(stream, name)[kept] for name in names})
+
+
 def shifted(stream, seconds):
     return replace(stream, time=stream.time + seconds)
 

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.lift_samples import attitudes
+from equipoise.recordings.logs.gaps import split_at_gaps
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import LEG_NAMES, RobotModel
 
@@ -89,7 +90,7 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
     # Of a log most samples count: one that is far off is a glitch.
     _check_radians(robot, np.quantile(log.joints.position, (0.05, 0.5, 0.95), axis=0))
     _check_frozen(log)
-    _check_velocity([log])
+    _check_velocity([piece.recording for piece in split_at_gaps(log)])
 
 
 def _check_gravity(acceleration: FloatArray) -> None:

@@ -36,7 +36,7 @@ _OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
 _SLID = 6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders off by 5 mrad
 _SLIDING = 12e-3  # [m] on the way
 _FALLING = 5.0  # [m/s2]: a robot whose accelerometer reads less has no foot on the floor
-_MOVED = 0.03  # [rad] of a joint: less is no move
+_MOVED = 0.1  # [rad] of a joint: smaller moves tell no joint zeros, and add what feet creep by while they stand
 _LONGEST_MOVE = 8.0  # [s]: the gyroscope's attitude is good for a milliradian so long
 _HELD = 1.0  # [s] of a rest that are used, at most: what is nearest to the motion
 # [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
@@ -161,7 +161,7 @@ class _PieceReader:
         if lift is not None:
             return [lift]
         if paths.slid().max() > _SLIDING * self.stance.size:
-            return self._not_planted(rest, paths, until)
+            return self._not_planted(rest, paths, until, after)
         return [self._planted(index, paths, until, after)]
 
     # --- lifts
@@ -196,11 +196,10 @@ class _PieceReader:
         sway = self._sway(rest.end, until)
         if sway is not None:
             return sway
-        why_not = self._why_no_move(rest, paths, until, after)
+        why_not = self._why_no_move(rest, until, after)
         if why_not is not None:
-            return self._weighable(rest.end, until) or Segment(
-                rest.end, until, "motion", "motion over planted feet", why_not
-            )
+            motion = Segment(rest.end, until, "motion", "motion over planted feet", why_not)
+            return self._weighable(rest.end, until, after) or motion
         what = f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
         slid = float(paths.slid()[-1])
         if slid > _SLID * self.stance.size:
@@ -211,15 +210,17 @@ class _PieceReader:
         recording = _marked(self.recording, phases, begin, end, kind="posture")
         return Segment(rest.end, until, "move", what, None, recording)
 
-    def _why_no_move(self, rest: Rest, paths: FootPaths, until: float, after: Rest | None) -> str | None:
+    def _why_no_move(self, rest: Rest, until: float, after: Rest | None) -> str | None:
         if after is None or not after.standing:
             return "no rest on four feet after it"
         if until - rest.end > _LONGEST_MOVE * self.stance.clock:
             return f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts by then"
         moved = float(np.abs(after.joint_position - rest.joint_position).max())
-        if moved < _MOVED and float(np.ptp(paths.turned)) < _MOVED:
-            return "a disturbance: the robot hardly moves"
-        return "the robot ends where it began" if moved < _MOVED else None
+        if moved < _MOVED:
+            return (
+                f"no joint ends more than {np.degrees(moved):.0f} deg from where it began: too little to tell zeros by"
+            )
+        return None
 
     def _sway(self, start: float, end: float) -> Segment | None:
         """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
@@ -232,9 +233,13 @@ class _PieceReader:
             return Segment(start, end, "sway", what, "no joint torques: a sway tells nothing without them")
         return Segment(start, end, "sway", what, None, self._swaying(start, end, found))
 
-    def _weighable(self, start: float, end: float) -> Segment | None:
-        """Any other motion over planted feet that is long enough for its torques to tell something."""
-        if self.recording.joints.torque is None or end - start < _SHORTEST_SWAY * self.stance.clock:
+    def _weighable(self, start: float, end: float, after: Rest | None) -> Segment | None:
+        """Any other motion over planted feet that is long enough for its torques to tell something.
+
+        After it the robot must stand: one that lies down touches the floor with more than its feet before it is still.
+        """
+        short = end - start < _SHORTEST_SWAY * self.stance.clock
+        if self.recording.joints.torque is None or short or after is None or not after.standing:
             return None
         recording = self._swaying(start, end, Oscillation(start, end, {}))
         return Segment(start, end, "sway", f"motion over planted feet, {end - start:.1f} s", None, recording)
@@ -243,10 +248,10 @@ class _PieceReader:
         phases = [("ramp", start), ("sway", steady.start), ("end", steady.end)]
         return _marked(self.recording, phases, start, end, kind="sway", axis="all", frequencies=steady.frequencies)
 
-    def _not_planted(self, rest: Rest, paths: FootPaths, until: float) -> list[Segment]:
+    def _not_planted(self, rest: Rest, paths: FootPaths, until: float, after: Rest | None) -> list[Segment]:
         """Walking, or sliding; with a sway in it, if the feet stay for long enough somewhere."""
         stretch = paths.longest_planted(self.stance, _SHORTEST_SWAY * self.stance.clock)
-        sway = None if stretch is None else self._sway(*stretch) or self._weighable(*stretch)
+        sway = None if stretch is None else self._sway(*stretch) or self._weighable(*stretch, after)
         if stretch is not None and sway is not None:
             parts = [(rest.end, stretch[0]), (stretch[1], until)]
             around = [self._moving_feet(paths, a, b) for a, b in parts if b - a > 2 * self.track.step]
