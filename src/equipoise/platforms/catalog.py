@@ -57,7 +57,7 @@ DRIVERS: dict[str, Driver] = {
         ),
         Driver(
             "unitree-b2", "Unitree B2, by the same messages as the Go2",
-            "as unitree-go2", "docs/unitree-go2.md", "equipoise.platforms.unitree_dds", "UnitreeDdsSettings",
+            "as unitree-go2", "docs/unitree-go2.md", "equipoise.platforms.unitree_dds", "UnitreeB2Settings",
         ),
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, position commands out; no ROS needed here",
