@@ -38,7 +38,8 @@ def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[Pla
             f"the platform's joints {', '.join(platform.joint_names)} are not the leg joints of {robot.name!r}: "
             f"{', '.join(robot.joint_names)}"
         )
-    here = platform.read().joint_position
+    # Folded legs rest on their stops, where encoders may read a little more than the limits that motions keep to.
+    here = np.clip(platform.read().joint_position, robot.lower_limit, robot.upper_limit)
     feet = foot_positions(robot, here)
     planted = PlantedRobot(platform, robot, Target.standing(robot, np.array(here)), stance.feet_in_base)
     move_to(planted, stance.feet_in_base)
