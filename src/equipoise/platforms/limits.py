@@ -11,8 +11,8 @@ from equipoise.errors import SettingsError
 class Limits:
     """What stops a robot, beyond its model's own limits. Each is wide enough that no calibration of a sound robot meets it.
 
-    In brackets: the most that was met in 26 guarded calibrations of the catalogue's robots (precise and paper, standing and lying
-    at first, realistic noise, 10 or 15 % of the robot's mass on top and off centre).
+    In brackets: the most that was met in 26 guarded calibrations of the catalogue's robots (precise and paper, standing and
+    lying at first, realistic noise, 10 or 15 % of the robot's mass on top and off centre).
 
     Attributes:
         position_margin: by which an encoder may read beyond the model's joint limits [rad]; commands may not (0.03).
