@@ -22,9 +22,9 @@ from equipoise.platforms.guard import Guard
 class Told(Seen):
     """A robot that writes down what it is made to do, whenever that changes."""
 
-    def __init__(self, platform, robot, file):
+    def __init__(self, platform, robot, path):
         super().__init__(platform)
-        self._footing, self._file, self._said = Footing(robot, nominal_stance(robot)), file, None
+        self._footing, self._path, self._said = Footing(robot, nominal_stance(robot)), Path(path), None
 
     def step(self, command):
         lifted, limp = self._footing.lifted(command.position), is_damped(command)
@@ -38,22 +38,22 @@ class Told(Seen):
     def _say(self, what):
         if what != self._said:
             self._said = what
-            print(json.dumps(what), file=self._file, flush=True)
+            with self._path.open("a", encoding="utf-8") as file:
+                print(json.dumps(what), file=file)
 
 
 def main(how, path):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore Ctrl-C
     robot = load_robot("unitree_a1")
-    with Path(path).open("w", encoding="utf-8") as file:
-        guard = Guard(Told(simulated(robot)[0], robot, file), robot)
-        if how in ("with", "thinking"):
-            with guard:
-                lift(guard, robot, watch=0.1 if how == "thinking" else 60.0)
-                time.sleep(60.0)
-        lift(guard, robot, watch=60.0 if how == "without" else 0.1)
-        if how == "exit":
-            sys.exit(3)
-        raise ValueError("an error of the program")
+    guard = Guard(Told(simulated(robot)[0], robot, path), robot)
+    if how in ("with", "thinking"):
+        with guard:
+            lift(guard, robot, watch=0.1 if how == "thinking" else 60.0)
+            time.sleep(60.0)
+    lift(guard, robot, watch=60.0 if how == "without" else 0.1)
+    if how == "exit":
+        sys.exit(3)
+    raise ValueError("an error of the program")
 
 
 if __name__ == "__main__":

@@ -27,9 +27,10 @@ def start(tmp_path):
 
     def start(how):
         path = tmp_path / how
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
         process = subprocess.Popen(
             [sys.executable, str(SCRIPT), how, str(path)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE, text=True, start_new_session=True, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+            stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment,
         )  # fmt: skip
         processes.append(process)
         return process, path
