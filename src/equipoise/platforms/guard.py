@@ -61,7 +61,9 @@ class Guard:
         self._robot, self._stance = robot, nominal_stance(robot)
         self._watched = WatchedRobot(platform, robot, self._stance, self._limits)
         self._interruptions = Interruptions()
-        self._ending = SafeEnding(platform, robot, self._stance, self._watched, lambda: self._interruptions.asked)
+        self._ending = SafeEnding(
+            self._watched, robot, self._stance, platform.control_period, lambda: self._interruptions.asked
+        )
         self._log = PieceLog(log, platform.control_period)
         self._steps: Steps | None = None
         self.phase = ""
@@ -98,6 +100,7 @@ class Guard:
         """
         with self._ending_on_trouble(), self._interruptions.held():
             self._begin(command)
+            self._steps = None  # the next motion does not follow on the last one
             return self._step(command)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:

@@ -14,8 +14,8 @@ from equipoise.robot.model import A1_TORQUE_SCALE, RobotModel
 
 FloatArray = NDArray[np.float64]
 
-_STUCK_TIME = 1.0  # [s] over which a joint must follow
-_STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] that it was sent through; the share that no sound joint stays below
+_STUCK_TIME = 0.5  # [s] over which a joint must follow
+_STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] that it was sent through; the share to move by (sound joints: 0.66)
 
 
 _RUNAWAY = 2.0  # times the limit: a joint this far from where it was sent is not waited for
@@ -40,7 +40,7 @@ class JointWatch:
         self._missing_torque = limits.missing_torque * robot.torque_scale(hip_height) / A1_TORQUE_SCALE
         self._kp, self._kd = robot.gains(hip_height)
         joints = len(robot.joint_names)
-        self._too_fast, self._too_strong, self._behind, self._weak = np.zeros((4, joints))
+        self._too_fast, self._too_strong, self._behind, self._too_hot = np.zeros((4, joints))
         self._short = np.zeros(joints)
         self._stuck = StuckWatch(joints, round(limits.patience / control_period), round(_STUCK_TIME / control_period))
 
@@ -153,8 +153,9 @@ class JointWatch:
         if state.health.fault is not None:
             raise LimitError(f"the robot says: {state.health.fault}")
         temperature = state.health.motor_temperature
-        if temperature is not None and (temperature > self._limits.temperature).any():
-            joint = int(np.argmax(temperature))
+        if temperature is None:
+            return
+        if (joint := self._lasting(self._too_hot, temperature > self._limits.temperature)) is not None:
             raise LimitError(
                 f"the motor of joint {self._robot.joint_names[joint]!r} has {temperature[joint]:.0f} deg C; "
                 f"{self._limits.temperature:.0f} are allowed. Let it cool down"
@@ -181,6 +182,9 @@ def _limp(command: JointCommand) -> bool:
 class StuckWatch:
     """Notices a joint that does not move while it is sent elsewhere.
 
+    It looks at one window of time after the other. What a joint did is taken from the window before, too: it may have moved
+    there on what the delayed target only shows here.
+
     Args:
         joints: how many.
         delay: control periods by which a joint may be late.
@@ -190,23 +194,29 @@ class StuckWatch:
     def __init__(self, joints: int, delay: int, window: int) -> None:
         self._sent: deque[FloatArray] = deque(maxlen=delay + 1)
         self._window, self._count = window, 0
-        self._now, self._ranges = np.zeros((2, joints)), np.zeros((2, 2, joints))
+        self._now = np.zeros((2, joints))  # where it was sent, and where it is
+        self._least, self._most = np.zeros((2, 2, joints))
+        self._before: tuple[FloatArray, FloatArray] | None = None  # least and most of the window before
 
     def feel(self, target: FloatArray, position: FloatArray) -> tuple[int, float, float] | None:
         """Take (nj,) targets and positions in; the joint that is stuck, what it was sent through, what it did [rad]."""
-        if self._count == 0:
-            self._sent.clear()  # what was sent before this window has been answered before it, at least in part
         self._sent.append(target)
         now = self._now
         now[0], now[1] = self._sent[0], position
         if self._count == 0:
-            self._ranges[:] = now
-        np.minimum(self._ranges[0], now, out=self._ranges[0])
-        np.maximum(self._ranges[1], now, out=self._ranges[1])
+            self._least[:] = self._most[:] = now
+        np.minimum(self._least, now, out=self._least)
+        np.maximum(self._most, now, out=self._most)
         self._count = (self._count + 1) % self._window
-        if self._count:
+        return None if self._count else self._judge()
+
+    def _judge(self) -> tuple[int, float, float] | None:
+        (sent_least, least), (sent_most, most) = self._least, self._most
+        before, self._before = self._before, (least.copy(), most.copy())
+        if before is None:
             return None
-        sent, moved = self._ranges[1] - self._ranges[0]
+        sent = sent_most - sent_least
+        moved = np.maximum(most, before[1]) - np.minimum(least, before[0])
         stuck = (sent > _STUCK_MOVE) & (moved < _STUCK_SHARE * sent)
         if not stuck.any():
             return None

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.platforms.footing import Footing
-from equipoise.platforms.platform import JointCommand, Platform, RobotState
+from equipoise.platforms.platform import JointCommand, RobotState
 from equipoise.platforms.ramp import smooth_step
 from equipoise.platforms.soft_start import softened
 from equipoise.robot.model import RobotModel
@@ -68,14 +68,15 @@ class WatchedSteps(Protocol):
     own_gains: tuple[FloatArray, FloatArray] | None
 
     def step(self, command: JointCommand) -> RobotState: ...
+    def push(self, command: JointCommand) -> RobotState: ...
 
 
 class SafeEnding:
     """Puts a robot down.
 
     Args:
-        platform: the robot.
-        watched: the same robot, by steps that raise when a limit is passed.
+        watched: the robot: its steps raise when a limit is passed, its pushes do not.
+        period: of control [s].
         asked: whether somebody wants it to be over now.
 
     Attributes:
@@ -84,13 +85,13 @@ class SafeEnding:
 
     def __init__(
         self,
-        platform: Platform,
+        watched: WatchedSteps,
         robot: RobotModel,
         stance: Stance,
-        watched: WatchedSteps,
+        period: float,
         asked: Callable[[], bool],
     ) -> None:
-        self._platform, self._robot, self._stance = platform, robot, stance
+        self._robot, self._stance, self._period = robot, stance, period
         self._watched, self._footing, self._own_gains = watched, watched.footing, watched.own_gains
         self._asked = asked
         self._failures, self._failing_since = 0, 0.0
@@ -112,10 +113,12 @@ class SafeEnding:
     def _put_feet_down(self, found: Situation) -> None:
         if not (found.heard and found.tilt < _HOPELESS and self._footing.lifted(self._last.position)):
             return
+        if lies(self._robot, self._stance, self._last.position):  # wherever it has its feet
+            return
         self.done.append("feet down")
         end = JointCommand(found.planted.position, torque=found.planted.torque)
         for command in self._way_to(end, FEET_DOWN * self._stance.clock):
-            self._send(self._gentle(command) if found.believed else command, found.believed)
+            self._send(self._gentle(command, found), found)
 
     def _lie_down(self, found: Situation) -> None:
         """A robot that is not well is not trusted to do this; one whose stiffness cannot fade has no other way down."""
@@ -138,16 +141,16 @@ class SafeEnding:
             return
         self.done.append("damped")
         if found.heard:
-            last = self._gentle(self._last)
+            last = self._gentle(self._last, found)
             torque = np.zeros_like(last.position) if last.torque is None else last.torque
             for share in 1 - smooth_step(self._periods(FADE)):
                 fading = replace(last, velocity=None, torque=share * torque)
-                self._send(softened(fading, self._own_gains, share), found.believed)
+                self._send(softened(fading, self._own_gains, share), found)
         zeros = np.zeros_like(self._last.position)
         limp = JointCommand(self._last.position, kp=zeros, kd=self._own_gains[1])
         was = self._here
         for count in range(1, self._periods(_LONGEST * self._stance.clock) + 1):
-            self._send(limp, found.believed)
+            self._send(limp, found)
             if count % self._periods(_STILL_TIME) == 0:
                 if found.believed and found.heard and np.abs(self._here - was).max() < _STILL:
                     return
@@ -168,23 +171,25 @@ class SafeEnding:
         ]
 
     def _periods(self, duration: float) -> int:
-        return max(1, round(duration / self._platform.control_period))
+        return max(1, round(duration / self._period))
 
-    def _gentle(self, command: JointCommand) -> JointCommand:
-        """A command that pulls no joint far from where it is: it may have gone limp while nobody could tell."""
+    def _gentle(self, command: JointCommand, found: Situation) -> JointCommand:
+        """A command that pulls no joint far from where it is, if that is known: it may have gone limp meanwhile."""
+        if not found.believed:
+            return command
         return replace(command, position=self._here + np.clip(command.position - self._here, -_PULL, _PULL))
 
-    def _send(self, command: JointCommand, believed: bool) -> None:
+    def _send(self, command: JointCommand, found: Situation) -> None:
         """Unwatched. One command that fails is no reason not to send the next."""
         try:
-            position = self._platform.step(command).joint_position
+            position = self._watched.push(command).joint_position
         except Exception:
             now = time.monotonic()
             self._failures, self._failing_since = self._failures + 1, self._failing_since or now
             if self._failures > _FAILURES or now - self._failing_since > _FAILING_TIME:
                 raise
-            time.sleep(self._platform.control_period)
+            time.sleep(self._period)
             return
         self._failures, self._failing_since, self._last = 0, 0.0, command
-        if believed and np.isfinite(position).all():
+        if found.believed and np.isfinite(position).all():
             self._here = position

@@ -73,7 +73,7 @@ class WatchedRobot:
                 f"{first.position[joint]:.3f} rad; motions start where the robot is"
             )
         self._joints.check_at_rest(state)
-        if self._tilt.tilt > self._limits.tilt:
+        if self._tilt.tilt > self._limits.lean:
             raise FallError(
                 f"the base leans by {np.degrees(self._tilt.tilt):.0f} deg before anything has moved: the robot has fallen, or "
                 "the IMU is mounted turned (give its pose under imu_rpy in a robot description)"
@@ -118,10 +118,18 @@ class WatchedRobot:
             state = self._state = self._samples.check(self._platform.step(command), command.position)
             self._vitals.note(state)
             self._joints.check(state, command)
-            self._check_tilt(max(self._tilt.feel(sample) for sample in (*state.earlier, state)), command, state.time)
+            self._check_lean(state, command)
         except MotionError:
             self._well = False
             raise
+        return state
+
+    def push(self, command: JointCommand) -> RobotState:
+        """One control period of the ending, in which nothing is checked."""
+        state = self._platform.step(command)
+        self.sent = command
+        if np.isfinite(state.acceleration).all() and np.isfinite(state.angular_velocity).all():
+            self._tilt.feel(state)
         return state
 
     def situation(self, error: BaseException | None) -> Situation | None:
@@ -142,11 +150,18 @@ class WatchedRobot:
         """What the run was like so far."""
         return self._vitals.report(self._platform, self._samples.counts, self._tilt.largest, tuple(ending))
 
-    def _check_tilt(self, tilt: float, command: JointCommand, now: float) -> None:
-        if self.footing.lifted(command.position):
-            self._lifted = now
+    def _check_lean(self, state: RobotState, command: JointCommand) -> None:
+        for sample in state.earlier:
+            self._tilt.feel(sample)
+        self._tilt.feel(state)
+        lifted, floor = self.footing.look(command.position)
+        if lifted:
+            self._lifted = state.time
         else:
             self._planted = command
-        coming_down = now - self._lifted < _COMING_DOWN
-        if tilt > (self._limits.tilt_in_lift if coming_down else self._limits.tilt):
-            raise FallError(f"the base leans by {np.degrees(tilt):.0f} deg: the robot is falling")
+        coming_down = state.time - self._lifted < _COMING_DOWN
+        lean = self._tilt.lean(floor)
+        if lean > (self._limits.lean_in_lift if coming_down else self._limits.lean):
+            raise FallError(
+                f"the base leans by {np.degrees(lean):.0f} deg from the posture that it was sent to take: the robot is falling"
+            )
