@@ -25,7 +25,7 @@ from equipoise.estimation.screening import screen
 from equipoise.estimation.track import Track
 from equipoise.recordings.logs.gaps import Piece, split_at_gaps
 from equipoise.recordings.recording import PHASE, TRIAL, Event, Recording
-from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
@@ -80,9 +80,9 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
     pieces = split_at_gaps(recording)
     tracks = [Track.of(robot, piece.recording, stance.clock) for piece in pieces]
     rests = [find_rests(robot, stance, track) for track in tracks]
-    _screen_rests(robot, recording, [rest for of_piece in rests for rest in of_piece])
-    all_rests = [rest.turning for of_piece in rests for rest in of_piece]
-    bias = np.median(all_rests, axis=0) if all_rests else np.zeros(3)
+    all_rests = [rest for of_piece in rests for rest in of_piece]
+    _screen_rests(robot, recording, all_rests)
+    bias = np.median([rest.turning for rest in all_rests], axis=0) if all_rests else np.zeros(3)
     segments: list[Segment] = []
     for piece, track, of_piece in zip(pieces, tracks, rests, strict=True):
         segments += _gap_before(segments, piece)
@@ -194,9 +194,9 @@ class _PieceReader:
         """A move or a sway over planted feet."""
         rest = self.rests[index]
         sway = self._sway(rest.end, until)
+        why_not = self._why_no_move(rest, until, after)
         if sway is not None:
             return sway
-        why_not = self._why_no_move(rest, until, after)
         if why_not is not None:
             motion = Segment(rest.end, until, "motion", "motion over planted feet", why_not)
             return self._weighable(rest.end, until, after) or motion
@@ -259,16 +259,12 @@ class _PieceReader:
         return [self._moving_feet(paths, rest.end, until)]
 
     def _moving_feet(self, paths: FootPaths, start: float, end: float) -> Segment:
-        part = (paths.time >= start) & (paths.time < end)
-        rise = paths.height[part]
-        lowest = np.sort(rise, axis=1)[:, :2].mean(axis=1)
-        off = ((rise - lowest[:, None]) > _OFF_FLOOR * self.stance.size).mean(axis=0) * (end - start)
-        feet = [foot for foot, time in zip(LEG_NAMES, off, strict=True) if time > SHORTEST_STANCE * self.stance.clock]
+        part = paths.between(start, end)
+        feet = part.off_the_floor(_OFF_FLOOR * self.stance.size, SHORTEST_STANCE * self.stance.clock)
         if feet:
             why_not = f"feet leave the floor ({', '.join(feet)}), but no diagonal pair alone"
             return Segment(start, end, "steps", "steps", why_not)
-        way = paths.way[part]
-        slid = np.linalg.norm(way - way.mean(axis=1, keepdims=True), axis=2).max() if part.any() else 0.0
+        slid = float(part.slid().max(initial=0.0))
         return Segment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
 
     # --- rests serve the motions on either side of them
