@@ -42,6 +42,7 @@ STANDARD = {
     "CommunicationError": ConnectionError,
     "RecordingError": ValueError,
     "ResumeError": ValueError,
+    "LogError": ValueError,
     "OutputError": OSError,
     "MissingDependencyError": ImportError,
     "NotEstimatedError": ValueError,
@@ -59,6 +60,12 @@ def test_an_error_is_the_standard_one_that_a_caller_would_catch(name):
     error = getattr(errors, name)("what is wrong and what to do")
     assert isinstance(error, STANDARD[name])
     assert str(error) == "what is wrong and what to do"
+
+
+def test_a_log_error_carries_what_the_log_holds():
+    error = errors.LogError("nothing in it", "the report", {"log": {"segments": []}})
+    assert (error.report, error.details["log"]) == ("the report", {"segments": []})
+    assert dict(errors.RecordingError("damaged").details) == {}
 
 
 def test_a_motion_error_carries_what_was_recorded():

@@ -104,10 +104,10 @@ class LogError(RecordingError):
         details: the same as JSON values.
     """
 
-    def __init__(self, message: str, report: Any, details: Mapping[str, Any]) -> None:
+    def __init__(self, message: str, report: Any = None, details: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
         self.report = report
-        self.details = details
+        self.details = details or {}
 
 
 class OutputError(EquipoiseError, OSError):

@@ -7,7 +7,7 @@ velocity x (radius up).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,19 @@ class FootPaths:
         """(n, 4) heights above the mean of the feet that stand [m]."""
         standing = [LEG_NAMES.index(foot) for foot in feet]
         return self.height - self.height[:, standing].mean(axis=1, keepdims=True)
+
+    def between(self, start: float, end: float) -> FootPaths:
+        """The part with start <= time < end [s]."""
+        part = (self.time >= start) & (self.time < end)
+        return FootPaths(*(getattr(self, field.name)[part] for field in fields(self)))
+
+    def off_the_floor(self, least: float, shortest: float) -> list[str]:
+        """Feet that are higher than the two lowest by a least height [m] for a while [s] altogether."""
+        if len(self.time) < 2:
+            return []
+        lowest = np.sort(self.height, axis=1)[:, :2].mean(axis=1, keepdims=True)
+        duration = (self.height - lowest > least).sum(axis=0) * float(np.diff(self.time).mean())
+        return [foot for foot, time in zip(LEG_NAMES, duration.tolist(), strict=True) if time > shortest]
 
     def longest_planted(self, stance: Stance, shortest: float) -> tuple[float, float] | None:
         """The longest stretch in which no foot moves, though they moved before or after; None if it is shorter than that.

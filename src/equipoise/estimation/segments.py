@@ -23,13 +23,13 @@ from equipoise.estimation.oscillation import Oscillation, find_oscillation
 from equipoise.estimation.rests import Rest, find_rests
 from equipoise.estimation.screening import screen
 from equipoise.estimation.track import Track
-from equipoise.recordings.logs.gaps import Piece, split_at_gaps
+from equipoise.recordings.logs.gaps import split_at_gaps
 from equipoise.recordings.recording import PHASE, TRIAL, Event, Recording
-from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
-Kind = Literal["rest", "move", "sway", "lift", "steps", "slip", "motion", "gap"]
+Kind = Literal["rest", "move", "nudge", "sway", "lift", "steps", "slip", "motion", "gap"]
 
 # On an A1; lengths scale with the stance's size, times with its clock.
 _OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
@@ -80,12 +80,15 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
     pieces = split_at_gaps(recording)
     tracks = [Track.of(robot, piece.recording, stance.clock) for piece in pieces]
     rests = [find_rests(robot, stance, track) for track in tracks]
-    _screen_rests(robot, recording, [rest for of_piece in rests for rest in of_piece])
-    all_rests = [rest.turning for of_piece in rests for rest in of_piece]
-    bias = np.median(all_rests, axis=0) if all_rests else np.zeros(3)
+    all_rests = [rest for of_piece in rests for rest in of_piece]
+    _screen_rests(robot, recording, all_rests)
+    bias = np.median([rest.turning for rest in all_rests], axis=0) if all_rests else np.zeros(3)
     segments: list[Segment] = []
     for piece, track, of_piece in zip(pieces, tracks, rests, strict=True):
-        segments += _gap_before(segments, piece)
+        if piece.gap is not None and segments:
+            start, end = piece.gap
+            what = f"no {piece.missing} samples for {end - start:.2f} s"
+            segments.append(Segment(start, end, "gap", what, "nothing was recorded"))
         reader = _PieceReader(robot, stance, piece.recording, track.without_bias(bias), of_piece)
         segments += reader.segments()
     return segments
@@ -94,13 +97,6 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
 def usable(segments: Sequence[Segment]) -> list[Recording]:
     """The recordings of all segments that can be used."""
     return [segment.recording for segment in segments if segment.recording is not None]
-
-
-def _gap_before(segments: list[Segment], piece: Piece) -> list[Segment]:
-    if piece.gap is None or not segments:
-        return []
-    start, end = piece.gap
-    return [Segment(start, end, "gap", f"no {piece.missing} samples for {end - start:.2f} s", "nothing was recorded")]
 
 
 def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[Rest]) -> None:
@@ -197,30 +193,31 @@ class _PieceReader:
         if sway is not None:
             return sway
         why_not = self._why_no_move(rest, until, after)
-        if why_not is not None:
-            motion = Segment(rest.end, until, "motion", "motion over planted feet", why_not)
-            return self._weighable(rest.end, until, after) or motion
-        what = f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
-        slid = float(paths.slid()[-1])
-        if slid > _SLID * self.stance.size:
-            return Segment(rest.end, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
-        (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
-        phases = [("before", begin), ("move", leaves), ("rest", arrives)]
-        self._weighed.add(index + 1)
-        recording = _marked(self.recording, phases, begin, end, kind="posture")
-        return Segment(rest.end, until, "move", what, None, recording)
+        if why_not is None:
+            return self._move(index, paths, until)
+        kind: Kind = "nudge" if after is not None and _moved(rest, after) < _MOVED else "motion"
+        motion = Segment(rest.end, until, kind, "motion over planted feet", why_not)
+        return self._weighable(rest.end, until, after) or motion
 
     def _why_no_move(self, rest: Rest, until: float, after: Rest | None) -> str | None:
         if after is None or not after.standing:
             return "no rest on four feet after it"
         if until - rest.end > _LONGEST_MOVE * self.stance.clock:
             return f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts by then"
-        moved = float(np.abs(after.joint_position - rest.joint_position).max())
+        moved = _moved(rest, after)
         if moved < _MOVED:
-            return (
-                f"no joint ends more than {np.degrees(moved):.0f} deg from where it began: too little to tell zeros by"
-            )
+            return f"it ends within {np.degrees(moved):.0f} deg of where it began: too little to tell joint zeros by"
         return None
+
+    def _move(self, index: int, paths: FootPaths, until: float) -> Segment:
+        start, what = self.rests[index].end, f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
+        slid = float(paths.slid()[-1])
+        if slid > _SLID * self.stance.size:
+            return Segment(start, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
+        (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
+        phases = [("before", begin), ("move", leaves), ("rest", arrives)]
+        self._weighed.add(index + 1)
+        return Segment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, kind="posture"))
 
     def _sway(self, start: float, end: float) -> Segment | None:
         """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
@@ -259,16 +256,12 @@ class _PieceReader:
         return [self._moving_feet(paths, rest.end, until)]
 
     def _moving_feet(self, paths: FootPaths, start: float, end: float) -> Segment:
-        part = (paths.time >= start) & (paths.time < end)
-        rise = paths.height[part]
-        lowest = np.sort(rise, axis=1)[:, :2].mean(axis=1)
-        off = ((rise - lowest[:, None]) > _OFF_FLOOR * self.stance.size).mean(axis=0) * (end - start)
-        feet = [foot for foot, time in zip(LEG_NAMES, off, strict=True) if time > SHORTEST_STANCE * self.stance.clock]
+        part = paths.between(start, end)
+        feet = part.off_the_floor(_OFF_FLOOR * self.stance.size, SHORTEST_STANCE * self.stance.clock)
         if feet:
             why_not = f"feet leave the floor ({', '.join(feet)}), but no diagonal pair alone"
             return Segment(start, end, "steps", "steps", why_not)
-        way = paths.way[part]
-        slid = np.linalg.norm(way - way.mean(axis=1, keepdims=True), axis=2).max() if part.any() else 0.0
+        slid = float(part.slid().max(initial=0.0))
         return Segment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
 
     # --- rests serve the motions on either side of them
@@ -288,6 +281,11 @@ class _PieceReader:
         rest, clock = self.rests[index], self.stance.clock
         length = rest.end - rest.start
         return rest.start + min(_SETTLING * clock, length / 3), rest.end - min(_LEAVING * clock, length / 4)
+
+
+def _moved(rest: Rest, after: Rest) -> float:
+    """By how much the joint that moved most is elsewhere [rad]."""
+    return float(np.abs(after.joint_position - rest.joint_position).max())
 
 
 def _without_torques(recording: Recording) -> Recording:

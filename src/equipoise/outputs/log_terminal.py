@@ -36,6 +36,9 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     for row in _rows(report.segments, verbose):
         table.add_row(*map(escape, row))
     console.print(table)
+    nudges = sum(segment.kind == "nudge" for segment in report.segments)
+    if nudges and not verbose:
+        console.print(f"Not shown: {nudges} motions over planted feet that are too small to tell anything.")
     for sentence in report.not_told:
         console.print(f"[yellow]cannot be told:[/] {escape(sentence)}")
 
@@ -62,7 +65,7 @@ def _rows(segments: Sequence[Segment], verbose: bool) -> Iterable[tuple[str, str
         for segment in segments:
             yield _row([segment], segment.what, segment.why_not)
         return
-    shown = [segment for segment in segments if not (segment.used and segment.kind == "rest" and not segment.recording)]
+    shown = [one for one in segments if one.kind != "nudge" and (one.kind != "rest" or one.why_not or one.recording)]
     for why_not, group in groupby(shown, key=lambda segment: segment.why_not):
         parts = list(group)
         if why_not is None:
