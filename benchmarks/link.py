@@ -249,8 +249,8 @@ def report(results: dict[str, Any]) -> str:
             "## Calibrations over it",
             "",
             f"An A1 with a payload of 1.5 kg, preset `realistic`, `precise` with a budget of {BUDGET:.0f} s, guarded; "
-            "estimate less truth with the standard deviation that the result states: kg, mm, kg m2. Direct: the same "
-            "simulated robot without a link. Pace: the robot's time over ours.",
+            "estimate less truth with the standard deviation that the result states: kg, mm, kg m2. Direct: the same robot "
+            "without a link. Pace: the robot's time over ours.",
             "",
             *calibration_table(results["calibrations"]),
         ]
