@@ -20,7 +20,7 @@ FLOORS = [
     ["result"],
     ["methods"],
     ["calibration"],
-    ["run_folder", "offline", "repeatability"],
+    ["run_folder", "offline", "repeatability", "delta"],
     ["monte_carlo", "balance"],
     ["outputs"],
     ["cli", "__init__"],
@@ -131,10 +131,10 @@ def test_without_an_engine_the_simulation_says_what_to_install(engine):
 def test_exports_are_frozen():
     assert sorted(equipoise.__all__) == sorted(
         [
-            "Audit", "Calibration", "CalibrationSettings", "ComSearchSettings", "EquipoiseError", "InertialParameters",
-            "JointCommand", "Payload", "Platform", "Recording", "RobotDescription", "RobotModel", "RobotState", "RunFolder",
-            "SensorErrors", "Simulation", "Stance", "SwaySettings", "Trajectory", "__version__", "audit", "calibrate",
-            "estimate", "load_robot", "nominal_stance", "simulate",
+            "Audit", "Calibration", "CalibrationSettings", "ComSearchSettings", "Delta", "EquipoiseError",
+            "InertialParameters", "JointCommand", "Payload", "Platform", "Recording", "RobotDescription", "RobotModel",
+            "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "Simulation", "Stance", "SwaySettings", "Trajectory",
+            "__version__", "audit", "calibrate", "estimate", "find_delta", "load_robot", "nominal_stance", "simulate",
         ]
     )  # fmt: skip
     for name in equipoise.__all__:

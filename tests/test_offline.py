@@ -1,7 +1,6 @@
 """Estimates from logs that are not ours: as good as from our own events, and honest about what a log cannot tell."""
 
 import json
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -262,11 +261,10 @@ def test_a_run_of_ours_is_read_as_before(precise_run, a1, tmp_path, capsys):
     from equipoise.run_folder import RunFolder  # noqa: PLC0415
 
     settings = CalibrationSettings(precise=precise_run.settings)
-    folder = RunFolder.create(tmp_path / "run", a1, settings, {})
-    for recording in precise_run.recordings:
-        folder.keep(recording)
+    with RunFolder.create(tmp_path / "run", a1, settings, {}) as folder:
+        for recording in precise_run.recordings:
+            folder.keep(recording)
     assert main(["estimate", str(folder.path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert "log" not in result
     assert result["composite"]["mass"] == pytest.approx(precise_run.result.composite.mass)
-    shutil.rmtree(folder.path)

@@ -112,8 +112,8 @@ def test_what_is_no_run_cannot_be_gone_on_with(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("facts", "message"),
     [
-        ({"platform": "unitree-go2"}, "was made on 'unitree-go2'; only runs of"),
-        ({"seed": None}, "does not say its seed; only runs of"),
+        ({"platform": "unitree-z9", "platform_settings": {}}, "platform 'unitree-z9' is not known"),
+        ({"seed": None}, "does not say its seed; runs of"),
         ({"noise": "loud"}, "noise 'loud' is not known"),
         ({"payload": "heavy"}, "is not MASS,X,Y,Z"),
         ({"seed": 4}, "standing up"),

@@ -16,7 +16,9 @@ from equipoise._version import __version__
 
 if TYPE_CHECKING:
     from equipoise.calibration import CalibrationSettings, calibrate, estimate
+    from equipoise.delta import Delta, find_delta
     from equipoise.errors import EquipoiseError
+    from equipoise.estimation.two_runs import ScaleReadings
     from equipoise.experiments.sway import SwaySettings
     from equipoise.experiments.trial_runner import ComSearchSettings
     from equipoise.platforms.payload import Payload
@@ -38,6 +40,7 @@ _HOME = {
     "Calibration": "result",
     "CalibrationSettings": "calibration",
     "ComSearchSettings": "experiments.trial_runner",
+    "Delta": "delta",
     "EquipoiseError": "errors",
     "InertialParameters": "robot.inertial",
     "JointCommand": "platforms.platform",
@@ -48,6 +51,7 @@ _HOME = {
     "RobotModel": "robot.model",
     "RobotState": "platforms.platform",
     "RunFolder": "run_folder",
+    "ScaleReadings": "estimation.two_runs",
     "SensorErrors": "platforms.sensors",
     "Simulation": "platforms.simulation",
     "Stance": "robot.stance",
@@ -56,6 +60,7 @@ _HOME = {
     "audit": "robot.audit",
     "calibrate": "calibration",
     "estimate": "calibration",
+    "find_delta": "delta",
     "load_robot": "robot.catalog",
     "nominal_stance": "robot.stance",
     "simulate": "platforms.simulation",
@@ -67,6 +72,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "Calibration",
     "CalibrationSettings",
     "ComSearchSettings",
+    "Delta",
     "EquipoiseError",
     "InertialParameters",
     "JointCommand",
@@ -77,6 +83,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "RobotModel",
     "RobotState",
     "RunFolder",
+    "ScaleReadings",
     "SensorErrors",
     "Simulation",
     "Stance",
@@ -85,6 +92,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "audit",
     "calibrate",
     "estimate",
+    "find_delta",
     "load_robot",
     "nominal_stance",
     "simulate",

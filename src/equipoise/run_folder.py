@@ -235,15 +235,19 @@ class RunFolder:
         """Estimate again from the recordings, without a robot or a simulator."""
         calibration = estimate(self.robot(), self.recordings(), settings or self.settings())
         calibration = calibration.with_provenance(**self._header["provenance"])
+        truth = self.truth()
+        return calibration if truth is None else calibration.with_truth(truth)
+
+    def truth(self) -> RobotInertia | None:
+        """Of a simulated robot; None of a real one. Only to be joined to what was estimated without it."""
         if not (self.path / _TRUTH).exists():
-            return calibration
+            return None
         damaged = f"the run {str(self.path)!r} is damaged"
         table = _read_json(self.path / _TRUTH, damaged)
         try:
-            truth = inertia_from_dict(table)
+            return inertia_from_dict(table)
         except (KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"{damaged}: {_TRUTH} holds no truth ({error!r})") from error
-        return calibration.with_truth(truth)
 
     def save(self, calibration: Calibration) -> Path:
         """Write the result."""

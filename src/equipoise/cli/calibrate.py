@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from equipoise.run_folder import RunFolder
 
 _DEFAULT_ROBOT = "unitree_a1"
-_FLAGS_OF_SIMULATORS = ("noise", "payload", "start", "seed")
+_FLAGS_OF_SIMULATORS = ("noise", "payload", "start", "seed", "noise_seed")
 _FLAGS_OF_ROBOTS = ("set", "settings", "yes")
 _FLAGS_OF_RESUME = ("resume", "yes", "pictures", "json", "quiet", "verbose", "debug")
 
@@ -63,6 +63,7 @@ def calibrate(
     payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
     start: Literal["standing", "lying"] = "standing",
     seed: int = 0,
+    noise_seed: Annotated[int | None, arg(help_behavior_hint="")] = None,
     platform: PlatformName = "mujoco",
     set: Setting = (),
     settings: File = None,
@@ -110,6 +111,7 @@ def calibrate(
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         start: How the simulated robot begins (and ends).
         seed: Of everything drawn.
+        noise_seed: Of the noise alone, for several runs of one robot; default as --seed.
         set: A setting of the platform, as interface=eth0; may be given again.
         settings: TOML file with settings of the platform.
         dry_run: Print the whole plan (postures, joint ranges, torques, duration) and move nothing.
@@ -159,7 +161,7 @@ def calibrate(
     if repeat < 1:
         raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
     model = load(robot or _DEFAULT_ROBOT, description_file, description)
-    place = Place(platform, given_settings(set, settings), noise, payload, seed, start)
+    place = Place(platform, given_settings(set, settings), noise, payload, seed, start, noise_seed)
     check(model, plan)
     if dry_run:
         from equipoise.methods.rehearsal import rehearse

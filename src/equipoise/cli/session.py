@@ -32,7 +32,7 @@ class Place:
     Attributes:
         platform: name of a simulator or a driver.
         given: the driver's settings.
-        noise, payload, seed, start: of a simulated robot.
+        noise, payload, seed, start, noise_seed: of a simulated robot.
     """
 
     platform: str
@@ -41,6 +41,7 @@ class Place:
     payload: str | None = None
     seed: int = 0
     start: str = "standing"
+    noise_seed: int | None = None
 
     @property
     def simulated(self) -> bool:
@@ -52,7 +53,7 @@ class Place:
         """For a run's provenance: enough to resume it."""
         if not self.simulated:
             return {"platform": self.platform, "platform_settings": dict(self.given)}
-        names = ("platform", "noise", "payload", "seed", "start")
+        names = ("platform", "noise", "payload", "seed", "start", "noise_seed")
         return {name: getattr(self, name) for name in names}
 
     @classmethod
@@ -74,7 +75,7 @@ class Place:
             raise ResumeError(
                 f"the run {str(folder.path)!r} does not say its {missing[0]}; runs of 'equipoise calibrate' can be resumed"
             )
-        return cls(**{name: facts[name] for name in names})
+        return cls(**{name: facts[name] for name in names}, noise_seed=facts.get("noise_seed"))
 
 
 class Session:
@@ -92,7 +93,8 @@ class Session:
             from equipoise.platforms.simulation import simulate
 
             self._simulation = simulate(
-                robot, place.noise, place.payload, place.seed, place.start, engine=place.platform  # pyright: ignore
+                robot, place.noise, place.payload, place.seed, place.start, engine=place.platform,  # pyright: ignore
+                noise_seed=place.noise_seed,
             )  # fmt: skip
 
     @property

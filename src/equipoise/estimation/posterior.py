@@ -8,8 +8,6 @@ Residuals, each in units of its own noise:
 - planted: feet that do not move, and footholds that keep their heights (planted_moves.py).
 - torque: the balance of the planted robot (torque_balance.py), at the sensor biases of the last round.
 - priors, and the mass from a scale.
-
-Gauss-Newton; noise levels of trials that fit worse than their sensors explain are raised, outliers left out.
 """
 
 from __future__ import annotations
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError
 from equipoise.estimation.evidence import Evidence
+from equipoise.estimation.gauss_newton import solve
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.parameters import COMPONENTS, Priors, Unknowns, components
 from equipoise.estimation.residual_blocks import Misfit, PlantedBlock, TiltBlock, TorqueBlock
@@ -31,10 +30,6 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-_ITERATIONS = 8
-_RENEWED = 2  # iteration of the first round at which the biases' columns are differentiated anew
-_CONVERGED = 1e-2  # largest change of an unknown, in units of its posterior standard deviation
-_NEARLY = 0.5  # of that: a step that large at the end is no end
 _ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
 
 
@@ -100,30 +95,26 @@ def estimate_posterior(
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
     """
-    problem = _Problem(robot, stance, evidence, priors or Priors(), mass, lifts_needed)
-    try:
-        return _solve(problem, rounds)
-    except np.linalg.LinAlgError as error:
-        raise RecordingError(f"the recordings do not determine an estimate: {error}") from error
+    problem = MapProblem(robot, stance, evidence, priors or Priors(), mass, lifts_needed)
+    return problem.posterior(*solve(problem, problem.unknowns.start(), rounds))
 
 
-def _solve(problem: _Problem, rounds: int) -> Posterior:
-    x = problem.unknowns.start()
-    for remaining in range(rounds, -1, -1):
-        problem.prepare(x)
-        x = problem.solve(x, first_round=remaining == rounds)
-        if remaining:
-            problem.renew_noise(x)
-    return problem.posterior(x)
+class MapProblem:
+    """What one run adds to a maximum a posteriori estimate: residual blocks and priors, in a run's unknowns.
 
+    Args:
+        mass: from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
+        lifts_needed: whether evidence without any lift is refused.
 
-class _Problem:
+    Raises:
+        RecordingError: no lift trial can be used; or there are no joint torques either.
+    """
+
     def __init__(
         self, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors, mass: tuple[float, float] | None,
         lifts_needed: bool,
     ) -> None:  # fmt: skip
         self.mass = mass
-        self.converged = False
         self.unknowns = Unknowns(robot, stance, priors)
         legs = LegChains(robot)
         lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
@@ -142,55 +133,48 @@ class _Problem:
         return [block for block in (self.tilt, self.planted, self.torque) if block is not None]
 
     def prepare(self, x: FloatArray) -> None:
+        """Noise levels of a round."""
         for block in self.blocks:
             block.prepare(x)
 
+    def differentiate(self, x: FloatArray) -> None:
+        """Renew the derivatives by sensor biases."""
+        for block in self.blocks:
+            block.differentiate(x)
+
     def renew_noise(self, x: FloatArray) -> None:
+        """Raise the noise of what does not fit."""
         for block in self.blocks:
             block.renew_noise(x)
 
-    def cost(self, x: FloatArray) -> float:
+    def evidence_cost(self, x: FloatArray) -> float:
+        """Squared residuals of all blocks, without priors."""
         parts = [block.residual(x) for block in self.blocks]
-        parts.append(prior_rows(self.unknowns, x, self.mass)[0])
         return float(sum(part @ part for part in parts))
 
-    def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        residual, jacobian = prior_rows(self.unknowns, x, self.mass)
-        information, gradient = jacobian.T @ jacobian, jacobian.T @ residual
+    def cost(self, x: FloatArray) -> float:
+        """Squared residuals."""
+        prior = prior_rows(self.unknowns, x, self.mass)[0]
+        return self.evidence_cost(x) + float(prior @ prior)
+
+    def evidence_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(size, size) information and (size,) gradient of all blocks, without priors."""
+        size = self.unknowns.size
+        information, gradient = np.zeros((size, size)), np.zeros(size)
         for block in self.blocks:
             residual, jacobian = block.residual(x), block.jacobian(x)
             information += jacobian.T @ jacobian
             gradient += jacobian.T @ residual
         return information, gradient
 
-    def solve(self, x: FloatArray, first_round: bool) -> FloatArray:
-        """Gauss-Newton with halved steps; where no part of a step helps, the biases' columns are out of date."""
-        cost, full, deviation = self.cost(x), np.full(len(x), np.inf), np.ones(len(x))
-        renew = True
-        for iteration in range(_ITERATIONS):
-            renewed = renew or (first_round and iteration == _RENEWED)
-            if renewed:
-                for block in self.blocks:
-                    block.differentiate(x)
-            renew = False
-            information, gradient = self.normal_equations(x)
-            full = -np.linalg.solve(information, gradient)
-            deviation = np.sqrt(np.diag(np.linalg.inv(information)))
-            for part in 0.5 ** np.arange(8):
-                tried = self.cost(x + part * full)
-                if tried <= cost * (1 + 1e-9):
-                    x, cost = x + part * full, tried
-                    break
-            else:
-                if renewed:
-                    break
-                renew = True
-            if (np.abs(full) < _CONVERGED * deviation).all():
-                break
-        self.converged = bool((np.abs(full) < _NEARLY * deviation).all())
-        return x
+    def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(size, size) information and (size,) gradient."""
+        information, gradient = self.evidence_equations(x)
+        residual, jacobian = prior_rows(self.unknowns, x, self.mass)
+        return information + jacobian.T @ jacobian, gradient + jacobian.T @ residual
 
-    def posterior(self, x: FloatArray) -> Posterior:
+    def posterior(self, x: FloatArray, converged: bool) -> Posterior:
+        """The estimate at x, with its covariance."""
         information, _ = self.normal_equations(x)
         covariance = np.asarray(np.linalg.inv(information), dtype=float)
         by_motion: dict[int, FloatArray] = {}
@@ -225,7 +209,7 @@ class _Problem:
             lifts=() if self.tilt is None else self.tilt.misfits(x),
             moves=() if self.planted is None else self.planted.misfits(x),
             torque_chi=None if self.torque is None else self.torque.chi,
-            converged=self.converged,
+            converged=converged,
         )
 
 
@@ -246,6 +230,14 @@ def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray]
 
 def prior_rows(unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
     """Residuals of the priors and of the scale, and their derivative."""
+    residual, jacobian = body_prior_rows(unknowns, x, mass)
+    return np.concatenate([residual, x[10:]]), np.concatenate([jacobian, np.eye(unknowns.size)[10:]])
+
+
+def body_prior_rows(
+    unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """The same, of the base and of the robot's mass alone."""
     priors, stance, robot = unknowns.priors, unknowns.stance, unknowns.robot
     model = unknowns.model_base_vector
     inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
@@ -259,14 +251,16 @@ def prior_rows(unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | No
     lengths = slice(1, 4)
     rows.append((x[lengths] - unknowns.start()[lengths]) / _ROOT_LENGTHS)
     columns.append(np.eye(unknowns.size)[lengths] / _ROOT_LENGTHS)
-    total, total_jacobian = inertial[0], jacobian[0].copy()
-    leg_mass = LegChains(robot).mass.ravel()
-    total = total + leg_mass @ inertial[10:]
-    total_jacobian += leg_mass @ jacobian[10:]
+    total, total_jacobian = total_mass(unknowns, x)
     known = [(robot.mass, priors.mass * robot.mass)] + ([] if mass is None else [mass])
     for value, sd in known:
         rows.append(np.array([(total - value) / sd]))
         columns.append(total_jacobian[None] / sd)
-    rows.append(x[10:])
-    columns.append(np.eye(unknowns.size)[10:])
     return np.concatenate(rows), np.concatenate(columns)
+
+
+def total_mass(unknowns: Unknowns, x: FloatArray) -> tuple[float, FloatArray]:
+    """The robot's mass [kg], and its (size,) derivative."""
+    leg_mass = LegChains(unknowns.robot).mass.ravel()
+    inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
+    return float(inertial[0] + leg_mass @ inertial[10:]), jacobian[0] + leg_mass @ jacobian[10:]

@@ -126,7 +126,7 @@ class DrawnErrors:
 
     Attributes:
         sizes: what they were drawn from.
-        seed: of the noise.
+        noise_seed: of the noise.
         joint_zero: (nj,) encoder reading minus joint position [rad].
         torque_gain: (nj,) true torque over reported torque.
         gyro_bias: (3,) [rad/s].
@@ -137,7 +137,7 @@ class DrawnErrors:
     """
 
     sizes: SensorErrors
-    seed: int
+    noise_seed: int
     joint_zero: FloatArray
     torque_gain: FloatArray
     gyro_bias: FloatArray
@@ -147,10 +147,11 @@ class DrawnErrors:
     gravity_direction: FloatArray
 
     @classmethod
-    def draw(cls, sizes: SensorErrors, joints: int, seed: int) -> DrawnErrors:
-        """Draw the constant errors of a robot with that many joints."""
-        if seed < 0:
-            raise SettingsError(f"the seed is {seed}; it must be zero or more")
+    def draw(cls, sizes: SensorErrors, joints: int, seed: int, noise_seed: int | None = None) -> DrawnErrors:
+        """Draw the constant errors of a robot with that many joints; its noise is the seed's, or that of a seed of its own."""
+        noise_seed = seed if noise_seed is None else noise_seed
+        if min(seed, noise_seed) < 0:
+            raise SettingsError(f"the seed is {min(seed, noise_seed)}; it must be zero or more")
         generator = np.random.default_rng([seed, 0])
 
         def normal(size: float, count: int) -> FloatArray:
@@ -161,7 +162,7 @@ class DrawnErrors:
         down = np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), -np.cos(sizes.floor_slope)])
         return cls(
             sizes,
-            seed,
+            noise_seed,
             joint_zero=normal(sizes.joint_zero, joints),
             torque_gain=1 + normal(sizes.torque_gain, joints),
             gyro_bias=normal(sizes.gyro_bias, 3),
@@ -183,7 +184,7 @@ class DrawnErrors:
             done = 0
             while done < count:
                 block, start = divmod(first_sample + done, _NOISE_BLOCK)
-                part = _standard_noise(self.seed, block, scale.size)[start : start + count - done]
+                part = _standard_noise(self.noise_seed, block, scale.size)[start : start + count - done]
                 np.multiply(part, scale, out=noise[done : done + len(part)])
                 done += len(part)
         return noise

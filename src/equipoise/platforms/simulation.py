@@ -68,6 +68,7 @@ def simulate(
     start: Start = "standing",
     timestep: float | None = None,
     engine: Engine = "mujoco",
+    noise_seed: int | None = None,
 ) -> Simulation:
     """A robot in a physics engine, with sensor and actuator errors, perhaps a payload.
 
@@ -78,6 +79,7 @@ def simulate(
         start: how the robot begins.
         timestep: of the engine [s]; default 0.5 ms, less for legs so light that their damping would not be stable.
         engine: "mujoco", or "dart", the engine of Gazebo.
+        noise_seed: of the noise alone, for several runs of one robot; default `seed`.
 
     Raises:
         MissingDependencyError: the engine is not installed.
@@ -92,7 +94,7 @@ def simulate(
         payload = Payload.parse(payload)
     stance = nominal_stance(robot)
     sizes = PRESETS[noise].scaled_to(robot.torque_scale(stance.hip_height)) if isinstance(noise, str) else noise
-    errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed)
+    errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
     make = _in_mujoco if engine == "mujoco" else _in_dart
     return make(robot, stance, errors, payload, start, timestep)
 

@@ -1,0 +1,115 @@
+"""How well a payload is found between two calibrations: `make bench-payload`. Writes benchmarks/results/payload.md.
+
+A simulated robot with ordinary sensors is calibrated bare and with 1 kg ten centimetres above, beside, before or behind the
+base's origin (scaled to robots of another mass and size), with the same sensor errors and other noise; weighed or not with a
+scale that reads half a percent (rms) wrong in both, to ten grams. Rows are kept in payload.jsonl: it goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from pathlib import Path
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import numpy as np
+
+from equipoise import Payload, Recording, ScaleReadings, calibrate, find_delta, load_robot, nominal_stance, simulate
+from equipoise.errors import ModelWarning
+from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.robot.inertial import InertialParameters, RobotInertia
+from equipoise.robot.model import RobotModel
+
+RESULTS = Path(__file__).parent / "results"
+ROWS = RESULTS / "payload.jsonl"
+SEEDS = {"unitree_a1": range(20), "go2": range(8), "anymal_c": range(4)}
+SCALE_ERROR, SCALE_STEP = 5e-3, 0.01  # [kg]
+WAYS = ("no scale", "scale")
+
+
+def calibrated(robot: RobotModel, payload: Payload | None, seed: int) -> tuple[list[Recording], RobotInertia]:
+    """Recordings and truth of one calibration; bare and loaded runs have the same errors and other noise."""
+    recordings: list[Recording] = []
+    with simulate(robot, "realistic", payload, seed, noise_seed=2 * seed + (payload is None)) as simulation:
+        calibrate(simulation.platform, robot, keep=recordings.append)
+        return recordings, simulation.truth
+
+
+def run(name: str, seed: int) -> list[dict[str, object]]:
+    """A row for each way."""
+    robot = load_robot(name)
+    a1 = load_robot("unitree_a1")
+    generator = np.random.default_rng([seed, 77])
+    size = nominal_stance(robot).hip_height / nominal_stance(a1).hip_height
+    direction = ([1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1])[seed % 5]
+    place = 0.1 * size * np.array(direction, dtype=float)
+    payload = Payload(InertialParameters(robot.mass / a1.mass, place, np.zeros((3, 3))))
+    (before, bare), (after, loaded) = (calibrated(robot, load, seed) for load in (None, payload))
+    factor = 1 + SCALE_ERROR * generator.standard_normal()
+    read = tuple(round(factor * truth.composite.mass / SCALE_STEP) * SCALE_STEP for truth in (bare, loaded))
+    rows: list[dict[str, object]] = []
+    for way, scale in zip(WAYS, (None, ScaleReadings(read)), strict=True):
+        found = find_delta(robot, before, after, scale).with_truth(bare, loaded)
+        truth = components(found.truth)
+        values = [found.payload.by_name()[component] for component in COMPONENTS]
+        error = [None if value is None else value - true for value, true in zip(values, truth, strict=True)]
+        known = found.intervals
+        sd = [known[component].deviation if component in known else None for component in COMPONENTS]
+        rows.append({"robot": name, "seed": seed, "way": way, "mass": truth[0], "error": error, "sd": sd})
+    print(name, seed, flush=True)
+    return rows
+
+
+def lines(rows: list[dict[str, object]]) -> list[str]:
+    """The table."""
+    text = [
+        "# A payload between two calibrations",
+        "",
+        "`make bench-payload`; `--noise realistic`, 1 kg on an A1 at 10 cm from the base's origin, in proportion on others.",
+        "Errors of the payload's mass and place: root mean square, and the largest. Intervals are of 95 %.",
+        "",
+        "| robot | pairs | | mass [%] | largest | x, y [mm] | largest | z [mm] | largest | within intervals |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name in SEEDS:
+        for way in WAYS:
+            of = [row for row in rows if (row["robot"], row["way"]) == (name, way) and row["error"][1] is not None]
+            if not of:
+                continue
+            error = np.array([row["error"] for row in of], dtype=float)
+            inside = np.abs(error) <= 1.96 * np.array([row["sd"] for row in of], dtype=float)
+            mass = 100 * error[:, 0] / np.array([row["mass"] for row in of])
+            place = 1e3 * error[:, 1:4]
+
+            def told(values: np.ndarray, form: str) -> str:
+                return f"{format(np.sqrt(np.mean(values**2)), form)} | {format(np.abs(values).max(), form)}"
+
+            text.append(
+                f"| {name} | {len(of)} | {way} | {told(mass, '.1f')} | {told(place[:, :2], '.1f')} | "
+                f"{told(place[:, 2], '.1f')} | {inside.mean():.0%} |"
+            )
+    return text
+
+
+def main() -> None:
+    """All robots, all seeds that are not there yet."""
+    warnings.simplefilter("ignore", ModelWarning)
+    rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
+    done = {(row["robot"], row["seed"]) for row in rows}
+    for name, seeds in SEEDS.items():
+        for seed in seeds:
+            if (name, seed) in done:
+                continue
+            new = run(name, seed)
+            rows += new
+            with ROWS.open("a", encoding="utf-8") as file:
+                file.writelines(json.dumps(row) + "\n" for row in new)
+            (RESULTS / "payload.md").write_text("\n".join(lines(rows)) + "\n", encoding="utf-8")
+    print("\n".join(lines(rows)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""`equipoise delta`."""
+
+from __future__ import annotations
+
+import json as json_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from equipoise.cli.flags import File, Kilograms
+from equipoise.errors import OutputError, SettingsError
+
+if TYPE_CHECKING:
+    from equipoise.estimation.two_runs import ScaleReadings
+    from equipoise.run_folder import RunFolder
+
+
+def delta(
+    before: Annotated[Positional[Path], arg(metavar="BEFORE", help="Run folder of a calibration.")],
+    after: Annotated[Positional[Path], arg(metavar="AFTER", help="Run folder of a calibration of the same robot.")],
+    *,
+    mass_before: Kilograms = None,
+    mass_after: Kilograms = None,
+    scale_gain: float = 0.005,
+    scale_noise: float = 0.001,
+    out: File = None,
+    json: bool = False,
+    debug: bool = False,
+) -> None:
+    """Find what was added to a robot between two calibrations, or taken off: its mass, centre of mass and inertia.
+
+    Both runs are estimated together: joint zeros, the IMU's mounting and a scale's factor are the same in both, and cancel.
+    The robot may have been switched off in between, not taken apart.
+
+    Example: equipoise delta runs/bare runs/with-lidar --mass-before 15.1 --mass-after 16.3
+
+    Args:
+        mass_before: Of the whole robot, from a scale [kg]; default as in the run.
+        mass_after: The same, from the same scale [kg].
+        scale_gain: By how much the scale is off in both, as a fraction (one standard deviation).
+        scale_noise: By how much a single reading is off beside that, as a fraction of the mass.
+        out: JSON file to save the result in.
+        json: Print the result as one JSON object and nothing else on stdout.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.delta import find_delta
+    from equipoise.outputs.delta_terminal import print_delta
+    from equipoise.run_folder import RunFolder
+
+    folders = RunFolder.open(before), RunFolder.open(after)
+    _refuse_strangers(*folders)
+    scale = _scale(folders, (mass_before, mass_after), scale_gain, scale_noise)
+    priors = folders[0].settings().precise.priors
+    found = find_delta(folders[0].robot(), folders[0].recordings(), folders[1].recordings(), scale, priors)
+    truths = [folder.truth() for folder in folders]
+    if truths[0] is not None and truths[1] is not None:
+        found = found.with_truth(truths[0], truths[1])
+    text = json_module.dumps(
+        {**found.to_dict(), "provenance": {"before": str(before), "after": str(after), "masses": scale.masses}},
+        indent=2,
+    )
+    if out is not None:
+        try:
+            out.write_text(text + "\n", encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"cannot write {str(out)!r}: {error.strerror}") from error
+    if json:
+        print(text)
+    else:
+        print_delta(found)
+        print("" if out is None else f"saved: {out}\n", end="")
+
+
+def _refuse_strangers(before: RunFolder, after: RunFolder) -> None:
+    models = [folder.robot() for folder in (before, after)]
+    if models[0].source.xml != models[1].source.xml or models[0].description != models[1].description:
+        raise SettingsError(
+            f"the runs are of different models, {models[0].name!r} and {models[1].name!r}: what was added shows only between "
+            "runs with the same model file and description"
+        )
+    for folder in (before, after):
+        if (method := folder.settings().method) != "precise":
+            raise SettingsError(
+                f"the run {str(folder.path)!r} is of the method {method!r}; what was added is told by runs of 'precise'"
+            )
+
+
+def _scale(
+    folders: tuple[RunFolder, RunFolder], given: tuple[float | None, float | None], gain: float, noise: float
+) -> ScaleReadings:
+    from equipoise.estimation.two_runs import ScaleReadings
+
+    before, after = (
+        mass if mass is not None else folder.settings().precise.mass
+        for folder, mass in zip(folders, given, strict=True)
+    )
+    return ScaleReadings((before, after), gain, noise)
