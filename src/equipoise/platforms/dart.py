@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 # A planted foot that is off the floor by no more than this has not been lifted, but was lost.
 _LOST_GAP, _LOST_SPEED = 1e-6, 1e-3  # [m], [m/s]
 _PRESSED = 1e-6  # [m], into the floor
+_STICTION = 50.0  # stiffness of a joint that its friction holds, over its position gain
 _FASTEST = 1e6  # generalised velocity, squared and summed, beyond which a simulation is none
 
 
@@ -29,6 +30,7 @@ class _State:
     positions: FloatArray
     velocities: FloatArray
     late_rotor_torque: FloatArray
+    strain: FloatArray
     contacts: int
     time: float
 
@@ -37,15 +39,18 @@ class DartPlatform(SimulatedPlatform):
     """A quadruped in DART.
 
     DART has no rotor inertia. Its joint damping D is implicit, which adds D h to the joint's inertia in a step h; so
-    D = armature / h, with D v added to the torque, is a rotor, as far as torques and gravity go. Impulses of contacts and of
-    joint friction do not feel it: they change the joints' speed by dv = M^-1 J^T p instead of (M + A)^-1 J^T p. What is
-    missing is the rotor's own share, -A dv / h, a torque that hardly changes from step to step: the last step's is applied.
-    (Where it is wrong the next step has A P (M + A)^-1 of the error left, P being the projector M^-1 J^T (J M^-1 J^T)^-1 J;
-    its eigenvalues are between 0 and 1.) The momentum of the whole robot is exact at each step.
+    D = armature / h, with D v added to the torque, is a rotor, as far as torques and gravity go. Impulses of contacts do not
+    feel it: they change the joints' speed by dv = M^-1 J^T p instead of (M + A)^-1 J^T p. What is missing is the rotor's own
+    share, -A dv / h, a torque that hardly changes from step to step: the last step's is applied. (Where it is wrong the next
+    step has A P (M + A)^-1 of the error left, P being the projector M^-1 J^T (J M^-1 J^T)^-1 J; its eigenvalues are between
+    0 and 1.) The momentum of the whole robot is exact at each step.
+
+    Joint friction is Coulomb's, with a spring that strains until it slips. DART has a friction of its own, a constraint of each
+    joint; twelve of them beside twelve of contacts are more than a robot can move, and the solver no longer converges.
 
     DART's contacts are 30 nm deep, and in a step a moving leg's foot strays by as much, for joints move along their tangents.
-    A foot that has strayed off the floor by nanometres is free for a step, and planted again 20 um away. That happened every
-    half second to the feet of a Go2 that moved its body. Such a step is done again with the foot pressed in.
+    A foot that has strayed off the floor is free for a step, and planted again 20 um away. That happened nine times a second
+    to a Go2 that moved its body. Such a step is done again with the foot pressed in.
 
     Args:
         robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
@@ -71,6 +76,9 @@ class DartPlatform(SimulatedPlatform):
         self._rotor = sizes.armature / timestep  # [Nm s/rad]
         self._drive = self._rotor - sizes.viscous_friction
         self._late_rotor_torque = np.zeros(len(self.joint_names))
+        self._friction = sizes.coulomb_friction
+        self._stiction = _STICTION * simulated.kp  # [Nm/rad]
+        self._strain = np.zeros(len(self.joint_names))  # [rad], of joints that friction holds
         self._contacts = 0
         mounted = robot.imu_in_base
         tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
@@ -114,19 +122,20 @@ class DartPlatform(SimulatedPlatform):
     def _state(self) -> _State:
         skeleton = self._skeleton
         present = skeleton.getPositions(), skeleton.getVelocities()
-        return _State(*present, self._late_rotor_torque, self._contacts, self._world.getTime())
+        return _State(*present, self._late_rotor_torque, self._strain, self._contacts, self._world.getTime())
 
     def _restore(self, state: _State) -> None:
         self._skeleton.setPositions(state.positions)
         self._skeleton.setVelocities(state.velocities)
-        self._late_rotor_torque, self._contacts = state.late_rotor_torque, state.contacts
+        self._late_rotor_torque, self._strain = state.late_rotor_torque, state.strain
+        self._contacts = state.contacts
         self._world.setTime(state.time)
 
     def _step(self, control: FloatArray, raw: FloatArray) -> None:
         """The engine's steps, and what the sensors say of the states that they start at."""
         skeleton, base = self._skeleton, self._simulated.base
         dofs, limit, gain = self._simulated.dofs, self._simulated.torque_limit, self._errors.torque_gain
-        kp, kd, joints = self._kp, self._kd, len(dofs)
+        kp, kd, joints, most = self._kp, self._kd, len(dofs), self._friction / self._stiction
         forces = np.zeros(skeleton.getNumDofs())
         rotations, twists = np.empty((len(control), 3, 3)), np.empty((len(control) + 1, 2, 3))
         speeds = np.empty((len(control) + 1, joints))
@@ -140,7 +149,10 @@ class DartPlatform(SimulatedPlatform):
             twists[index] = base.getAngularVelocity(), base.getLinearVelocity()
             torque = np.minimum(np.maximum(kp * (target - position) - kd * speeds[index], -limit), limit)
             raw[index, 2 * joints : 3 * joints] = torque
-            forces[dofs] = gain * torque + self._drive * speeds[index] + self._late_rotor_torque
+            strain = self._strain + self._timestep * speeds[index]
+            self._strain = np.minimum(np.maximum(strain, -most), most)
+            friction = self._stiction * self._strain
+            forces[dofs] = gain * torque - friction + self._drive * speeds[index] + self._late_rotor_torque
             self._step_once(positions, velocities, forces)
             self._late_rotor_torque = -self._rotor * skeleton.getVelocityChanges()[dofs]
         speeds[-1] = skeleton.getVelocities()[dofs]
