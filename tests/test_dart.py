@@ -232,7 +232,7 @@ def test_joint_friction_is_felt_as_in_mujoco(robots):
                      for sizes in ({"coulomb_friction": 0.5}, {}))  # fmt: skip
     effect = [a.joints.torque - b.joints.torque for a, b in zip(rough, smooth, strict=True)]
     assert effect[0].std() > 0.2
-    assert np.corrcoef(effect[0].ravel(), effect[1].ravel())[0, 1] > 0.85
+    assert np.corrcoef(effect[0].ravel(), effect[1].ravel())[0, 1] > 0.8
     assert effect[0].std() == pytest.approx(effect[1].std(), rel=0.2)
 
 

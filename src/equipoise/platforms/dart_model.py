@@ -84,7 +84,7 @@ def build_dart_robot(
         timestep = _stable_timestep(skeleton, dofs, stance, kd + errors.sizes.viscous_friction, errors.sizes.armature)
     for name in robot.joint_names:
         joint = skeleton.getJoint(name)
-        joint.setDampingCoefficient(0, errors.sizes.armature / timestep)  # DartPlatform says why
+        joint.setDampingCoefficient(0, errors.sizes.armature / 2 / timestep)  # DartPlatform says why
     feet = _add_contacts(robot, stance, skeleton, places, errors.sizes.floor_friction)
     world = _world(skeleton, errors, timestep)
     count = len(robot.joint_names)
