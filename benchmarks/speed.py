@@ -67,11 +67,11 @@ def storage(recordings: list[Recording]) -> tuple[float, float]:
     """Wall seconds and megabytes of writing a run's recordings."""
     robot = load_robot("unitree_a1")
     with tempfile.TemporaryDirectory() as folder:
-        run = RunFolder.create(Path(folder) / "run", robot, CalibrationSettings("paper"), {})
-        start = time.perf_counter()
-        for recording in recordings:
-            run.keep(recording)
-        elapsed = time.perf_counter() - start
+        with RunFolder.create(Path(folder) / "run", robot, CalibrationSettings("paper"), {}) as run:
+            start = time.perf_counter()
+            for recording in recordings:
+                run.keep(recording)
+            elapsed = time.perf_counter() - start
         size = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
     return elapsed, size / 1e6
 

@@ -16,11 +16,11 @@ FLOORS = [
     ["robot"],
     ["recordings"],
     ["platforms", "estimation"],
-    ["experiments"],
+    ["experiments", "peers"],
     ["result"],
     ["methods"],
     ["calibration"],
-    ["run_folder"],
+    ["run_folder", "offline", "repeatability"],
     ["monte_carlo", "balance"],
     ["outputs"],
     ["cli", "__init__"],
@@ -29,7 +29,10 @@ FLOORS = [
 LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 # What may import an engine, and what of it may see the truth.
 ENGINES = {
-    "mujoco": {"platforms/mujoco.py", "platforms/mujoco_model.py", "platforms/truth.py", "platforms/simulation.py"},
+    "mujoco": {
+        "platforms/mujoco.py", "platforms/mujoco_model.py", "platforms/truth.py", "platforms/simulation.py",
+        "platforms/disturbance.py",
+    },
     "dartpy": {
         "platforms/dart.py", "platforms/dart_links.py", "platforms/dart_model.py", "platforms/dart_truth.py",
         "platforms/simulation.py",

@@ -8,7 +8,7 @@ from equipoise.cli import main
 from equipoise.cli.balance import metres
 from equipoise.errors import SettingsError
 from equipoise.platforms.mujoco import MujocoPlatform
-from equipoise.recordings.storage import load_recording
+from equipoise.recordings.run_log_reader import load_recording
 
 SHORT = ["--duration", "1s", "--quiet", "--noise", "ideal"]
 
@@ -40,7 +40,7 @@ def test_json_is_one_object_and_the_same_is_saved(tmp_path, capsys):
     assert trial["observed_error"] is not None
     assert table["settings"]["weights"]["tilt"] == 3000
     assert table["provenance"]["com_error"] == 2e-3
-    assert sorted(file.name for file in out.iterdir()) == ["balance-FR_RL.npz", "balance.json", "balance.png"]
+    assert sorted(file.name for file in out.iterdir()) == ["balance-FR_RL.mcap", "balance.json", "balance.png"]
 
 
 def test_a_fall_is_a_verdict_and_with_check_an_exit_code(tmp_path, capsys):
@@ -80,7 +80,7 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(MujocoPlatform, "step", interrupted)
     assert main(["balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
     assert f"what was recorded so far is kept in {tmp_path / 'run'}" in capsys.readouterr().err
-    recording = load_recording(tmp_path / "run" / "balance-FL_RR-broken-off.npz")
+    recording = load_recording(tmp_path / "run" / "balance-FL_RR-broken-off.mcap")
     assert recording.has_phase("lower")
     assert recording.joints.time[-1] > stopped[0]
 

@@ -6,9 +6,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
+from equipoise import RunFolder
 from equipoise.cli import main
 
 QUICK = ["--method", "paper", "--quiet", "--no-pictures", "--tolerance", "0.02", "--sway-duration", "1.0"]
@@ -35,7 +37,7 @@ def run(tmp_path_factory):
 
 def test_calibrate_saves_the_run(run):
     assert (run / "calibration.json").is_file()
-    assert len(list((run / "recordings").glob("*.npz"))) >= 6
+    assert len(RunFolder.open(run).recordings()) >= 6
 
 
 def test_json_is_one_object_with_the_stable_keys(run, capsys):
@@ -245,14 +247,22 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path):
     for line in process.stderr:
         seen.append(line)
         if line.startswith("[4/"):
+            log = folder / "recording.mcap"
+            size = log.stat().st_size
+            while log.stat().st_size == size:
+                time.sleep(0.002)
             process.send_signal(signal.SIGINT)
             break
     rest = process.communicate(timeout=30)[1]
     assert process.returncode == 130
     assert "Traceback" not in rest
     assert f"kept in {folder}" in rest
-    assert len(list((folder / "recordings").glob("*.npz"))) >= 3
-    assert not list((folder / "recordings").glob("*.partial"))
+    assert f"go on: equipoise calibrate --resume {folder}" in rest
+    log = RunFolder.open(folder).read()
+    assert log.closed
+    assert len(log.recordings) == 3
+    assert log.unfinished.broken
+    assert not list(folder.glob("*.partial"))
     again = subprocess.run([*COMMAND, "estimate", str(folder)], capture_output=True, text=True, check=False)
     assert again.returncode == 5
     assert "no complete search on" in again.stderr

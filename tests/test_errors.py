@@ -15,7 +15,13 @@ EXIT_CODES = {
     "TrackingError": 4,
     "BracketError": 4,
     "ImuMountingError": 4,
+    "LimitError": 4,
+    "SensorError": 4,
+    "OverrunError": 4,
+    "CommunicationError": 10,
     "RecordingError": 5,
+    "ResumeError": 5,
+    "LogError": 5,
     "OutputError": 6,
     "MissingDependencyError": 7,
     "NotEstimatedError": 8,
@@ -30,7 +36,13 @@ STANDARD = {
     "TrackingError": TimeoutError,
     "BracketError": RuntimeError,
     "ImuMountingError": RuntimeError,
+    "LimitError": RuntimeError,
+    "SensorError": RuntimeError,
+    "OverrunError": RuntimeError,
+    "CommunicationError": ConnectionError,
     "RecordingError": ValueError,
+    "ResumeError": ValueError,
+    "LogError": ValueError,
     "OutputError": OSError,
     "MissingDependencyError": ImportError,
     "NotEstimatedError": ValueError,
@@ -48,6 +60,12 @@ def test_an_error_is_the_standard_one_that_a_caller_would_catch(name):
     error = getattr(errors, name)("what is wrong and what to do")
     assert isinstance(error, STANDARD[name])
     assert str(error) == "what is wrong and what to do"
+
+
+def test_a_log_error_carries_what_the_log_holds():
+    error = errors.LogError("nothing in it", "the report", {"log": {"segments": []}})
+    assert (error.report, error.details["log"]) == ("the report", {"segments": []})
+    assert dict(errors.RecordingError("damaged").details) == {}
 
 
 def test_a_motion_error_carries_what_was_recorded():

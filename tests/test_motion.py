@@ -5,7 +5,8 @@ import pytest
 
 from equipoise import nominal_stance
 from equipoise.errors import ReachError
-from equipoise.experiments.motion import Motion, Target, smooth_step
+from equipoise.experiments.motion import Motion, Target
+from equipoise.platforms.ramp import smooth_step
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.statics import static_torques

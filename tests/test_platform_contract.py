@@ -4,12 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from platform_contract import PlatformContract, wave
+from platform_contract import PlatformContract, interrupt_after, wave
+from robots import load_text
 
 from equipoise import simulate
 from equipoise.errors import MotionError, SettingsError
+from equipoise.platforms.guard import Guard
 from equipoise.platforms.mujoco import PERIODS_BETWEEN_STOP_TESTS
-from equipoise.platforms.platform import JointCommand, TiltLimit, Trajectory, play_by_stepping
+from equipoise.platforms.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory, play_by_stepping
 
 # Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
 # playing, and in the next one when stepping; this is what one command of a smooth motion changes.
@@ -46,6 +48,7 @@ class SteppedRobot:
         self._simulated = simulated
         self.control_period = simulated.control_period
         self.joint_names = simulated.joint_names
+        self.accepts = simulated.accepts
 
     def read(self):
         return dataclasses.replace(self._simulated.read(), joint_torque=None)
@@ -77,6 +80,37 @@ class TestSteppedRobot(PlatformContract):
         return SteppedRobot(simulate(self.robot, "realistic", seed=3).platform)
 
 
+class TestGuardedRobot(PlatformContract):
+    """Its joints may be fast, for the contract's kicks are such as the guard refuses otherwise."""
+
+    tolerances = TO_ROUNDING
+    interrupted_method = "_step"
+
+    @pytest.fixture(autouse=True)
+    def _robot(self, a1, a1_urdf, tmp_path):
+        self.robot = a1
+        self.fast = load_text(tmp_path, a1_urdf.replace('velocity="21"', 'velocity="100"'))
+
+    def make(self):
+        guard = Guard(simulate(self.robot, "realistic", seed=3).platform, self.fast)
+        guard.step(JointCommand(guard.read().joint_position))  # the soft start comes first
+        return guard
+
+    def test_an_interrupted_motion_hands_over_the_recording_so_far(self, another, monkeypatch):
+        """And the robot was put down: nothing moves it any more."""
+        free, interrupted = another(), another()
+        motion = wave(free, 20)
+        expected = free.play(motion)
+        interrupt_after(monkeypatch, interrupted, "_step", 7)
+        with pytest.raises(MotionInterrupted, match="interrupted") as caught:
+            interrupted.play(motion)
+        recording = caught.value.recording
+        assert len(recording.joints.time) == 7
+        assert np.allclose(recording.joints.position, expected.joints.position[:7], atol=1e-10)
+        with pytest.raises(MotionError, match="the robot was put down and released"):
+            interrupted.play(motion)
+
+
 @pytest.fixture
 def platform(a1):
     with simulate(a1) as simulation:
@@ -95,12 +129,20 @@ def test_a_closed_simulation_says_so(platform):
         platform.play(motion)
 
 
-@pytest.mark.parametrize("gains", [{"kp": 0.0}, {"kp": -1.0}, {"kd": -1.0}, {"kp": np.nan}])
+@pytest.mark.parametrize("gains", [{"kp": -1.0}, {"kd": -1.0}, {"kp": np.nan}])
 def test_gains_that_no_simulated_joint_can_have_are_refused(platform, gains):
     here = platform.read().joint_position
     command = JointCommand(here, **{name: np.full_like(here, value) for name, value in gains.items()})
-    with pytest.raises(SettingsError, match="simulated joints need a positive kp"):
+    with pytest.raises(SettingsError, match="joint gains kp and kd must be numbers of zero or more"):
         platform.step(command)
+
+
+def test_a_joint_without_gains_still_takes_torques(platform):
+    here = platform.read().joint_position
+    none, torque = np.zeros_like(here), np.full_like(here, 0.7)
+    for _ in range(3):
+        state = platform.step(JointCommand(here, torque=torque, kp=none, kd=none))
+    assert np.allclose(state.joint_torque, 0.7, atol=1e-4)
 
 
 def test_gains_of_a_step_do_not_outlast_it(a1):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from robots import load_text, quadruped_mjcf
+from rosbags.highlevel import AnyReader
 
 import equipoise
 from equipoise import (
@@ -23,12 +24,13 @@ from equipoise import (
     calibrate,
     simulate,
 )
-from equipoise.errors import OutputError, RecordingError
+from equipoise.errors import FallError, OutputError, RecordingError
 from equipoise.estimation.parameters import Priors
 from equipoise.experiments.plan import Goals
 from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.platforms.logged import Logged
 from equipoise.recordings.recording import Event, ImuStream, JointStream, Recording
-from equipoise.recordings.storage import save_recording
+from equipoise.recordings.run_log import RunLog
 
 SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
 PROVENANCE = {
@@ -42,9 +44,11 @@ PROVENANCE = {
 @pytest.fixture(scope="module")
 def calibrated(a1, tmp_path_factory):
     """A run and the calibration that it was kept of."""
-    folder = RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, SETTINGS, PROVENANCE)
-    with simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2) as simulation:
-        calibration = calibrate(simulation.platform, a1, SETTINGS, keep=folder.keep)
+    with (
+        RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, SETTINGS, PROVENANCE) as folder,
+        simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2) as simulation,
+    ):
+        calibration = calibrate(Logged(simulation.platform, folder.log), a1, SETTINGS, keep=folder.keep)
         folder.save_truth(simulation.truth)
     calibration = calibration.with_provenance(**PROVENANCE).with_truth(simulation.truth)
     folder.save(calibration)
@@ -57,10 +61,30 @@ def run(calibrated, tmp_path):
     return Path(shutil.copytree(calibrated[0].path, tmp_path / "copy"))
 
 
-def still(kind=None, **about):
-    joints = JointStream([0.0, 0.1], np.zeros((2, 12)))
-    events = (Event(0.0, "trial", {"kind": kind, **about}),) if kind else ()
-    return Recording(tuple("abcdefghijkl"), joints, ImuStream([0.0], np.zeros((1, 3)), np.ones((1, 3))), None, events)
+@pytest.fixture
+def new(tmp_path, a1):
+    """Makes run folders that hold nothing yet."""
+
+    def make(robot=a1, settings=SETTINGS, name="run"):
+        with RunFolder.create(tmp_path / name, robot, settings, {}) as folder:
+            return folder
+
+    return make
+
+
+def still(kind=None, time=0.0, **about):
+    joints = JointStream([time, time + 0.1], np.zeros((2, 12)))
+    events = (Event(time, "trial", {"kind": kind, **about}),) if kind else ()
+    return Recording(tuple("abcdefghijkl"), joints, ImuStream([time], np.zeros((1, 3)), np.ones((1, 3))), None, events)
+
+
+def rewritten(run, choose):
+    """Write a run's log anew, with some of its recordings only."""
+    recordings = [recording for recording in RunFolder.open(run).recordings() if choose(recording)]
+    (run / "recording.mcap").unlink()
+    with RunLog(run / "recording.mcap") as log:
+        for recording in recordings:
+            log.keep(recording)
 
 
 # --- there and back
@@ -69,12 +93,27 @@ def still(kind=None, **about):
 def test_a_run_is_its_model_its_settings_its_recordings_and_its_result(calibrated):
     folder, calibration = calibrated
     assert {file.name for file in folder.path.iterdir()} == {
-        "run.json", "model.xml", "recordings", "truth.json", "calibration.json",
+        "run.json", "model.xml", "recording.mcap", "metadata.yaml", "truth.json", "calibration.json",
     }  # fmt: skip
-    names = sorted(file.name for file in (folder.path / "recordings").iterdir())
-    assert len(names) == len(calibration.trials)
-    assert names[0] == f"000-lift-{calibration.trials[0].about}.npz"
-    assert [name.split("-", 1)[1] for name in names[-3:]] == ["sway-roll.npz", "sway-pitch.npz", "sway-yaw.npz"]
+    trials = [recording.trial for recording in folder.recordings()]
+    assert len(trials) == len(calibration.trials)
+    assert trials[0]["diagonal"] == calibration.trials[0].about
+    assert [trial["axis"] for trial in trials[-3:]] == ["roll", "pitch", "yaw"]
+
+
+def test_a_run_folder_is_a_bag_for_ros(calibrated):
+    folder, _ = calibrated
+    with AnyReader([folder.path]) as bag:
+        counts = {connection.topic: connection.msgcount for connection in bag.connections}
+        states = next(connection for connection in bag.connections if connection.topic == "/joint_states")
+        _, time, raw = next(bag.messages([states]))
+        first = bag.deserialize(raw, states.msgtype)
+    plays = folder.read().plays
+    samples = sum(len(play.recording.joints.time) for play in plays)
+    assert counts["/joint_states"] == counts["/imu/data"] == counts["/joint_commands"] == samples
+    assert tuple(first.name) == plays[0].recording.joint_names
+    assert np.array_equal(first.position, plays[0].recording.joints.position[0])
+    assert time == 0
 
 
 def test_estimating_again_gives_the_same_numbers_bit_for_bit(calibrated):
@@ -120,16 +159,38 @@ def test_recordings_come_back_in_order(calibrated):
     assert recordings[0].event("trial").data["kind"] == "lift"
 
 
-def test_recordings_are_numbered_on_after_a_run_is_opened(tmp_path, a1):
-    folder = RunFolder.create(tmp_path / "run", a1, SETTINGS, {})
-    folder.keep(still("lift", diagonal="FL_RR"))
-    folder.keep(still())
-    RunFolder.open(folder.path).keep(still("sway", axis="roll"))
-    names = sorted(file.name for file in (folder.path / "recordings").iterdir())
-    assert names == ["000-lift-FL_RR.npz", "001-motion.npz", "002-sway-roll.npz"]
+def test_a_run_that_was_opened_is_only_read(new):
+    folder = RunFolder.open(new().path)
+    with pytest.raises(OutputError, match="is not open for writing; make a new one, or resume it"):
+        folder.keep(still())
 
 
-def test_settings_come_back(tmp_path, a1):
+def test_recordings_are_kept_as_they_come(tmp_path, a1):
+    with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+        assert folder.recordings() == []
+        for count in range(1, 4):
+            folder.keep(still("lift", float(count)))
+            assert len(folder.recordings()) == count
+        folder.keep(still("lift", 9.0).broken_off())
+        assert len(folder.recordings()) == 3
+        assert folder.read().unfinished.joints.time[0] == 9.0
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), FallError("x")])
+def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
+    def run():
+        with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+            folder.keep(still())
+            raise error
+
+    with pytest.raises(type(error)):
+        run()
+    folder = RunFolder.open(tmp_path / "run")
+    assert folder.read().closed
+    assert (folder.path / "metadata.yaml").exists()
+
+
+def test_settings_come_back(new):
     settings = CalibrationSettings(
         "paper",
         feet="commanded",
@@ -137,20 +198,20 @@ def test_settings_come_back(tmp_path, a1):
         sway=SwaySettings(0.03, 1.5, 2.0),
         precise=PreciseSettings(60.0, 13.4, 0.05, False, Goals(com_planar=1e-3), Priors(joint_zero=2e-3)),
     )
-    path = RunFolder.create(tmp_path / "run", a1, settings, {}).path
+    path = new(settings=settings).path
     assert RunFolder.open(path).settings() == settings
-    path = RunFolder.create(tmp_path / "other", a1, CalibrationSettings(), {}).path
+    path = new(settings=CalibrationSettings(), name="other").path
     assert RunFolder.open(path).settings() == CalibrationSettings()
 
 
-def test_the_robot_comes_back_as_it_was_read(tmp_path):
+def test_the_robot_comes_back_as_it_was_read(tmp_path, new):
     description = RobotDescription(
         foot_radius=0.03, imu_position=(0.1, 0.0, 0.02), imu_rpy=(0.0, 0.1, 3.0), kp=90.0, kd=2.5,
         joint_limits={"FL_2": (-2.5, -0.3)}, held={"arm_0": 0.7},
     )  # fmt: skip
     tail = '<actuator><motor joint="FL_1" ctrlrange="-7 7"/></actuator>'
     robot = load_text(tmp_path, quadruped_mjcf(arm=True, tail=tail), description, name="Größe.xml")
-    path = RunFolder.create(tmp_path / "run", robot, SETTINGS, {}).path
+    path = new(robot).path
     (tmp_path / "Größe.xml").unlink()
     again = RunFolder.open(path).robot()
     assert again.name == robot.name
@@ -165,11 +226,11 @@ def test_the_robot_comes_back_as_it_was_read(tmp_path):
     assert again.pinocchio == robot.pinocchio
 
 
-def test_what_was_repaired_in_a_model_is_not_said_again(tmp_path, a1_urdf):
+def test_what_was_repaired_in_a_model_is_not_said_again(tmp_path, a1_urdf, new):
     mesh = '<collision><geometry><mesh filename="x.stl"/></geometry></collision></link>'
     robot = load_text(tmp_path, a1_urdf.replace("</link>", mesh, 1))
     assert robot.source.repairs
-    path = RunFolder.create(tmp_path / "run", robot, SETTINGS, {}).path
+    path = new(robot).path
     assert RunFolder.open(path).robot().source.repairs == robot.source.repairs  # warnings are errors here
 
 
@@ -181,17 +242,19 @@ def test_a_real_robot_has_no_truth(run):
 
 
 def test_an_interrupted_trial_is_passed_over(run, calibrated):
-    recordings = sorted((run / "recordings").iterdir())
+    recordings = calibrated[0].recordings()
+    start = recordings[0].joints.time[0]
+    (run / "recording.mcap").unlink()
+    with RunLog(run / "recording.mcap") as log:
+        for recording in (*recordings, recordings[0].between(start, start + 0.5).broken_off()):
+            log.keep(recording)
     folder = RunFolder.open(run)
-    first = folder.recordings()[0]
-    cut = first.between(first.joints.time[0], first.joints.time[0] + 0.5)
-    save_recording(cut, recordings[-1].with_name("999-lift.npz"))
+    assert folder.read().unfinished.duration < 0.5
     assert folder.estimate().to_json() == calibrated[1].to_json()
 
 
 def test_a_run_without_a_complete_search_says_what_it_lacks(run):
-    for recording in (run / "recordings").glob("*FR_RL*"):
-        recording.unlink()
+    rewritten(run, lambda recording: recording.trial.get("diagonal") != "FR_RL")
     with pytest.raises(RecordingError, match="no complete search on FR_RL with a tolerance of 10 mm: of 0 lifts"):
         RunFolder.open(run).estimate()
 
@@ -217,7 +280,8 @@ def test_other_files_are_left_alone(tmp_path, a1):
 
 def test_an_empty_folder_is_fine(tmp_path, a1):
     (tmp_path / "run").mkdir()
-    assert RunFolder.create(tmp_path / "run", a1, SETTINGS, {}).recordings() == []
+    with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+        assert folder.recordings() == []
 
 
 @pytest.mark.parametrize("below", ["", "deeper/run"])
@@ -229,15 +293,71 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path, a1, below):
         RunFolder.create(tmp_path / "file" / below, a1, SETTINGS, {})
 
 
-def test_a_run_that_is_gone_cannot_be_written_to(tmp_path, a1, calibrated):
-    folder = RunFolder.create(tmp_path / "run", a1, SETTINGS, {})
+def test_a_run_that_is_gone_cannot_be_written_to(new, calibrated):
+    folder = new()
     shutil.rmtree(folder.path)
-    with pytest.raises(OutputError, match=r"cannot write the recording .*000-motion.npz': No such file"):
-        folder.keep(still())
     with pytest.raises(OutputError, match=r"cannot write into .*: No such file"):
         folder.save_truth(calibrated[1].truth)
     with pytest.raises(OutputError, match=r"cannot write .*calibration.json': No such file"):
         folder.save(calibrated[1])
+    with pytest.raises(RecordingError, match=r"recording.mcap' cannot be read: No such file"):
+        folder.recordings()
+
+
+@pytest.mark.parametrize("raised", [True, False])
+def test_a_run_that_is_gone_when_it_ends_is_told_unless_another_error_says_why(tmp_path, a1, raised):
+    def run():
+        with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+            shutil.rmtree(folder.path)
+            if raised:
+                raise FallError("x")
+
+    with pytest.raises(FallError if raised else OutputError):
+        run()
+
+
+def test_whoever_finds_a_header_finds_the_rest(tmp_path, a1, monkeypatch):
+    seen = []
+    replace = Path.replace
+
+    def looked(self, target):
+        seen.append({file.name for file in Path(target).parent.iterdir()})
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", looked)
+    with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}):
+        assert seen == [{"model.xml", "recording.mcap", "run.partial"}]
+
+
+# --- gone on with
+
+
+def test_a_run_that_is_gone_on_with_takes_what_it_has_and_then_more(run, calibrated):
+    expected = calibrated[0].recordings()
+    rewritten(run, lambda recording: recording.joints.time[0] < expected[3].joints.time[0])
+    folder, content = RunFolder.resume(run, repeats=True)
+    with folder:
+        assert len(content.recordings) == 3
+        assert not (run / "metadata.yaml").exists()  # of a log that is not as it was
+        for recording in expected:
+            folder.keep(recording)
+    assert (run / "metadata.yaml").exists()
+    assert all(one.equals(other) for one, other in zip(folder.recordings(), expected, strict=True))
+    assert folder.estimate().to_json() == calibrated[1].to_json()
+
+
+def test_a_broken_recording_does_not_stand_for_one_that_is_known(run, calibrated):
+    folder, content = RunFolder.resume(run, repeats=True)
+    with folder:
+        folder.keep(content.recordings[0])
+        folder.keep(content.recordings[1].broken_off())  # Ctrl-C while what is known is repeated
+    assert len(folder.recordings()) == len(content.recordings)
+
+
+def test_a_run_is_complete_when_it_has_a_result(run):
+    assert RunFolder.open(run).complete
+    (run / "calibration.json").unlink()
+    assert not RunFolder.open(run).complete
 
 
 # --- damage
@@ -257,9 +377,14 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name):
         (b'{"schema": ', "is no run of equipoise: .*run.json' is not JSON"),
         (b"\xff\xfe\x00", "is no run of equipoise: .*run.json' is not JSON"),
         (b"[1, 2]", "is no run of equipoise: .*run.json' holds no JSON object"),
-        (b"{}", "is None; this version reads 'equipoise.run/1'"),
-        (b'{"schema": "equipoise.run/2"}', "is 'equipoise.run/2'; this version reads 'equipoise.run/1'"),
-        (b'{"schema": "equipoise.run/1"}', "is damaged: its run.json lacks 'model'"),
+        (b"{}", "is None; this version reads 'equipoise.run/2'"),
+        (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/2'"),
+        (b'{"schema": "equipoise.run/3"}', "is 'equipoise.run/3'; this version reads 'equipoise.run/2'"),
+        (
+            b'{"schema": "equipoise.run/1"}',
+            "is 'equipoise.run/1', by an earlier version, whose recordings are NumPy archives: estimate it with that one; ",
+        ),
+        (b'{"schema": "equipoise.run/2"}', "is damaged: its run.json lacks 'model'"),
     ],
 )
 def test_a_damaged_header_is_told(run, content, message):
@@ -316,9 +441,10 @@ def test_a_damaged_model_is_told(run, content):
 
 
 def test_a_damaged_recording_is_named(run):
-    broken = sorted((run / "recordings").iterdir())[2]
-    broken.write_bytes(broken.read_bytes()[:-100])
-    with pytest.raises(RecordingError, match=rf"the recording '.*{broken.name}' cannot be read"):
+    content = bytearray((run / "recording.mcap").read_bytes())
+    content[len(content) // 2] ^= 8
+    (run / "recording.mcap").write_bytes(content)
+    with pytest.raises(RecordingError, match=r"the recording '.*recording.mcap' is damaged: "):
         RunFolder.open(run).estimate()
 
 
@@ -327,8 +453,3 @@ def test_a_damaged_truth_is_told(run, content):
     (run / "truth.json").write_text(content)
     with pytest.raises(RecordingError, match=r"the run '.*copy' is damaged: .*truth.json"):
         RunFolder.open(run).estimate()
-
-
-def test_a_half_written_recording_does_not_count(run, calibrated):
-    (run / "recordings" / "050-lift.partial").write_bytes(b"PK half")
-    assert RunFolder.open(run).estimate().to_json() == calibrated[1].to_json()

@@ -132,9 +132,9 @@ def _record(case: Case, platform: Platform, run: str, settings: CalibrationSetti
         shake(tap, case.robot, case.stance, recordings.append)
     else:
         calibrate(tap, case.robot, dataclasses.replace(settings, method=run), recordings.append)  # pyright: ignore
-    store = RunFolder.create(folder, case.robot, settings, {})
-    for recording in recordings:
-        store.keep(recording)
+    with RunFolder.create(folder, case.robot, settings, {}) as store:
+        for recording in recordings:
+            store.keep(recording)
     np.savez_compressed(folder / FEED_FORWARD, time=np.concatenate(tap.time), torque=np.concatenate(tap.torque))
 
 

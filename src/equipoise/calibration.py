@@ -35,7 +35,7 @@ def calibrate(
         platform: the robot, real or simulated.
         robot: what is known about it.
         settings: what to do; default: the precise method.
-        keep: called with every recording as soon as it is complete, also with the last, broken one on Ctrl-C.
+        keep: called with every recording as soon as it is complete, and with the last, broken one if the routine ends early.
         report: called before every trial.
 
     Raises:
@@ -59,7 +59,7 @@ def calibrate(
     except BaseException:
         unfinished = planted.take()
         if unfinished is not None and keep is not None:
-            keep(unfinished)
+            keep(unfinished.broken_off())
         raise
     return _ESTIMATE[settings.method](robot, recordings, settings, stance)
 

@@ -6,13 +6,20 @@ returns for the error; the codes are stable and are listed in the README.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 
 class EquipoiseError(Exception):
-    """Base of all errors that equipoise raises on purpose."""
+    """Base of all errors that equipoise raises on purpose.
+
+    Attributes:
+        details: what a script may want to know besides, as JSON values.
+    """
 
     exit_code = 1
+    details: Mapping[str, Any] = MappingProxyType({})
 
 
 class SettingsError(EquipoiseError, ValueError):
@@ -61,10 +68,46 @@ class ImuMountingError(MotionError):
     """The tilts contradict the motions as they do when the IMU is mounted turned."""
 
 
+class LimitError(MotionError):
+    """A joint is, or was sent, beyond what it may do: position, speed, torque or temperature."""
+
+
+class SensorError(MotionError):
+    """The robot's samples cannot be believed: frozen, not a number, out of order."""
+
+
+class OverrunError(MotionError):
+    """This computer did not keep up with the control loop."""
+
+
+class CommunicationError(MotionError, ConnectionError):
+    """The robot cannot be reached, or fell silent."""
+
+    exit_code = 10
+
+
 class RecordingError(EquipoiseError, ValueError):
     """A recording or run folder is damaged, or lacks what an estimate needs."""
 
     exit_code = 5
+
+
+class ResumeError(RecordingError):
+    """A run that was interrupted cannot be gone on with: what it would do now is not what was recorded."""
+
+
+class LogError(RecordingError):
+    """What is in a log cannot be used.
+
+    Attributes:
+        report: what it holds, piece by piece (LogReport).
+        details: the same as JSON values.
+    """
+
+    def __init__(self, message: str, report: Any = None, details: Mapping[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.report = report
+        self.details = details or {}
 
 
 class OutputError(EquipoiseError, OSError):

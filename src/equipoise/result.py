@@ -20,6 +20,7 @@ from equipoise._version import __version__
 from equipoise.errors import NotEstimatedError, OutputError, RecordingError
 from equipoise.estimation.findings import Check, SensorFinding
 from equipoise.estimation.paper import AXES, AxisFit
+from equipoise.estimation.parameters import COMPONENTS
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
@@ -50,6 +51,14 @@ class BodyEstimate:
         x, y, z = (float(value) for value in parameters.com)
         rows = tuple((float(a), float(b), float(c)) for a, b, c in parameters.inertia)
         return cls(parameters.mass, (x, y, z), rows)
+
+    def by_name(self) -> dict[str, Maybe]:
+        """Mass, com_x, com_y, com_z, Ixx, Iyy, Izz, Ixy, Ixz, Iyz: the names that intervals have; SI units."""
+        table: dict[str, Maybe] = {"mass": self.mass, **dict(zip(COMPONENTS[1:4], self.com_in_base, strict=True))}
+        for name in COMPONENTS[4:]:
+            row, column = ("xyz".index(axis) for axis in name[1:])
+            table[name] = None if self.inertia is None else self.inertia[row][column]
+        return table
 
     def parameters(self) -> InertialParameters:
         """As inertial parameters; raises NotEstimatedError naming what is missing."""
@@ -346,9 +355,11 @@ class Calibration:
         return json.dumps(self.to_dict(), indent=2) + "\n"
 
     def save(self, path: str | Path) -> None:
-        """Write the JSON form; raises OutputError if it cannot be written."""
+        """Write the JSON form; raises OutputError if it cannot be written. The file is there when it is complete."""
+        path = Path(path)
         try:
-            Path(path).write_text(self.to_json(), encoding="utf-8")
+            path.with_suffix(".partial").write_text(self.to_json(), encoding="utf-8")
+            path.with_suffix(".partial").replace(path)
         except OSError as error:
             raise OutputError(f"cannot write {str(path)!r}: {error.strerror}") from error
 

@@ -2,7 +2,8 @@
 
 run.json            robot, settings, provenance
 model.xml           the robot model as it was read (URDF or MJCF, cleaned)
-recordings/         one archive per motion, in order
+recording.mcap      everything that was sensed and sent, written as it happens
+metadata.yaml       what rosbag2 wants to know of that, once the run is over
 truth.json          simulation only
 calibration.json    the result
 """
@@ -13,42 +14,52 @@ import dataclasses
 import hashlib
 import json
 import warnings
+from collections import deque
 from collections.abc import Mapping
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, cast
 
 from equipoise.calibration import CalibrationSettings, estimate
-from equipoise.errors import EquipoiseError, ModelWarning, OutputError, RecordingError, SettingsError
+from equipoise.errors import EquipoiseError, ModelWarning, OutputError, RecordingError, ResumeError, SettingsError
 from equipoise.estimation.parameters import Priors
 from equipoise.experiments.plan import Goals
 from equipoise.experiments.precise_routine import PreciseSettings
 from equipoise.experiments.sway import SwaySettings
 from equipoise.experiments.trial_runner import ComSearchSettings
 from equipoise.recordings.recording import Recording
-from equipoise.recordings.storage import load_recording, save_recording
+from equipoise.recordings.rosbag2 import METADATA, write_metadata
+from equipoise.recordings.run_log import RunLog
+from equipoise.recordings.run_log_reader import LogContent, read_log
+from equipoise.recordings.run_log_resume import resume_log
 from equipoise.result import Calibration, inertia_from_dict, inertia_to_dict
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
 
-SCHEMA = "equipoise.run/1"
+SCHEMA = "equipoise.run/2"
 RESULT = "calibration.json"
-_HEADER, _MODEL, _TRUTH, _RECORDINGS = "run.json", "model.xml", "truth.json", "recordings"
+_HEADER, _MODEL, _TRUTH, _LOG = "run.json", "model.xml", "truth.json", "recording.mcap"
+_EARLIER = {
+    "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
+}
 
 
 class RunFolder:
-    """A run on disk. Made by `create`, found again by `open`.
+    """A run on disk. Made by `create`, found again by `open`, gone on with by `resume`.
+
+    What was made or is gone on with is open for writing: use it as a context manager, or close it.
 
     Attributes:
         path: the folder.
-        count: number of recordings.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, header: Mapping[str, Any], log: RunLog | None = None) -> None:
         self.path = path
         self._header = header
-        self.count = len(list((path / _RECORDINGS).glob("*.npz")))
+        self._log = log
+        self._known = deque[Recording]()  # recordings that the routine comes to again before it goes on
 
     @classmethod
     def create(
@@ -79,38 +90,102 @@ class RunFolder:
             if path.is_dir() and any(path.iterdir()):
                 holds = "another run" if (path / _HEADER).exists() else "other files"
                 raise OutputError(f"the output folder {str(path)!r} holds {holds}; name a new one with --out")
-            (path / _RECORDINGS).mkdir(parents=True, exist_ok=True)
+            path.mkdir(parents=True, exist_ok=True)
             (path / _MODEL).write_text(robot.source.xml, encoding="utf-8")
-            (path / _HEADER).write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
+            log = RunLog(path / _LOG)
+            (path / _HEADER).with_suffix(".partial").write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
+            (path / _HEADER).with_suffix(".partial").replace(path / _HEADER)  # whoever finds a header finds the rest
         except OutputError:
             raise
         except OSError as error:
             raise OutputError(f"cannot write into the output folder {str(path)!r}: {error.strerror}") from error
-        return cls(path, header)
+        return cls(path, header, log)
 
     @classmethod
     def open(cls, path: str | Path) -> RunFolder:
         """A run that exists; raises RecordingError if it is none."""
         path = Path(path)
         header = _read_json(path / _HEADER, f"{str(path)!r} is no run of equipoise")
-        if header.get("schema") != SCHEMA:
-            raise RecordingError(f"the run {str(path)!r} is {header.get('schema')!r}; this version reads {SCHEMA!r}")
+        schema = header.get("schema")
+        if schema != SCHEMA:
+            by = _EARLIER.get(str(schema), "")
+            raise RecordingError(f"the run {str(path)!r} is {schema!r}{by}; this version reads {SCHEMA!r}")
         for key in ("model", "description", "settings", "provenance"):
             if not isinstance(header.get(key), dict):
                 raise RecordingError(f"the run {str(path)!r} is damaged: its {_HEADER} lacks {key!r}")
         return cls(path, header)
 
+    @classmethod
+    def resume(cls, path: str | Path, repeats: bool) -> tuple[RunFolder, LogContent]:
+        """A run that was interrupted, to go on with behind its last complete recording; and what its log held.
+
+        Args:
+            path: the folder.
+            repeats: whether what was played behind that will be played again exactly, as a simulation does. A real robot's
+                motion stays in the log.
+
+        Raises:
+            RecordingError: it is no run, or its log is damaged.
+            OutputError: it cannot be written, or another process writes it.
+        """
+        folder = cls.open(path)
+        folder._log, content = resume_log(folder.path / _LOG, repeats)
+        (folder.path / METADATA).unlink(missing_ok=True)  # of what is about to change
+        folder._known = deque(content.recordings)
+        return folder, content
+
+    @property
+    def log(self) -> RunLog:
+        """What the platform writes to; raises OutputError if the run is not open for writing."""
+        if self._log is None:
+            raise OutputError(f"the run {str(self.path)!r} is not open for writing; make a new one, or resume it")
+        return self._log
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run came to its result."""
+        return (self.path / RESULT).exists()
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """When, on what and how the run was made."""
+        return self._header["provenance"]
+
     def keep(self, recording: Recording) -> None:
-        """Write the next recording."""
-        words = [str(recording.trial[key]) for key in ("kind", "diagonal", "axis") if key in recording.trial] or [
-            "motion"
-        ]
-        save_recording(recording, self.path / _RECORDINGS / f"{self.count:03d}-{'-'.join(words)}.npz")
-        self.count += 1
+        """Keep the next recording: of motions that the log has, or, where it has not, as it is.
+
+        Raises:
+            ResumeError: a run that is gone on with comes to another recording than it came to before.
+        """
+        if not self._known:
+            self.log.keep(recording)
+        elif not recording.broken and not recording.equals(self._known.popleft()):
+            raise ResumeError(
+                f"the run {str(self.path)!r} does not come to the recordings that it has: by another version of equipoise?"
+            )
 
     def recordings(self) -> list[Recording]:
-        """All recordings, in order."""
-        return [load_recording(path) for path in sorted((self.path / _RECORDINGS).glob("*.npz"))]
+        """All complete recordings, in order."""
+        return list(self.read().recordings)
+
+    def read(self) -> LogContent:
+        """All that was logged."""
+        return read_log(self.path / _LOG)
+
+    def close(self) -> None:
+        """End the log. May be called twice."""
+        if self._log is None:
+            return
+        log, self._log = self._log, None
+        log.close()
+        write_metadata(self.path, log.file)
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with suppress(OutputError) if exception[0] else nullcontext():  # the first error says why
+            self.close()
 
     def robot(self) -> RobotModel:
         """The robot as it was read for the run. What was repaired then is not said again."""

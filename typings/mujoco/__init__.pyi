@@ -22,6 +22,8 @@ class _Enum:
 
 class mjtState(_Enum):
     mjSTATE_FULLPHYSICS: mjtState
+    mjSTATE_CTRL: mjtState
+    mjSTATE_XFRC_APPLIED: mjtState
     mjSTATE_INTEGRATION: mjtState
 
 class mjtIntegrator(_Enum):
@@ -104,6 +106,8 @@ class MjModel:
     body_mass: _FloatArray
     body_inertia: _FloatArray
     geom_size: _FloatArray
+    geom_friction: _FloatArray
+    geom_priority: _IntArray
     dof_frictionloss: _FloatArray
     dof_damping: _FloatArray
     dof_armature: _FloatArray

@@ -16,6 +16,7 @@ class Rollout:
         initial_state: _FloatArray,
         control: _FloatArray | None = None,
         *,
+        control_spec: int = ...,
         initial_warmstart: _FloatArray | None = None,
     ) -> tuple[_FloatArray, _FloatArray]: ...
     def close(self) -> None: ...

@@ -13,7 +13,7 @@ from equipoise.balance.judge import Course, Verdict
 from equipoise.balance.routine import BalanceSettings
 from equipoise.balance.run import BalanceRun
 from equipoise.errors import OutputError
-from equipoise.recordings.storage import save_recording
+from equipoise.recordings.run_log import save_recording
 
 SCHEMA = "equipoise.balance/1"
 
@@ -104,6 +104,6 @@ class BalanceReport:
         except OSError as error:
             raise OutputError(f"cannot write into the output folder {str(folder)!r}: {error.strerror}") from error
         for trial in self.trials:
-            files.append(folder / f"balance-{trial.run.diagonal}.npz")
+            files.append(folder / f"balance-{trial.run.diagonal}.mcap")
             save_recording(trial.run.recording, files[-1])
         return files

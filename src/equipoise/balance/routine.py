@@ -15,9 +15,9 @@ from equipoise.balance.posture import Posture, posture_over_line
 from equipoise.balance.run import BalanceRun, Ending, Samples
 from equipoise.balance.senses import Bearings, Senses, SensorKnowledge
 from equipoise.errors import MotionError, SettingsError
-from equipoise.experiments.motion import smooth_step
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState
+from equipoise.platforms.ramp import smooth_step
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics_best_effort
 from equipoise.robot.model import A1_TORQUE_SCALE, DIAGONALS, RobotModel

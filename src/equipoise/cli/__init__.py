@@ -7,7 +7,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,10 +20,13 @@ from equipoise.cli.calibrate import calibrate
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
 from equipoise.cli.reproduce import reproduce
+from equipoise.cli.robot import doctor, platforms, record
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
-VERBS = (calibrate, plan, estimate, balance, monte_carlo, reproduce, robots, audit)
+VERBS = (
+    calibrate, plan, estimate, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
+)  # fmt: skip
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if "--debug" in arguments:
                 traceback.print_exc()
             print(f"error: {error}", file=sys.stderr)
-            return _failed(type(error).__name__, str(error), error.exit_code, arguments)
+            return _failed(type(error).__name__, str(error), error.exit_code, arguments, error.details)
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             return _failed("Interrupted", "interrupted", INTERRUPTED, arguments)
@@ -74,9 +77,11 @@ def _warnings_on_stderr() -> Generator[None]:
         yield
 
 
-def _failed(kind: str, message: str, code: int, arguments: Sequence[str]) -> int:
+def _failed(
+    kind: str, message: str, code: int, arguments: Sequence[str], details: Mapping[str, Any] | None = None
+) -> int:
     """With --json an error is an object too. Returns the exit code."""
     if "--json" in arguments:
-        table = {"type": kind, "message": message, "exit_code": code}
+        table = {"type": kind, "message": message, "exit_code": code, **(details or {})}
         print(json_module.dumps({"schema": "equipoise.error/1", "error": table}))
     return code

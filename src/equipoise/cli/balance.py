@@ -136,7 +136,7 @@ def balance(
 def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
     """Save what was recorded, and say where, if a trial does not come to its end."""
     from equipoise.platforms.platform import MotionInterrupted
-    from equipoise.recordings.storage import save_recording
+    from equipoise.recordings.run_log import save_recording
 
     try:
         yield
@@ -145,7 +145,7 @@ def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
         for recording in recordings[-1:]:
             if recording is not None:
                 out.mkdir(parents=True, exist_ok=True)
-                save_recording(recording, out / f"balance-{diagonal}-broken-off.npz")
+                save_recording(recording.broken_off(), out / f"balance-{diagonal}-broken-off.mcap")
                 print(f"what was recorded so far is kept in {out}", file=sys.stderr)
         raise
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json as json_module
+import sys
 from collections.abc import Mapping
 from datetime import datetime, timezone
 from inspect import signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import arg
 
@@ -17,15 +19,27 @@ from equipoise.cli.flags import (
     Hertz,
     Kilograms,
     Metres,
-    Robot,
+    PlatformName,
+    RobotOrNone,
     Seconds,
+    Setting,
     Verbose,
-    interruption_told,
     load,
     seconds,
 )
-from equipoise.errors import SettingsError
+from equipoise.cli.session import Place, Session, confirm
+from equipoise.errors import OutputError, SettingsError
 from equipoise.robot.description import RobotDescription
+
+if TYPE_CHECKING:
+    from equipoise.calibration import CalibrationSettings
+    from equipoise.result import Calibration
+    from equipoise.run_folder import RunFolder
+
+_DEFAULT_ROBOT = "unitree_a1"
+_FLAGS_OF_SIMULATORS = ("noise", "payload", "start", "seed")
+_FLAGS_OF_ROBOTS = ("set", "settings", "yes")
+_FLAGS_OF_RESUME = ("resume", "yes", "pictures", "json", "quiet", "verbose", "debug")
 
 _FLAGS_OF_METHOD = {
     "precise": ("budget", "mass", "mass_sd", "sway"),
@@ -37,7 +51,7 @@ _FLAGS_OF_METHOD = {
 
 
 def calibrate(
-    robot: Robot = "unitree_a1",
+    robot: RobotOrNone = None,
     *,
     method: Literal["precise", "paper", "static"] = "precise",
     budget: Duration = None,
@@ -49,6 +63,12 @@ def calibrate(
     payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
     start: Literal["standing", "lying"] = "standing",
     seed: int = 0,
+    platform: PlatformName = "mujoco",
+    set: Setting = (),
+    settings: File = None,
+    dry_run: bool = False,
+    yes: bool = False,
+    repeat: int = 1,
     tolerance: float = 0.005,
     lower: Metres = None,
     upper: Metres = None,
@@ -61,20 +81,23 @@ def calibrate(
     description_file: File = None,
     description: Described = RobotDescription(),  # noqa: B008
     out: File = None,
+    resume: Annotated[Path | None, arg(metavar="RUN", help_behavior_hint="")] = None,
     pictures: bool = True,
     json: bool = False,
     quiet: bool = False,
     verbose: Verbose = False,
     debug: bool = False,
 ) -> None:
-    """Find a quadruped's mass, centre of mass and inertia, in simulation.
+    """Find a quadruped's mass, centre of mass and inertia, in simulation or on the robot.
 
     precise: the robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips; its
     sensors are calibrated on the way. paper: a bisection finds the planar centre of mass (Algorithms 1 and 2), sways give
     moments of inertia (equations 2 to 5). static: what the joint torques of the standing robot say.
-    The run folder keeps every recording.
+    The run folder keeps every recording. On a robot a guard watches every command and sample, and lets it down on any trouble.
 
     Example: equipoise calibrate go2 --noise realistic --payload 1.5,0.1,0,0.08 --seed 3 --out runs/go2
+             equipoise calibrate go2 --platform unitree-go2 --set interface=eth0
+             equipoise calibrate --resume runs/go2
 
     Args:
         method: What to do.
@@ -87,6 +110,11 @@ def calibrate(
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         start: How the simulated robot begins (and ends).
         seed: Of everything drawn.
+        set: A setting of the platform, as interface=eth0; may be given again.
+        settings: TOML file with settings of the platform.
+        dry_run: Print the whole plan (postures, joint ranges, torques, duration) and move nothing.
+        yes: Robots: do not ask before the first motion.
+        repeat: Calibrate so many times and report how much the results differ.
         tolerance: paper: the search ends when the bounds of the offset are this close [m].
         lower: paper: lower search bound of the offset [m]; default by the robot's size.
         upper: paper: upper search bound of the offset [m]; default by the robot's size.
@@ -98,44 +126,122 @@ def calibrate(
         sway_duration: paper: of the steady sway [s]; default six periods.
         description_file: TOML file with a robot description; flags win over it.
         out: Run folder; default runs/ROBOT-TIME.
+        resume: Go on with the run in this folder behind its last complete trial, as it began: no other settings may be given.
         pictures: PNG pictures are drawn unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
         quiet: No progress.
         verbose: Show how long each stage of the estimate took.
         debug: Show a traceback if something goes wrong.
     """
-    _refuse_flags_of_other_methods(method, locals())
+    given = locals()
+    if resume is not None:
+        _refuse_flags_beside_resume(given)
+        _show(*_resumed(resume, yes, quiet or json), pictures, json, verbose)
+        return
+    _refuse_flags_of_other_methods(method, given)
+    _refuse_flags_of_other_platforms(platform, given)
     from equipoise.calibration import CalibrationSettings, check
-    from equipoise.calibration import calibrate as run
     from equipoise.experiments.precise_routine import PreciseSettings
     from equipoise.experiments.sway import SwaySettings
     from equipoise.experiments.trial_runner import ComSearchSettings
-    from equipoise.outputs.terminal import TrialProgress, print_calibration
+    from equipoise.platforms.catalog import given_settings
     from equipoise.platforms.payload import Payload
-    from equipoise.platforms.simulation import simulate
-    from equipoise.run_folder import RunFolder
 
-    settings = CalibrationSettings(
+    plan = CalibrationSettings(
         method,
         feet,
         ComSearchSettings(lower, upper, tolerance, lift_height, t_thres, speed),
         SwaySettings(sway_amplitude, sway_frequency, sway_duration),
         PreciseSettings(seconds(budget), mass, mass_sd, sway),
     )
-    loaded = Payload.parse(payload) if payload is not None else None
-    model = load(robot, description_file, description)
-    check(model, settings)
+    if payload is not None:
+        Payload.parse(payload)
+    if repeat < 1:
+        raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
+    model = load(robot or _DEFAULT_ROBOT, description_file, description)
+    place = Place(platform, given_settings(set, settings), noise, payload, seed, start)
+    check(model, plan)
+    if dry_run:
+        from equipoise.methods.rehearsal import rehearse
+        from equipoise.outputs.platform_terminal import print_rehearsal
+
+        print_rehearsal(rehearse(model, plan), platform)
+        return
+    confirm(place, model, plan, yes)
     now = datetime.now(timezone.utc)
     out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
-    facts = {"time": now.isoformat(timespec="seconds"), "platform": "mujoco", "noise": noise, "payload": payload}
-    with simulate(model, noise, loaded, seed, start) as simulation:
-        provenance = {**facts, "seed": seed, "mujoco": simulation.engine}
-        folder = RunFolder.create(out, model, settings, provenance)
-        folder.save_truth(simulation.truth)
-        with interruption_told(folder), TrialProgress(quiet or json) as progress:
-            result = run(simulation.platform, model, settings, folder.keep, progress.update)
-    result = result.with_provenance(**provenance).with_truth(simulation.truth)
+    facts = {"time": now.isoformat(timespec="seconds")}
+    with Session(place, model) as session:
+        if repeat == 1:
+            _show(*_run(session, out, plan, facts, quiet or json), pictures, json, verbose)
+        else:
+            _repeated(session, out, plan, facts, repeat, quiet or json, json)
+
+
+def _run(
+    session: Session, out: Path, plan: CalibrationSettings, facts: Mapping[str, Any], quiet: bool
+) -> tuple[Calibration, RunFolder]:
+    """One run, its result on disk."""
+    from equipoise.run_folder import RunFolder
+
+    folder = RunFolder.create(out, session.robot, plan, {**facts, **session.facts})
+    result = session.run(folder, plan, quiet)
     folder.save(result)
+    return result, folder
+
+
+def _resumed(path: Path, yes: bool, quiet: bool) -> tuple[Calibration, RunFolder]:
+    """The result of a run that is gone on with, and its folder."""
+    from equipoise.run_folder import RunFolder
+
+    folder = RunFolder.open(path)
+    if folder.complete:
+        print(f"the run in {path} is complete; this is what its recordings say", file=sys.stderr)
+        return folder.estimate(), folder
+    model, plan, place = folder.robot(), folder.settings(), Place.of(folder)
+    confirm(place, model, plan, yes)
+    with Session(place, model) as session:
+        folder, content = RunFolder.resume(path, repeats=place.simulated)
+        result = session.run(folder, plan, quiet, content)
+    folder.save(result)
+    return result, folder
+
+
+def _repeated(
+    session: Session,
+    out: Path,
+    plan: CalibrationSettings,
+    facts: Mapping[str, Any],
+    count: int,
+    quiet: bool,
+    json: bool,
+) -> None:
+    """Several runs on one robot, and how much they differ."""
+    from equipoise.outputs.repeatability_terminal import print_repeatability
+    from equipoise.repeatability import repeatability, to_dict
+
+    results: list[Calibration] = []
+    for number in range(count):
+        if not quiet:
+            print(f"calibration {number + 1} of {count}", file=sys.stderr)
+        result, _ = _run(session, out / f"{number + 1:02d}", plan, {**facts, "repetition": number}, quiet)
+        results.append(result)
+    repeated = repeatability(results)
+    table = to_dict(repeated, count)
+    try:
+        (out / "repeatability.json").write_text(json_module.dumps(table, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write into {str(out)!r}: {error.strerror}") from error
+    if json:
+        print(json_module.dumps(table, indent=2))
+    else:
+        print_repeatability(session.robot.name, repeated, count)
+        print(f"saved: {out}")
+
+
+def _show(result: Calibration, folder: RunFolder, pictures: bool, json: bool, verbose: bool) -> None:
+    from equipoise.outputs.terminal import print_calibration
+
     files = [folder.path / "calibration.json"]
     if pictures:
         from equipoise.outputs.pictures import save_pictures
@@ -147,11 +253,34 @@ def calibrate(
         print_calibration(result, files, verbose)
 
 
+def _refuse_flags_beside_resume(given: Mapping[str, object]) -> None:
+    """A run goes on as it began: a flag that would change it would be ignored without a word."""
+    for name, parameter in signature(calibrate).parameters.items():
+        if name not in _FLAGS_OF_RESUME and given[name] != parameter.default:
+            what = "a robot" if name == "robot" else f"--{_flag(name)}"
+            raise SettingsError(f"--resume goes on as the run began; {what} cannot be given with it")
+
+
 def _refuse_flags_of_other_methods(method: str, given: Mapping[str, object]) -> None:
     """A flag that a method does not know would be ignored without a word."""
     defaults = signature(calibrate).parameters
     for owner, names in _FLAGS_OF_METHOD.items():
         for name in names:
             if owner != method and given[name] != defaults[name].default:
-                flag = "no-sway" if name == "sway" else name.replace("_", "-")
-                raise SettingsError(f"--{flag} belongs to --method {owner}; this is --method {method}")
+                raise SettingsError(f"--{_flag(name)} belongs to --method {owner}; this is --method {method}")
+
+
+def _refuse_flags_of_other_platforms(platform: str, given: Mapping[str, object]) -> None:
+    """A flag that a platform does not know would be ignored without a word."""
+    from equipoise.platforms.catalog import SIMULATED
+
+    simulated = platform in SIMULATED
+    defaults = signature(calibrate).parameters
+    for name in _FLAGS_OF_ROBOTS if simulated else _FLAGS_OF_SIMULATORS:
+        if given[name] != defaults[name].default:
+            kind = "real robots" if simulated else "simulators"
+            raise SettingsError(f"--{_flag(name)} is for {kind}; {platform} is none")
+
+
+def _flag(name: str) -> str:
+    return "no-sway" if name == "sway" else name.replace("_", "-")

@@ -7,14 +7,22 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
 from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.robot.description import RobotDescription
 
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
+RobotOrNone = Annotated[
+    Positional[str | None],
+    arg(
+        metavar="ROBOT",
+        help="Name (see 'equipoise robots'), or a URDF or MJCF file.",
+        help_behavior_hint="(default: unitree_a1)",
+    ),
+]
 Described = Annotated[RobotDescription, arg(name="", help="What the model file leaves out or gets wrong.")]
 # An option whose default is found at run time: its help says how.
 Metres = Annotated[float | None, arg(metavar="METRES", help_behavior_hint="")]
@@ -22,7 +30,18 @@ Seconds = Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")]
 Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
 Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
+Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="")]
 Verbose = Annotated[bool, arg(aliases=["-v"])]
+_PLATFORMS = (
+    "Where: mujoco, dart (simulated); unitree-go2, unitree-b2 (robot lies, cable in, --set interface=eth0; its sport mode is "
+    "released); ros2 (Gazebo, ros2_control: load a position controller, --set interface=lo domain and topics); unitree-a1, "
+    "unitree-go1 (beta: lying, in low-level mode, this computer in its network). 'equipoise platforms' lists all settings."
+)
+PlatformName = Annotated[
+    Literal["mujoco", "dart", "unitree-go2", "unitree-b2", "ros2", "unitree-a1", "unitree-go1"],
+    arg(help=_PLATFORMS),
+]
+Setting = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 
 
@@ -56,6 +75,30 @@ def interruption_told(folder: Any) -> Generator[None]:
     try:
         yield
     except (KeyboardInterrupt, EquipoiseError):
-        if folder.count:
+        if not folder.log.empty:
             print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
+            print(f"go on: equipoise calibrate --resume {folder.path}", file=sys.stderr)
         raise
+
+
+@contextmanager
+def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
+    """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
+    from equipoise.platforms.catalog import SIMULATED, given_settings, open_platform
+
+    given = given_settings(pairs, settings)
+    if platform not in SIMULATED:
+        with open_platform(platform, model, given) as connection:
+            yield connection
+        return
+    refuse_settings(platform, given)
+    from equipoise.platforms.simulation import simulate
+
+    with simulate(model, "realistic", engine=platform) as simulation:
+        yield simulation.platform
+
+
+def refuse_settings(platform: str, given: Any) -> None:
+    """A simulator has none."""
+    if given:
+        raise SettingsError(f"platform {platform!r} has no settings; --set and --settings are for robots")

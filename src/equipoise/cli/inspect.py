@@ -10,7 +10,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from equipoise.cli.flags import Described, Duration, File, Kilograms, Robot, Verbose, load, seconds
+from equipoise.cli.flags import Described, Duration, File, Kilograms, Robot, Topic, Verbose, load, seconds
+from equipoise.errors import LogError, RecordingError, SettingsError
+from equipoise.recordings.logs.topics import Topics
 from equipoise.robot.description import RobotDescription
 
 
@@ -48,31 +50,100 @@ def plan(
 
 
 def estimate(
-    run: Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration.")],
+    log: Annotated[Positional[Path], arg(metavar="LOG", help="Run folder of a calibration, or a log of another kind.")],
     *,
+    robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None,
     feet: Annotated[Literal["measured", "commanded"] | None, arg(help_behavior_hint="")] = None,
     mass: Kilograms = None,
     mass_sd: Kilograms = None,
+    joint_topic: Topic = None,
+    imu_topic: Topic = None,
+    command_topic: Topic = None,
+    joint_map: File = None,
+    start: Annotated[Duration, arg(name="from")] = None,
+    until: Duration = None,
+    description_file: File = None,
+    description: Described = RobotDescription(),  # noqa: B008
+    out: File = None,
     json: bool = False,
     verbose: Verbose = False,
     debug: bool = False,
 ) -> None:
-    """Estimate again from a run's recordings, without a robot or a simulator.
+    """Estimate again from a run's recordings, or from a log that is not ours. Needs no robot and no simulator.
 
-    Example: equipoise estimate runs/go2 --mass 16.2 --mass-sd 0.05
+    Logs are rosbag2 bags (a folder, an .mcap or a .db3 file) with JointState and Imu or unitree_go/LowState, and .csv and
+    .parquet tables; docs/logs.md says what is in them. What can be used is found: lifts of two diagonal feet, moves and
+    sways over planted feet.
+
+    Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
 
     Args:
+        robot: Whose log it is: a name or a model file, as in 'calibrate'. A run of ours knows.
         feet: As in 'calibrate'; default as in the run.
         mass: As in 'calibrate'; default as in the run.
         mass_sd: As in 'calibrate'; default as in the run.
+        joint_topic: Joint states of a bag that has several.
+        imu_topic: IMU samples of a bag that has several.
+        command_topic: Joint commands of a bag that has several.
+        joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
+        start: Use the log from here on, after its first sample.
+        until: Use the log until here.
+        description_file: Of the log's robot: TOML file with a robot description; flags win over it.
+        out: JSON file to save the result of a log in; a run has its calibration.json.
         json: Print the result as one JSON object and nothing else on stdout.
-        verbose: Show how long each stage of the estimate took.
+        verbose: Show every piece of a log, and how long each stage of the estimate took.
         debug: Show a traceback if something goes wrong.
     """
+    given = _LogFlags(
+        Topics(joint_topic, imu_topic, command_topic), joint_map, (seconds(start), seconds(until)), description_file,
+        description, out,
+    )  # fmt: skip
+    if robot is None:
+        given.refuse()
+        _estimate_run(log, feet, mass, mass_sd, json, verbose)
+    elif feet is not None:
+        raise SettingsError("--feet belongs to runs of --method paper; a log is estimated by the method 'precise'")
+    else:
+        _estimate_log(log, robot, given, mass, mass_sd, json, verbose)
+
+
+@dataclasses.dataclass(frozen=True)
+class _LogFlags:
+    """Flags that only logs that are not ours know."""
+
+    topics: Topics
+    joint_map: Path | None
+    span: tuple[float | None, float | None]
+    description_file: Path | None
+    description: RobotDescription
+    out: Path | None = None
+
+    def refuse(self) -> None:
+        """Raise SettingsError if one was given."""
+        none = _LogFlags(Topics(), None, (None, None), None, RobotDescription())
+        given = [
+            field.name for field in dataclasses.fields(self) if getattr(self, field.name) != getattr(none, field.name)
+        ]
+        if given:
+            raise SettingsError(
+                "topics, --joint-map, --from, --until, --out and robot descriptions are for logs that are not ours: give "
+                "--robot too"
+            )
+
+
+def _estimate_run(
+    path: Path, feet: Literal["measured", "commanded"] | None, mass: float | None, mass_sd: float | None, json: bool,
+    verbose: bool,
+) -> None:  # fmt: skip
     from equipoise.outputs.terminal import print_calibration
+    from equipoise.recordings.logs.reader import is_log
     from equipoise.run_folder import RunFolder
 
-    folder = RunFolder.open(run)
+    try:
+        folder = RunFolder.open(path)
+    except RecordingError as error:
+        hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
+        raise RecordingError(f"{error}{hint}") from error
     settings = folder.settings()
     precise = settings.precise
     if mass is not None or mass_sd is not None:
@@ -82,6 +153,38 @@ def estimate(
         print(result.to_json(), end="")
     else:
         print_calibration(result, [], verbose)
+
+
+def _estimate_log(
+    path: Path, robot: str, given: _LogFlags, mass: float | None, mass_sd: float | None, json: bool, verbose: bool
+) -> None:
+    from equipoise.calibration import CalibrationSettings
+    from equipoise.experiments.precise_routine import PreciseSettings
+    from equipoise.offline import estimate_log
+    from equipoise.outputs.log_terminal import print_log_report
+    from equipoise.outputs.terminal import print_calibration
+    from equipoise.recordings.logs.joint_names import read_joint_map
+    from equipoise.recordings.logs.reader import read_log
+
+    model = load(robot, given.description_file, given.description)
+    settings = CalibrationSettings(precise=PreciseSettings(mass=mass, mass_sd=mass_sd))
+    joint_map = None if given.joint_map is None else read_joint_map(given.joint_map)
+    log = read_log(path, model, given.topics, joint_map, given.span)
+    try:
+        found = estimate_log(model, log, settings)
+    except LogError as error:
+        if not json:
+            print_log_report(error.report, verbose)
+        raise
+    result = found.result.with_provenance(log=str(path), **log.about)
+    if given.out is not None:
+        result.save(given.out)
+    if json:
+        print(json_module.dumps({**result.to_dict(), "log": found.report.to_dict()}, indent=2))
+    else:
+        print_log_report(found.report, verbose)
+        print_calibration(result, [], verbose)
+        print("" if given.out is None else f"saved: {given.out}\n", end="")
 
 
 def robots(*, json: bool = False, debug: bool = False) -> None:

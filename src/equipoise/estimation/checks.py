@@ -90,6 +90,8 @@ def _enough(evidence: Evidence, posterior: Posterior) -> Check:
 
 
 def _lifts_fit(evidence: Evidence, lifts: tuple[Misfit, ...]) -> Check:
+    if not lifts:
+        return Check("lifts", False, "there is no lift of two feet: what is found is what joint torques say")
     message = _misfits(evidence, lifts, "lift")
     passed = _fit(lifts)
     if not passed:

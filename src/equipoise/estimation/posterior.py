@@ -88,17 +88,19 @@ def estimate_posterior(
     priors: Priors | None = None,
     mass: tuple[float, float] | None = None,
     rounds: int = 2,
+    lifts_needed: bool = True,
 ) -> Posterior:
     """The most probable unknowns given all evidence.
 
     Args:
         mass: of the whole robot from a scale, and its standard deviation [kg].
         rounds: how often noise levels are renewed.
+        lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
 
     Raises:
-        RecordingError: no lift trial can be used.
+        RecordingError: no lift trial can be used; or there are no joint torques either.
     """
-    problem = _Problem(robot, stance, evidence, priors or Priors(), mass)
+    problem = _Problem(robot, stance, evidence, priors or Priors(), mass, lifts_needed)
     try:
         return _solve(problem, rounds)
     except np.linalg.LinAlgError as error:
@@ -117,21 +119,22 @@ def _solve(problem: _Problem, rounds: int) -> Posterior:
 
 class _Problem:
     def __init__(
-        self, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors, mass: tuple[float, float] | None
-    ) -> None:
+        self, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors, mass: tuple[float, float] | None,
+        lifts_needed: bool,
+    ) -> None:  # fmt: skip
         self.mass = mass
         self.converged = False
         self.unknowns = Unknowns(robot, stance, priors)
         legs = LegChains(robot)
         lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
-        if not lifts:
+        torques = [(motion.index, sample) for motion in evidence.motions for sample in motion.torques]
+        if not lifts and (lifts_needed or not torques):
             reasons = {motion.left_out for motion in evidence.motions if motion.left_out}
             raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")
         moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
         rotation = np.array(robot.imu_in_base.rotation)
-        self.tilt = TiltBlock(self.unknowns, legs, rotation, lifts)
+        self.tilt = TiltBlock(self.unknowns, legs, rotation, lifts) if lifts else None
         self.planted = PlantedBlock(self.unknowns, legs, rotation, moves) if moves else None
-        torques = [(motion.index, sample) for motion in evidence.motions for sample in motion.torques]
         self.torque = TorqueBlock(self.unknowns, torques) if torques else None
 
     @property
@@ -219,7 +222,7 @@ class _Problem:
             stance_effective_covariance=spread(unknowns.stance_effective_body, x, covariance),
             prior_deviation=np.sqrt(np.diag(spread(unknowns.robot_body, start, before))),
             base_prior_deviation=np.sqrt(np.diag(spread(unknowns.base_body, start, before))),
-            lifts=self.tilt.misfits(x),
+            lifts=() if self.tilt is None else self.tilt.misfits(x),
             moves=() if self.planted is None else self.planted.misfits(x),
             torque_chi=None if self.torque is None else self.torque.chi,
             converged=self.converged,

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.lift_samples import attitudes
+from equipoise.recordings.logs.gaps import split_at_gaps
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import LEG_NAMES, RobotModel
 
@@ -40,6 +41,13 @@ _CURED = 0.35  # of the disagreement that is left when a mistake is undone, at m
 _TURNED = np.radians(12)  # more than floors slope
 _RIGHT_ANGLE = np.radians(10)  # IMUs are mounted turned by right angles, and about so far off that
 _FEWEST_RESTS = 4
+
+GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
+    ("is it in degrees per second?", np.full(3, np.pi / 180)),
+    ("do all axes have the wrong sign?", -np.ones(3)),
+    *((f"does its {axis} have the wrong sign?", 1 - 2 * np.eye(3)[index]) for index, axis in enumerate("xyz")),
+)
+"""What people do wrong, as a question, and the (3,) factors that undo it."""
 
 
 def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
@@ -63,9 +71,26 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     _check_gyroscope(recordings)
     if len(rests) >= _FEWEST_RESTS:
         _check_floor(robot, position, acceleration)
-    torques = [rest.joints.torque.mean(axis=0) for rest in rests if rest.joints.torque is not None]
-    if len(torques) == len(rests):
-        _check_torques(robot, position, np.array(torques), acceleration)
+    torques = [None if rest.joints.torque is None else rest.joints.torque.mean(axis=0) for rest in rests]
+    weighed = np.array([torque is not None for torque in torques])
+    if weighed.any():
+        known = np.array([torque for torque in torques if torque is not None])
+        _check_torques(robot, position[weighed], known, acceleration[weighed])
+
+
+def screen_log(robot: RobotModel, log: Recording) -> None:
+    """Raise for units that cannot be right in a whole log, before anything is looked for in it.
+
+    Raises:
+        RecordingError: degrees instead of radians, g instead of m/s2, a dead gyroscope or encoder, wrong velocities.
+    """
+    _check_gravity(log.imu.acceleration)
+    if not np.ptp(log.imu.angular_velocity, axis=0).any():
+        raise RecordingError("the gyroscope reads the same throughout the log: it is dead, or was not logged")
+    # Of a log most samples count: one that is far off is a glitch.
+    _check_radians(robot, np.quantile(log.joints.position, (0.05, 0.5, 0.95), axis=0))
+    _check_frozen(log)
+    _check_velocity([piece.recording for piece in split_at_gaps(log)])
 
 
 def _check_gravity(acceleration: FloatArray) -> None:
@@ -167,14 +192,7 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
     now = disagreement(np.ones(3))
     if now < _DISAGREEMENT:
         return
-    mistakes = [
-        ("is it in degrees per second?", np.full(3, np.pi / 180)),
-        ("do all axes have the wrong sign?", -np.ones(3)),
-    ]
-    mistakes += [
-        (f"does its {axis} have the wrong sign?", 1 - 2 * np.eye(3)[index]) for index, axis in enumerate("xyz")
-    ]
-    left, what = min((disagreement(factor), what) for what, factor in mistakes)
+    left, what = min((disagreement(factor), what) for what, factor in GYROSCOPE_MISTAKES)
     hint = what if left < _CURED * now else "are their axes the same?"
     raise RecordingError(
         f"from rest to rest the gyroscope and the accelerometer disagree by {np.degrees(now):.0f} deg about how the robot "
@@ -214,7 +232,7 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
     now = _disagreement(feet, up)
     if now < _SUSPICIOUS:
         return
-    turn, _ = Rotation.align_vectors(_floor_normals(feet)[0], up)
+    turn, _ = Rotation.align_vectors(floor_normals(feet)[0], up)
     if _disagreement(feet, turn.apply(up)) < _CURED * now:
         if now < _DISAGREEMENT:
             return  # a tilt that the estimate finds and corrects
@@ -295,13 +313,13 @@ def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[
 
 def _disagreement(feet: FloatArray, up: FloatArray) -> float:
     """Rms angle between up and the plane of (n, 3 or 4, 3) feet, and by which the feet are off their plane [rad]."""
-    normal, unevenness = _floor_normals(feet)
+    normal, unevenness = floor_normals(feet)
     cosine: FloatArray = np.asarray(np.einsum("ni,ni->n", normal, up), dtype=float)
     angle = np.arccos(np.clip(cosine, -1, 1))
     return float(np.sqrt(np.mean(angle**2 + unevenness**2)))
 
 
-def _floor_normals(feet: FloatArray) -> tuple[FloatArray, FloatArray]:
+def floor_normals(feet: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(n, 3) normals of the planes through the feet, upward, and (n,) how uneven they are, over the feet's distances."""
     centred = feet - feet.mean(axis=1, keepdims=True)
     _, sizes, axes = np.linalg.svd(centred)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from equipoise.errors import ReachError
 from equipoise.platforms.platform import Trajectory
+from equipoise.platforms.ramp import smooth_step
 from equipoise.recordings.recording import PHASE, Event
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
@@ -48,6 +49,11 @@ class Target:
         """At rest on four feet with given joint positions."""
         torque = static_torques(robot, joint_position, LEG_NAMES)
         return cls(joint_position, foot_positions(robot, joint_position), torque)
+
+    @classmethod
+    def lying(cls, robot: RobotModel, joint_position: FloatArray) -> Target:
+        """At rest on the belly: the legs carry themselves."""
+        return cls(joint_position, foot_positions(robot, joint_position), static_torques(robot, joint_position, ()), ())
 
 
 class Motion:
@@ -119,6 +125,15 @@ class Motion:
         """Move the feet as `move_feet` does, and back, each within the duration."""
         there = smooth_step(self._count(duration))
         return self._move_along_lines(feet_in_base, np.concatenate([there, 1 - there]))
+
+    def move_joints(self, joint_position: FloatArray, duration: float) -> Motion:
+        """Move every joint straight to (nj,) where it is to be [rad], starting and ending at rest; feet go where they go."""
+        step = smooth_step(self._count(duration))[:, None]
+        position = self.target.joint_position + step * (joint_position - self.target.joint_position)
+        torque = np.array([static_torques(self.robot, row, self.target.legs) for row in position])
+        self._append(position, torque)
+        self.target = replace(self.target, feet_in_base=foot_positions(self.robot, joint_position))
+        return self
 
     def follow(self, feet_at: Callable[[float], FloatArray], knots: int, parameter: FloatArray) -> Motion:
         """Move the feet along a one-parameter family of positions.
@@ -214,9 +229,3 @@ def _line(
     for array in path:
         array.setflags(write=False)
     return path
-
-
-def smooth_step(count: int) -> FloatArray:
-    """(count,) values from just above 0 to 1, with velocity and acceleration zero at both ends (minimum jerk)."""
-    s = np.arange(1, count + 1) / count
-    return s**3 * (10 - 15 * s + 6 * s**2)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.errors import MotionError
 from equipoise.experiments.motion import Motion, Target
 from equipoise.platforms.platform import MotionInterrupted, Platform, TiltLimit
 from equipoise.recordings.recording import Recording
@@ -53,9 +54,12 @@ class PlantedRobot:
             if interruption.recording is not None:
                 self._recorded.append(interruption.recording)
             raise
+        except MotionError as error:  # the guard stopped the robot
+            self._recorded += error.recordings
+            raise
         self._recorded.append(recording)
         self.target = motion.target
-        played = len(recording.joints.time)
+        played = len(trajectory.position) if recording.commands is None else len(recording.commands.time)
         if played < len(trajectory.position) and trajectory.torque is not None:
             position = trajectory.position[played - 1]
             feet = foot_positions(self.robot, position)

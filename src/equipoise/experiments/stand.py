@@ -10,24 +10,24 @@ from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.platforms.platform import Platform
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance, lies, lying_posture
 
 FloatArray = NDArray[np.float64]
 
 _SPEED_RATIO = 0.35  # leg lengths a second, for feet that carry the robot up or down
 _SHORTEST = 0.5  # [s]
-_LYING_RATIO = (
-    0.15  # a robot whose feet are farther than this fraction of the leg length from its stance does not stand
-)
+_BEFORE_STOP = 0.003  # of a joint's range
+_FOLDING_SPEED = 0.6  # [rad/s], mean
+_ELSEWHERE_RATIO = 0.15  # of the leg length: a robot whose feet are farther from its stance ends where it began
 
 
 def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[PlantedRobot, FloatArray]:
     """From where the joints are to the nominal stance, the feet on straight lines in the base frame.
 
     Returns:
-        the planted robot, and the (4, 3) feet in the base frame to end with: those it began with if it lay, else the
-        stance's.
+        the planted robot, and the (4, 3) feet in the base frame to end with: those over which it lies if it lay, those that
+        it began with if it stood elsewhere, else the stance's.
 
     Raises:
         SettingsError: the platform's joints are not the robot's.
@@ -38,12 +38,39 @@ def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[Pla
             f"the platform's joints {', '.join(platform.joint_names)} are not the leg joints of {robot.name!r}: "
             f"{', '.join(robot.joint_names)}"
         )
-    here = platform.read().joint_position
+    here = _before_stops(robot, platform.read().joint_position)
     feet = foot_positions(robot, here)
-    planted = PlantedRobot(platform, robot, Target.standing(robot, np.array(here)), stance.feet_in_base)
+    if lies(robot, stance, here):
+        planted = PlantedRobot(platform, robot, Target.lying(robot, here), stance.feet_in_base)
+        return planted, _rise(planted, stance)
+    planted = PlantedRobot(platform, robot, Target.standing(robot, here), stance.feet_in_base)
     move_to(planted, stance.feet_in_base)
-    lay = np.linalg.norm(feet - stance.feet_in_base, axis=1).max() > _LYING_RATIO * robot.leg_length
-    return planted, feet if lay else stance.feet_in_base
+    elsewhere = np.linalg.norm(feet - stance.feet_in_base, axis=1).max() > _ELSEWHERE_RATIO * robot.leg_length
+    return planted, feet if elsewhere else stance.feet_in_base
+
+
+def _before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    """Joint positions that may be commanded.
+
+    A robot that lies limp hangs in its joints' stops, and its encoders' zeros are off.
+    """
+    inside = _BEFORE_STOP * (robot.upper_limit - robot.lower_limit)
+    return np.clip(joint_position, robot.lower_limit + inside, robot.upper_limit - inside)
+
+
+def _rise(planted: PlantedRobot, stance: Stance) -> FloatArray:
+    """Fold the legs under the lying robot, joint by joint; take its weight on them; stand up.
+
+    Returns:
+        the (4, 3) feet in the base frame over which it lies.
+    """
+    robot = planted.robot
+    folded, _ = lying_posture(robot, stance)
+    swept = float(np.abs(folded - planted.target.joint_position).max())
+    motion = planted.motion().phase("fold").move_joints(folded, max(_SHORTEST, swept / _FOLDING_SPEED))
+    planted.play(motion.shift_load(LEG_NAMES, _SHORTEST))
+    move_to(planted, stance.feet_in_base)
+    return foot_positions(robot, folded)
 
 
 def move_to(planted: PlantedRobot, feet_in_base: FloatArray) -> None:

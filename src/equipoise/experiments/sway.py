@@ -88,14 +88,20 @@ def sway_axis(planted: PlantedRobot, stance: Stance, axis: Axis, settings: SwayS
 
 def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: SwaySettings) -> str | None:
     """Why planted feet do not allow a sway about an axis, or None if they do."""
-    amplitude = _amplitude_for(robot, stance, axis, settings)
-    feet_at = _feet_during_sway(robot, stance, axis)
-    for angle in (amplitude, -amplitude):
+    for feet in extreme_feet(robot, stance, axis, settings):
         try:
-            inverse_kinematics(robot, feet_at(angle), stance.joint_position)
+            inverse_kinematics(robot, feet, stance.joint_position)
         except ReachError as error:
             return str(error)
     return None
+
+
+def extreme_feet(
+    robot: RobotModel, stance: Stance, axis: Axis, settings: SwaySettings
+) -> tuple[FloatArray, FloatArray]:
+    """(4, 3) planted feet in the base frame, at either end of a sway [m]."""
+    amplitude, feet_at = _amplitude_for(robot, stance, axis, settings), _feet_during_sway(robot, stance, axis)
+    return feet_at(amplitude), feet_at(-amplitude)
 
 
 def _feet_during_sway(robot: RobotModel, stance: Stance, axis: Axis) -> Callable[[float], FloatArray]:

@@ -70,9 +70,16 @@ def run(
 
 
 def estimate(
-    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings, stance: Stance
+    robot: RobotModel,
+    recordings: Sequence[Recording],
+    settings: CalibrationSettings,
+    stance: Stance,
+    lifts_needed: bool = True,
 ) -> Calibration:
     """What the recordings of a run of this method say.
+
+    Args:
+        lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
 
     Raises:
         RecordingError: they hold nothing that can be used, or sensors that cannot be believed.
@@ -83,7 +90,10 @@ def estimate(
     with _Timed(timings, "read the recordings"):
         evidence = read_evidence(robot, stance, recordings)
     with _Timed(timings, "estimate"):
-        posterior = estimate_posterior(robot, stance, evidence, settings.precise.priors, settings.precise.scale)
+        precise = settings.precise
+        posterior = estimate_posterior(
+            robot, stance, evidence, precise.priors, precise.scale, lifts_needed=lifts_needed
+        )
     with _Timed(timings, "check"):
         checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
         findings = tuple(sensor_findings(robot, posterior))
@@ -137,12 +147,12 @@ def _trial(motion: Motion, posterior: Posterior) -> Trial:
     kind = str(about.get("kind", "motion"))
     place = {name: about[name] for name in BodyPosture.__dataclass_fields__ if name in about} or about.get("posture")
     what = describe(BodyPosture(**place)) if isinstance(place, dict) else str(about.get("axis", ""))  # pyright: ignore
-    words = [str(about[key]) for key in ("diagonal", "turn") if about.get(key)]
+    words = [str(about[key]) for key in ("diagonal", "turn", "at") if about.get(key)]
     note = motion.left_out
     if misfit is not None and not misfit.used:
         note = "left out: it does not fit the others"
     return Trial(
-        kind, ", ".join([*words, what]), None, about.get("lift_height") if kind == "lift" else None,  # pyright: ignore
+        kind, ", ".join([*words, what] if what else words), None, about.get("lift_height") if kind == "lift" else None,  # pyright: ignore
         None, None, motion.duration, None if misfit is None else misfit.chi, note,
     )  # fmt: skip
 

@@ -119,11 +119,11 @@ def _kept(
     try:
         if path.exists():  # of the same trial, killed before its row was written
             shutil.rmtree(path)
-        folder = RunFolder.create(path, drawn.robot, settings, {"trial": row["trial"]})
-        if simulation is not None:
-            folder.save_truth(simulation.truth)
-        for recording in recordings:
-            folder.keep(recording)
+        with RunFolder.create(path, drawn.robot, settings, {"trial": row["trial"]}) as folder:
+            if simulation is not None:
+                folder.save_truth(simulation.truth)
+            for recording in recordings:
+                folder.keep(recording)
         return str(folder.path)
     except (EquipoiseError, OSError):  # the trial's number is enough
         return None

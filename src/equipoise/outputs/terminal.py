@@ -14,7 +14,6 @@ from rich.table import Table
 
 from equipoise.calibration import Progress as RoutineProgress
 from equipoise.estimation.paper import AXES
-from equipoise.estimation.parameters import COMPONENTS, components
 from equipoise.experiments.plan import Plan, describe
 from equipoise.result import BodyEstimate, Calibration
 from equipoise.robot.audit import Audit
@@ -76,7 +75,8 @@ def print_calibration(result: Calibration, files: Sequence[Path], verbose: bool 
         console.print(f"estimate again: equipoise estimate {escape(str(files[0].parent))}", soft_wrap=True)
 
 
-_ROWS = (
+# Name in intervals, label, factor from SI units, format.
+ROWS = (
     ("mass", "mass [kg]", 1.0, ".3f"),
     ("com_x", "CoM x [mm]", 1000.0, ".2f"),
     ("com_y", "CoM y [mm]", 1000.0, ".2f"),
@@ -86,16 +86,16 @@ _ROWS = (
 
 
 def _print_precise(console: Console, result: Calibration) -> None:
-    estimate, truth = _by_name(result.composite), None
+    estimate, truth = _known(result.composite), None
     if result.truth is not None:
-        truth = _by_name(BodyEstimate.known(result.truth.composite))
+        truth = _known(BodyEstimate.known(result.truth.composite))
     title = f"{result.robot}: method {result.method}; the whole robot at its stance"
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if truth else []), "model"]
     for column in columns:
         table.add_column(column, justify="left" if column in ("parameter", "") else "right")
-    model = _by_name(BodyEstimate.known(result.nominal.composite))
-    for name, label, factor, form in _ROWS:
+    model = _known(BodyEstimate.known(result.nominal.composite))
+    for name, label, factor, form in ROWS:
         interval = result.uncertainty["composite"].intervals[name]
         value = estimate[name]
         half = (interval.upper - interval.lower) / 2
@@ -110,7 +110,7 @@ def _print_precise(console: Console, result: Calibration) -> None:
     if result.base.mass is not None and None not in base:
         console.print(
             f"Base link alone: {result.base.mass:.3f} kg, CoM {' '.join(f'{1000 * (c or 0):.2f}' for c in base)} mm; its "
-            "inertia, covariances and the paper's stance-effective body are in calibration.json."
+            "inertia, covariances and the paper's stance-effective body are in the JSON form."
         )
     paper = [f"{axis} {sway.moment:.3f}, C {sway.damping:.1f}" for axis, sway in result.sways.items() if sway.moment]
     if paper:
@@ -130,8 +130,8 @@ def _print_precise(console: Console, result: Calibration) -> None:
     console.print(f"{len(lifts)} lifts in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
 
 
-def _by_name(body: BodyEstimate) -> dict[str, float]:
-    return dict(zip(COMPONENTS, components(body.parameters()).tolist(), strict=True))
+def _known(body: BodyEstimate) -> dict[str, float]:
+    return {name: value for name, value in body.by_name().items() if value is not None}
 
 
 def _print_paper(console: Console, result: Calibration) -> None:
@@ -202,7 +202,7 @@ def print_plan(robot: str, plan: Plan) -> None:
     accuracy = Table(title="Predicted, for ordinary sensors and a scale", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("parameter", "model", "95 % +-"):
         accuracy.add_column(column, justify="left" if column == "parameter" else "right")
-    for (_, label, factor, form), value, deviation in zip(_ROWS, plan.body, plan.deviation, strict=True):
+    for (_, label, factor, form), value, deviation in zip(ROWS, plan.body, plan.deviation, strict=True):
         accuracy.add_row(escape(label), format(value * factor, form), format(1.96 * deviation * factor, form))
     console.print(accuracy)
     console.print(

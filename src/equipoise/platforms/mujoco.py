@@ -7,6 +7,7 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
+from equipoise.platforms.disturbance import Disturbance
 from equipoise.platforms.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.platforms.simulated import PERIODS_BETWEEN_STOP_TESTS, SimulatedPlatform, Start
 from equipoise.robot.model import RobotModel
@@ -29,6 +30,7 @@ class MujocoPlatform(SimulatedPlatform):
         start: "standing" or "lying".
         control_period: [s]; a multiple of the engine's time step.
         data: the engine's state, for those who also watch the simulation from outside; default: one of its own.
+        disturbance: what acts on the robot from outside.
     """
 
     def __init__(
@@ -39,6 +41,7 @@ class MujocoPlatform(SimulatedPlatform):
         start: Start = "standing",
         control_period: float = 2e-3,
         data: mujoco.MjData | None = None,
+        disturbance: Disturbance | None = None,
     ) -> None:
         self._simulated = simulated
         self._model = simulated.model
@@ -46,6 +49,7 @@ class MujocoPlatform(SimulatedPlatform):
         self._data = mujoco.MjData(self._model) if data is None else data
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._rollout = rollout.Rollout(nthread=0)
+        self._disturbance = disturbance or Disturbance(simulated)
         self._imu_rotation = np.zeros(9)
         mujoco.mju_quat2Mat(self._imu_rotation, self._model.site(IMU_SITE).quat)
         self._imu_rotation = self._imu_rotation.reshape(3, 3)
@@ -85,7 +89,12 @@ class MujocoPlatform(SimulatedPlatform):
         initial = np.zeros(size)
         mujoco.mj_getState(model, data, initial, _STATE)
         states, sensors = self._rollout.rollout(
-            model, data, initial[None], control[None], initial_warmstart=np.array(data.qacc_warmstart)[None]
+            model,
+            data,
+            initial[None],
+            self._disturbance.beside(control)[None],
+            control_spec=self._disturbance.spec,
+            initial_warmstart=np.array(data.qacc_warmstart)[None],
         )
         states, sensors = states[0], sensors[0]
         # The engine restarts at time zero when it diverges.

@@ -8,8 +8,9 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import FallError, MotionError, ReachError, SettingsError
+from equipoise.errors import FallError, MotionError, SettingsError
 from equipoise.platforms.platform import (
+    ACCEPTS_EVERYTHING,
     JointCommand,
     MotionInterrupted,
     RobotState,
@@ -19,19 +20,17 @@ from equipoise.platforms.platform import (
 )
 from equipoise.platforms.sensors import DrawnErrors
 from equipoise.recordings.recording import CommandStream, ImuStream, JointStream, Recording
-from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.stance import Stance, lying_posture
 
 FloatArray = NDArray[np.float64]
 Start = Literal["standing", "lying"]
 _Platform = TypeVar("_Platform", bound="SimulatedPlatform")
 
 _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
+_LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a joint without one
 # Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
 PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 30, 500
-# Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
-_LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
 
 
 class SimulatedPlatform(ABC):
@@ -108,7 +107,7 @@ class SimulatedPlatform(ABC):
 
     @property
     def accepts(self) -> frozenset[str]:
-        return frozenset({"velocity", "torque", "gains"})
+        return ACCEPTS_EVERYTHING
 
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._raw_now()[None]])
@@ -199,8 +198,9 @@ class SimulatedPlatform(ABC):
         """Gains in force until the next command; None is the platform's own."""
         self._kp = self._own_kp if kp is None else kp
         self._kd = self._own_kd if kd is None else kd
-        if not (np.min(self._kp) > 0 and np.min(self._kd) >= 0):
-            raise SettingsError("simulated joints need a positive kp (torques act through it) and a kd of zero or more")
+        if not (np.min(self._kp) >= 0 and np.min(self._kd) >= 0):
+            raise SettingsError("joint gains kp and kd must be numbers of zero or more")
+        self._kp = np.maximum(self._kp, _LEAST_KP)
 
     def _control(self, trajectory: Trajectory) -> FloatArray:
         """(n substeps, nj) position targets; feed-forward folds into the target of a PD loop."""
@@ -285,20 +285,6 @@ def _whole_steps(control_period: float, timestep: float) -> int:
             f"{control_period:g} s"
         )
     return steps
-
-
-def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
-    """Joint positions of the robot lying over its stance's footholds, and the height of its base frame [m]."""
-    for ratio in _LYING_RATIOS:
-        drop = stance.hip_height - ratio * robot.leg_length
-        if drop <= 0:
-            break
-        try:
-            position = inverse_kinematics(robot, stance.feet_in_base + np.array([0, 0, drop]), stance.joint_position)
-        except ReachError:
-            continue
-        return position, stance.base_height - drop
-    return stance.joint_position, stance.base_height
 
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,9 @@ from equipoise.platforms.simulated import SimulatedPlatform, Start
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
+
+if TYPE_CHECKING:
+    from equipoise.platforms.disturbance import Disturbance
 
 Engine = Literal["mujoco", "dart"]
 
@@ -40,6 +43,7 @@ class Simulation:
         engine: the engine's version.
         errors: what was drawn for its sensors and actuators; for studies, not for experiments.
         witness: sees what the robot really does; for judging, not for control.
+        disturbance: pushes the robot, or takes a foot's hold away; None in engines that are not asked for it.
     """
 
     platform: SimulatedPlatform
@@ -47,6 +51,7 @@ class Simulation:
     engine: str
     errors: DrawnErrors
     witness: Witness
+    disturbance: Disturbance | None = None
 
     def __enter__(self) -> Simulation:
         return self
@@ -103,6 +108,7 @@ def _in_mujoco(
     try:
         import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
 
+        from equipoise.platforms.disturbance import Disturbance  # noqa: PLC0415
         from equipoise.platforms.mujoco import MujocoPlatform  # noqa: PLC0415
         from equipoise.platforms.mujoco_model import build_simulated_robot  # noqa: PLC0415
         from equipoise.platforms.truth import MujocoWitness, simulated_truth  # noqa: PLC0415
@@ -113,8 +119,10 @@ def _in_mujoco(
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
     truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
-    platform = MujocoPlatform(robot, simulated, stance, start, data=data)
-    return Simulation(platform, truth, mujoco.__version__, errors, MujocoWitness(robot, simulated, data))
+    disturbance = Disturbance(simulated)
+    platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
+    witness = MujocoWitness(robot, simulated, data)
+    return Simulation(platform, truth, mujoco.__version__, errors, witness, disturbance)
 
 
 def _in_dart(

@@ -1,19 +1,22 @@
 """Recordings: time-stamped sensor samples of one motion, with the commands sent and what was being done.
 
 Every stream has its own times, so that a clock offset between IMU and joints can be found at all. Streams are validated
-when they are made and are read-only afterwards.
+when they are made and are read-only afterwards. Times are rounded to whole nanoseconds when they are made, so
+that a recording is the same on disk and in memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError
+from equipoise.recordings.clock import LONGEST, rounded
+from equipoise.recordings.event import BROKEN, PHASE, TRIAL, Event
 
 FloatArray = NDArray[np.float64]
 
@@ -78,22 +81,6 @@ class CommandStream:
         _validate(self, "command", "position", (count, _columns(self.position)), required=True)
 
 
-@dataclass(frozen=True)
-class Event:
-    """Something that the experiment says about a moment: `name` with `data` (JSON values) at `time` [s]."""
-
-    time: float
-    name: str
-    data: Mapping[str, Any] = field(default_factory=dict[str, Any])
-
-
-PHASE = "phase"
-"""Name of the events that mark where a phase of a motion begins; data: {"name": ...}."""
-
-TRIAL = "trial"
-"""Name of the event that says what a recording is; data: kind, and what belongs to the kind."""
-
-
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What was sensed and commanded during one motion.
@@ -123,6 +110,30 @@ class Recording:
     def duration(self) -> float:
         """From the first to the last joint sample [s]."""
         return float(self.joints.time[-1] - self.joints.time[0]) if self.joints.time.size else 0.0
+
+    @property
+    def broken(self) -> bool:
+        """Whether its motion did not come to its end."""
+        return any(event.name == BROKEN for event in self.events)
+
+    def broken_off(self) -> Recording:
+        """The same recording, saying that its motion did not come to its end."""
+        end = float(self.joints.time[-1]) if self.joints.time.size else 0.0
+        return self if self.broken else replace(self, events=(*self.events, Event(end, BROKEN)))
+
+    def equals(self, other: Recording) -> bool:
+        """Whether another recording holds the same numbers, names and events."""
+        return (
+            self.joint_names == other.joint_names
+            and self.events == other.events
+            and all(_same(*arrays) for arrays in zip(self._arrays(), other._arrays(), strict=True))
+        )
+
+    def _arrays(self) -> Iterator[FloatArray | None]:
+        joints, imu, commands = self.joints, self.imu, self.commands
+        yield from (joints.time, joints.position, joints.velocity, joints.torque)
+        yield from (imu.time, imu.angular_velocity, imu.acceleration)
+        yield from (None, None) if commands is None else (commands.time, commands.position)
 
     def event(self, name: str) -> Event:
         """The first event of that name; raises RecordingError if there is none."""
@@ -167,7 +178,8 @@ class Recording:
         return part
 
     def between(self, start: float, end: float) -> Recording:
-        """Samples and events with start <= time < end [s]."""
+        """Samples and events with start <= time < end [s]; the bounds are rounded to nanoseconds as times are."""
+        start, end = (float(rounded(np.asarray(bound))) if abs(bound) < LONGEST else bound for bound in (start, end))
         joints, imu, commands = self.joints, self.imu, self.commands
         j = _slice(joints.time, start, end)
         i = _slice(imu.time, start, end)
@@ -223,7 +235,8 @@ def _validated_time(stream: Any, kind: str) -> int:
     time = np.array(stream.time, dtype=float)
     if time.ndim != 1:
         raise RecordingError(f"{kind} times have shape {time.shape}; they are one row of numbers")
-    wrong = ~np.isfinite(time)
+    wrong = ~(np.abs(time) < LONGEST)
+    time[~wrong] = rounded(time[~wrong])
     wrong[1:] |= time[1:] <= time[:-1]
     if wrong.any():
         first = int(np.argmax(wrong))
@@ -257,6 +270,10 @@ def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], require
 def _slice(time: FloatArray, start: float, end: float) -> slice:
     first, last = np.searchsorted(time, [start, end])
     return slice(int(first), int(last))
+
+
+def _same(one: FloatArray | None, other: FloatArray | None) -> bool:
+    return one is other if one is None or other is None else np.array_equal(one, other)
 
 
 def _cut(array: FloatArray | None, part: slice) -> FloatArray | None:

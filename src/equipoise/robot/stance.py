@@ -20,6 +20,9 @@ A1_HIP_HEIGHT = 0.312  # [m]; sizes and times throughout were tried on an A1 and
 # Hip heights tried, as fractions of the leg length, the usual one first.
 _HEIGHT_RATIOS = (0.75, 0.72, 0.78, 0.70, 0.80, 0.65, 0.85)
 _GRID = 13  # seeds per joint of the search for a first posture
+# Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
+_LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
+_LYING_SHARE = 0.65  # of the stance's hip height: lower than that a robot lies, or crouches so low that it may as well
 _LIMIT_MARGIN = 0.05  # [rad]; a stance is no place to touch a joint limit
 
 
@@ -52,6 +55,26 @@ class Stance:
     def clock(self) -> float:
         """The square root of the size: times scale with it, as those of a pendulum do."""
         return float(np.sqrt(self.size))
+
+
+def lies(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
+    """Whether a robot with its joints at (nj,) [rad] lies: its hips are much lower over its feet than when it stands."""
+    raised = float(foot_positions(robot, joint_position)[:, 2].mean() - stance.feet_in_base[:, 2].mean())
+    return stance.hip_height - raised < _LYING_SHARE * stance.hip_height
+
+
+def lying_posture(robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
+    """Joint positions of the robot lying over its stance's footholds, and the height of its base frame [m]."""
+    for ratio in _LYING_RATIOS:
+        drop = stance.hip_height - ratio * robot.leg_length
+        if drop <= 0:
+            break
+        try:
+            position = inverse_kinematics(robot, stance.feet_in_base + np.array([0, 0, drop]), stance.joint_position)
+        except ReachError:
+            continue
+        return position, stance.base_height - drop
+    return stance.joint_position, stance.base_height
 
 
 @lru_cache(maxsize=16)  # of a robot that is asked for again and again, by everything that is told where it stands

@@ -22,7 +22,7 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
 
     Args:
         joint_position: (nj,) [rad].
-        legs: that stand, of FL FR RL RR.
+        legs: that stand, of FL FR RL RR; none: the robot lies, and no foot carries anything.
     """
     return _forces_on(robot, joint_position, foot_positions(robot, joint_position), legs)
 
@@ -30,13 +30,15 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
 def _forces_on(robot: RobotModel, joint_position: FloatArray, feet: FloatArray, legs: Collection[str]) -> FloatArray:
     com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joint_position)))
     standing = [index for index, leg in enumerate(robot.legs) if leg in legs]
+    forces = np.zeros((4, 3))
+    if not standing:
+        return forces
     balance = np.zeros((6, 3 * len(standing)))
     for column, index in enumerate(standing):
         balance[:3, 3 * column : 3 * column + 3] = np.eye(3)
         balance[3:, 3 * column : 3 * column + 3] = pin.skew(feet[index] - com)
     weight = -robot.mass * np.array(robot.pinocchio.gravity.linear)
     solution, *_ = np.linalg.lstsq(balance, np.concatenate([weight, np.zeros(3)]), rcond=1e-6)
-    forces = np.zeros((4, 3))
     forces[standing] = solution.reshape(-1, 3)
     return forces
 

@@ -1,0 +1,221 @@
+"""Kills runs at random moments, and goes on with each: `make bench-kill`.
+
+Twenty times `equipoise calibrate` is killed (SIGKILL) and resumed; the result must be that of the run that nobody killed. And
+twenty times a simulated robot that is logged in real time, a quarter of a second at once as on hardware, is killed: how many
+samples are lost? Writes benchmarks/results/kill_resume.md.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import random
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import mujoco
+import numpy as np
+
+import equipoise
+from equipoise.recordings.run_log_reader import read_log
+
+RESULTS = Path(__file__).parent / "results"
+KILLS, SEED = 20, 5
+PERIOD = 0.002  # [s]
+METHODS = {
+    "precise": ["--budget", "30s", "--no-sway"],
+    "paper": ["--method", "paper", "--tolerance", "0.02"],
+}
+COMMON = ["--quiet", "--no-pictures", "--noise", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3"]
+# A child notes how far it is in a file that both map: that outlives it, whether it was logged or not.
+CALIBRATE = """
+import mmap, struct, sys
+from equipoise.cli import main
+from equipoise.platforms.mujoco import MujocoPlatform
+file = open(sys.argv[1], "r+b")
+shared = mmap.mmap(file.fileno(), 8)
+def noting(method):
+    def noted(self, *arguments, **named):
+        result = method(self, *arguments, **named)
+        shared[:] = struct.pack("<q", self._periods)
+        return result
+    return noted
+MujocoPlatform.__init__, MujocoPlatform._roll = noting(MujocoPlatform.__init__), noting(MujocoPlatform._roll)
+sys.exit(main(sys.argv[2:]))
+"""
+ROBOT = """
+import mmap, struct, sys, time
+from pathlib import Path
+import numpy as np
+from equipoise import JointCommand, load_robot, simulate
+from equipoise.platforms.platform import recording_of
+from equipoise.recordings.run_log import RunLog
+file = open(sys.argv[1], "r+b")
+shared = mmap.mmap(file.fileno(), 8)
+platform = simulate(load_robot("unitree_a1"), "realistic").platform
+here = platform.read().joint_position
+log, states, took = RunLog(Path(sys.argv[2])), [platform.read()], []
+log.begin(10**6)
+begin = time.perf_counter()
+for period in range(1, 10**6):
+    states.append(platform.step(JointCommand(here)))
+    shared[:] = struct.pack("<q", period)
+    if period % 125 == 0:
+        piece = recording_of(platform.joint_names, states[:125], np.tile(here, (125, 1)), ())
+        start = time.perf_counter()
+        log.add(piece)
+        print(1000 * (time.perf_counter() - start), flush=True)
+        states = states[125:]
+    time.sleep(max(0.0, begin + 0.002 * period - time.perf_counter()))
+"""
+
+
+@dataclass
+class Witness:
+    """How many control periods a child had got through."""
+
+    path: Path
+
+    def __post_init__(self) -> None:
+        self.path.write_bytes(bytes(8))
+        with open(self.path, "r+b") as file:
+            self._shared = mmap.mmap(file.fileno(), 8)
+
+    @property
+    def periods(self) -> int:
+        return int(struct.unpack("<q", self._shared[:])[0])
+
+
+@dataclass
+class Kill:
+    """What became of a run that was killed."""
+
+    method: str
+    moment: float  # [s] of simulated time
+    complete: int  # recordings by then
+    lost: float  # [s] of samples
+    identical: bool
+
+
+def calibrate(folder: Path, witness: Witness, *arguments: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", CALIBRATE, str(witness.path), "calibrate", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not (folder / "run.json").exists():
+        if process.poll() is not None:
+            raise RuntimeError(f"the calibration ended with {process.returncode} before it began")
+        time.sleep(0.001)
+    return process
+
+
+def uninterrupted(method: str, folder: Path, witness: Witness) -> int:
+    """Control periods that a run takes."""
+    process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
+    if process.wait():
+        raise RuntimeError(f"the calibration ended with {process.returncode}")
+    return witness.periods
+
+
+def killed(method: str, folder: Path, witness: Witness, draw: random.Random, whole: int) -> Kill:
+    """Kill a run some time after a control period, both drawn: also between motions, where it plans."""
+    code = 0
+    while code == 0:  # it had ended before it was killed
+        shutil.rmtree(folder, ignore_errors=True)
+        period, later = draw.uniform(0, whole), draw.uniform(0, 0.3)
+        process = calibrate(folder, witness, *METHODS[method], *COMMON, "--out", str(folder))
+        while witness.periods < period and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(later)
+        process.kill()
+        code = process.wait()
+    log = read_log(folder / "recording.mcap")
+    lost = witness.periods - sum(len(play.recording.joints.time) for play in log.plays)
+    kill = Kill(method, PERIOD * witness.periods, len(log.recordings), PERIOD * lost, False)
+    command = [sys.executable, "-m", "equipoise", "calibrate", "--quiet", "--no-pictures", "--resume", str(folder)]
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
+    kill.identical = done.returncode == 0 and result(folder) == result(folder.with_name(method))
+    return kill
+
+
+def result(folder: Path) -> object:
+    """A run's result without what differs each time."""
+    table = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+    return {**table, "timings": None, "provenance": {**table["provenance"], "time": None}}
+
+
+def calibrations(folder: Path, draw: random.Random) -> list[Kill]:
+    kills: list[Kill] = []
+    for method in METHODS:
+        witness = Witness(folder / f"{method}.periods")
+        whole = uninterrupted(method, folder / method, witness)
+        for index in range(KILLS // len(METHODS)):
+            kills.append(killed(method, folder / f"{method}-{index}", witness, draw, whole))
+            print(kills[-1], flush=True)
+    return kills
+
+
+def robots(folder: Path, draw: random.Random) -> tuple[list[float], list[float]]:
+    """Seconds of samples lost, and milliseconds that writing took."""
+    lost: list[float] = []
+    took: list[float] = []
+    for index in range(KILLS):
+        witness, path = Witness(folder / f"{index}.periods"), folder / f"{index}.mcap"
+        command = [sys.executable, "-c", ROBOT, str(witness.path), str(path)]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        while not witness.periods and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(draw.uniform(0.5, 4.0))
+        process.kill()
+        printed, _ = process.communicate()
+        took += [float(line) for line in printed.splitlines()]
+        log = read_log(path)
+        lost.append(PERIOD * (witness.periods - sum(len(play.recording.joints.time) for play in log.plays)))
+    return lost, took
+
+
+def main() -> None:
+    draw = random.Random(SEED)
+    with tempfile.TemporaryDirectory() as name:
+        kills = calibrations(Path(name), draw)
+        lost, took = robots(Path(name), draw)
+    same = sum(kill.identical for kill in kills)
+    lines = [
+        "# Killed runs",
+        "",
+        f"`make bench-kill`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}.",
+        "",
+        f"`equipoise calibrate`, killed by SIGKILL at {len(kills)} random moments and gone on with by `--resume`: "
+        f"**{same} of {len(kills)} give the result of the run that nobody killed**, in every number of `calibration.json` but "
+        "times. A simulation hands over a motion when it is over, some tens of milliseconds after it began; what is lost then "
+        "is simulated again.",
+        "",
+        "| method | killed at [s of simulated time] | complete recordings by then | simulated time lost [s] | same result |",
+        "|---|---|---|---|---|",
+        *(
+            f"| {kill.method} | {kill.moment:.2f} | {kill.complete} | {kill.lost:.2f} | {'yes' if kill.identical else 'NO'} |"
+            for kill in sorted(kills, key=lambda kill: (kill.method, kill.moment))
+        ),
+        "",
+        f"A robot that is logged in real time, a quarter of a second of samples at once, killed at {len(lost)} random "
+        f"moments: **{max(lost):.3f} s of samples lost at most**, {np.median(lost):.3f} s in the middle. Target: at most 1 s: "
+        f"**{'met' if max(lost) <= 1 else 'missed'}**.",
+        "",
+        f"Writing a quarter of a second (125 samples of joints, IMU and commands) takes {np.median(took):.2f} ms in the "
+        f"middle, {np.percentile(took, 95):.2f} ms in 95 of 100 cases.",
+    ]
+    text = "\n".join(lines) + "\n"
+    (RESULTS / "kill_resume.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

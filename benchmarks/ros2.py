@@ -1,0 +1,196 @@
+"""Calibrations over the ROS 2 link, against a simulated robot in a process of its own: `python benchmarks/ros2.py`.
+
+What a position controller costs that takes no gains and no torques. Same robot, payload, noise and truth as in the row
+`direct`, which is the simulation without a link. All in real time, about half an hour for two seeds, and it needs two cores
+for itself: a row says how much slower than ours the robot's time passed. Where others compute too: `chrt -r 4 python ...`.
+Rows are kept in benchmarks/results/ros2.jsonl, so that an interrupted benchmark goes on where it was; `--tables` only writes
+benchmarks/results/ros2.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per process
+    os.environ.setdefault(_name, "1")
+
+import mujoco
+import numpy as np
+
+import equipoise
+from equipoise import CalibrationSettings, calibrate, load_robot, simulate
+from equipoise.errors import EquipoiseError
+from equipoise.estimation.parameters import components
+from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.platforms.guard import Guard
+from equipoise.platforms.hardware import HardwarePlatform
+from equipoise.platforms.ros2 import Ros2Settings, open_link
+
+RESULTS = Path(__file__).parent / "results"
+ROWS = RESULTS / "ros2.jsonl"
+ROBOT, DOMAIN, PAYLOAD = "unitree_a1", 41, "1.0,0.05,0.02,0.08"
+BUDGET = 60.0  # [s] of `precise`
+SCALE = 0.005  # how sure the scale is
+SOFT = 100.0  # [Nm/rad] the A1's own legs in simulation
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot, and what the link knows of it; without settings it is the simulation itself."""
+
+    name: str
+    peer: tuple[str, ...] = ()
+    settings: dict[str, object] | None = field(default_factory=dict)
+
+
+CASES = [
+    Case("direct", settings=None),
+    Case("soft legs, stiffness given", ("--stiffness", f"{SOFT}"), {"stiffness": SOFT}),
+    Case("soft legs, torques left aside", ("--stiffness", f"{SOFT}")),
+    Case("300 Nm/rad, torques left aside", ("--stiffness", "300")),
+    Case("stiff (1000 Nm/rad)", ("--stiffness", "1000")),
+    Case("stiff, trajectories at 100 Hz", ("--stiffness", "1000"), {"command_type": "joint_trajectory"}),
+    Case(
+        "the same, interpolated",
+        ("--stiffness", "1000", "--interpolate-from-desired-state"),
+        {"command_type": "joint_trajectory", "time_from_start": 0.01},
+    ),
+    Case("stiff, no efforts reported", ("--stiffness", "1000", "--without", "effort")),
+]
+
+
+def run(case: Case, method: str, seed: int) -> dict[str, object]:
+    """One row."""
+    robot = load_robot(ROBOT)
+    with simulate(robot, "realistic", PAYLOAD, seed) as simulation:
+        truth = components(simulation.truth.composite)
+        settings = CalibrationSettings(
+            method, precise=PreciseSettings(budget=BUDGET, mass=truth[0], mass_sd=SCALE * truth[0])
+        )
+        row: dict[str, object] = {"case": case.name, "method": method, "seed": seed, "truth": truth.tolist()}
+        if case.settings is None:
+            return {**row, **measured(simulation.platform, robot, settings, truth)}
+    with Peer(case, seed):
+        platform = HardwarePlatform(open_link(robot, Ros2Settings(domain=DOMAIN, **case.settings)))
+        with Guard(platform, robot) as guard:
+            began, clock = time.monotonic(), guard.read().time
+            row.update(measured(guard, robot, settings, truth))
+            row["pace"] = (platform.read().time - clock) / (time.monotonic() - began)
+            row["late"] = platform.timing.overruns / max(1, len(platform.timing.lateness))
+    return row
+
+
+def measured(platform, robot, settings, truth) -> dict[str, object]:
+    """Errors of a calibration and how long the robot took, or how it failed."""
+    try:
+        result = calibrate(platform, robot, settings)
+    except EquipoiseError as error:
+        return {"failed": f"{type(error).__name__}: {error}"}
+    common = {"robot_time": sum(trial.duration for trial in result.trials), "warnings": list(result.warnings)}
+    if settings.method == "precise":
+        deviations = [interval.deviation for interval in result.uncertainty["composite"].intervals.values()]
+        error = components(result.composite.parameters()) - truth
+        return {**common, "error": error.tolist(), "sd": deviations}
+    moments = [result.sways[axis].moment if axis in result.sways else None for axis in ("roll", "pitch", "yaw")]
+    found = [None, *result.composite.com_in_base, *moments]
+    return {**common, "error": [None if v is None else float(v - truth[i]) for i, v in enumerate(found)]}
+
+
+class Peer:
+    """The simulated robot's process."""
+
+    def __init__(self, case: Case, seed: int) -> None:
+        flags = ["--domain", str(DOMAIN), "--seed", str(seed), "--payload", PAYLOAD, *case.peer]
+        self._command = [sys.executable, "-m", "equipoise.peers.ros2", "--robot", ROBOT, *flags]
+
+    def __enter__(self) -> Peer:
+        self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, text=True)
+        while '"ready"' not in self._process.stdout.readline():
+            if self._process.poll() is not None:
+                raise SystemExit("the peer ended before it began")
+        self._log = subprocess.Popen(["cat"], stdin=self._process.stdout, stdout=subprocess.DEVNULL)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._process.terminate()
+        self._process.wait(10)
+        self._log.wait(10)
+        self._process.stdout.close()
+
+
+def rounded(row: dict[str, object]) -> dict[str, object]:
+    """Numbers to six digits: rows are kept in the repository."""
+    return json.loads(json.dumps(row), parse_float=lambda text: float(f"{float(text):.6g}"))
+
+
+def cell(values: list[float | None], unit: list[float]) -> str:
+    return " / ".join("-" if v is None else f"{v * u:+.2f}" for v, u in zip(values, unit, strict=True))
+
+
+def write_table() -> str:
+    rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()]
+    lines = [
+        "# Calibrations over the ROS 2 link",
+        "",
+        f"`python benchmarks/ros2.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}. Estimate less truth on "
+        f"a simulated A1 with a payload of 1 kg, preset `realistic`, a scale good to 0.5 %, `precise` with a budget of "
+        f"{BUDGET:.0f} s; a peer process speaks JointState, Imu and the commands over DDS on loopback, in real time. "
+        "`x sd`: the largest error of CoM and moments in standard deviations that the result itself states. The paper's I is "
+        "compared with the whole robot's. Pace: the peer's time over ours. Late: commands more than a millisecond late (of a "
+        "hundred trajectories a second, each waits for ten samples to be looked at).",
+        "",
+        "| position control | method | seed | CoM x / y / z mm | Ixx / Iyy / Izz % | x sd | pace | late |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    order = {case.name: index for index, case in enumerate(CASES)}
+    for row in sorted(rows, key=lambda r: (r["method"] != "precise", order[r["case"]], r["seed"])):
+        head = f"| {row['case']} | {row['method']} | {row['seed']} | "
+        pace = f"{row['pace']:.3f} | {row['late']:.1%} |" if "pace" in row else "- | - |"
+        if "failed" in row:
+            lines.append(head + f"{row['failed']} | | | {pace}")
+            continue
+        error, truth = row["error"], row["truth"]
+        moments = cell(error[4:7], [100 / value for value in truth[4:7]])
+        ratio = f"{np.abs(np.array(error[1:7]) / row['sd'][1:7]).max():.1f}" if "sd" in row else "-"
+        told = " (*)" if row["warnings"] else ""
+        lines.append(head + f"{cell(error[1:4], [1e3] * 3)} | {moments} | {ratio}{told} | {pace}")
+    if any(row.get("warnings") for row in rows):
+        lines += ["", "(*) The result warns:", ""]
+        lines += [
+            f"- {row['case']}, {row['method']}, {row['seed']}: {w}" for row in rows for w in row.get("warnings", [])
+        ]
+    text = "\n".join(lines) + "\n"
+    (RESULTS / "ros2.md").write_text(text, encoding="utf-8")
+    return text
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tables", action="store_true", help="only write the table")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[3, 4])
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")
+    if not arguments.tables:
+        kept = ROWS.read_text(encoding="utf-8").splitlines() if ROWS.exists() else []
+        done = {(row["case"], row["method"], row["seed"]) for row in map(json.loads, kept)}
+        for seed in arguments.seeds:
+            for method in ("precise", "paper"):
+                for case in CASES:
+                    if (case.name, method, seed) not in done:
+                        row = run(case, method, seed)
+                        with ROWS.open("a", encoding="utf-8") as out:
+                            out.write(json.dumps(rounded(row)) + "\n")
+                        print({key: value for key, value in row.items() if key not in ("truth", "sd")}, flush=True)
+    print(write_table())
+
+
+if __name__ == "__main__":
+    main()

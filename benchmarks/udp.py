@@ -1,0 +1,163 @@
+"""Whole precise calibrations over UDP, through networks good and bad, beside the same robots without a network.
+
+In real time, about a minute and a half each. Writes benchmarks/results/udp.md. The simulated robot runs in its own process; a
+machine that keeps it waiting shows in the last columns.
+
+    python benchmarks/udp.py               # on a machine that does nothing else
+    sudo chrt -r 5 python benchmarks/udp.py   # on one that does
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform as machine
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the other core is the robot's
+    os.environ[_name] = "1"
+
+import mujoco
+import numpy as np
+
+import equipoise
+from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
+from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.platforms.guard import Guard
+from equipoise.platforms.hardware import HardwarePlatform
+from equipoise.platforms.unitree_udp import UnitreeUdpSettings, open_link
+
+RESULTS = Path(__file__).parent / "results"
+SETTINGS = CalibrationSettings("precise", precise=PreciseSettings(budget=60.0))
+PAYLOAD = "1,0.05,0.02,0.08"
+BAD = ("--loss", "0.02", "--duplicate", "0.02", "--reorder", "0.02")
+RUNS = (("a1", ()), ("a1", BAD), ("go1", BAD))
+SEEDS = (3, 4)
+ROBOT = load_robot("unitree_a1")
+
+
+@dataclass
+class Row:
+    """One calibration: what over, how far from the truth, and what it was like."""
+
+    what: str
+    seed: int
+    result: Calibration
+    told: dict[str, Any] = field(default_factory=dict)
+
+    def cells(self) -> list[str]:
+        error = self.result.errors()["composite"]
+        diagonal = np.diag(error["inertia"]) / np.diag(self.result.truth.composite.inertia)
+        return [
+            self.what,
+            str(self.seed),
+            f"{1000 * error['mass']:+.0f}",
+            " ".join(f"{1000 * value:+.2f}" for value in error["com_in_base"]),
+            " ".join(f"{100 * value:+.1f}" for value in diagonal),
+            f"{self.worst():.1f}",
+            *(str(self.told.get(name, "")) for name in ("arrived", "fresh", "late", "waited")),
+        ]
+
+    def worst(self) -> float:
+        """The largest error in standard deviations that the result claims."""
+        truth = components(self.result.truth.composite)
+        error = components(self.result.composite.parameters()) - truth
+        return float(np.max(np.abs(error) / np.sqrt(np.diag(self.result.uncertainty["composite"].covariance))))
+
+
+def direct(seed: int) -> Row:
+    """Without a network."""
+    with simulate(ROBOT, "realistic", PAYLOAD, seed) as simulation:
+        return Row("no network", seed, calibrate(simulation.platform, ROBOT, SETTINGS).with_truth(simulation.truth))
+
+
+def over_udp(protocol: str, faults: tuple[str, ...], seed: int) -> Row:
+    """Over loopback, guarded."""
+    with simulate(ROBOT, "realistic", PAYLOAD, seed) as simulation:
+        truth = simulation.truth
+    what = f"{protocol}, 2 % lost, doubled, overtaken" if faults else f"{protocol}, good network"
+    port = free_port()
+    with peer("--protocol", protocol, "--port", str(port), "--payload", PAYLOAD, "--seed", str(seed), *faults) as log:
+        link = open_link(ROBOT, UnitreeUdpSettings(protocol, "127.0.0.1", port, local_port=free_port()))
+        platform = HardwarePlatform(link)
+        with Guard(platform, ROBOT) as guard:
+            result = calibrate(guard, ROBOT, SETTINGS).with_truth(truth)
+        report, late = guard.report(), platform.timing.lateness
+    told = {
+        "arrived": link.counts.samples,
+        "fresh": report.samples.fresh,
+        "late": f"{100 * np.mean(late > 1e-3):.2f} ({1000 * late.max():.0f} ms)",
+        "waited": f"{1000 * sum(entry.get('behind', 0.0) for entry in log):.0f}",
+    }
+    return Row(what, seed, result, told)
+
+
+@contextmanager
+def peer(*flags: str) -> Generator[list[dict[str, Any]]]:
+    """The simulated robot in its own process; its log."""
+    command = [sys.executable, "-m", "equipoise.peers.unitree_udp", "--noise", "realistic", *flags]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    log = [json.loads(process.stdout.readline())]
+    lines = process.stdout
+    reader = threading.Thread(target=lambda: log.extend(json.loads(line) for line in lines), daemon=True)
+    reader.start()
+    try:
+        yield log
+    finally:
+        process.terminate()
+        process.wait(timeout=10)
+        reader.join(timeout=10)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def table(rows: list[Row]) -> str:
+    columns = (
+        "over", "seed", "mass [g]", "CoM [mm]", "Ixx Iyy Izz [%]", f"worst of {len(COMPONENTS)} [sd]", "samples arrived",
+        "fresh ones used", "commands over 1 ms late [%] (worst)", "robot kept waiting [ms]",
+    )  # fmt: skip
+    lines = [
+        "# Calibrations over UDP",
+        "",
+        f"`python benchmarks/udp.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {machine.system()} on "
+        f"{os.cpu_count()} cores. The A1 with 1 kg on it, preset `realistic`, method `precise` with 60 s of robot time. "
+        "Errors are of the whole robot's parameters, estimate less truth; sd: as the result claims. The robot is a process "
+        "of its own that speaks the A1's or the Go1's packets over loopback UDP; no real robot was tried. "
+        f"{'Real-time' if os.sched_getscheduler(0) == os.SCHED_RR else 'Ordinary'} priority; load average at the end "
+        f"{os.getloadavg()[0]:.0f}.",
+        "",
+        "| " + " | ".join(columns) + " |",
+        "|" + "---|" * len(columns),
+        *("| " + " | ".join(row.cells()) + " |" for row in rows),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    rows: list[Row] = []
+    for seed in SEEDS:
+        rows.append(direct(seed))
+        for protocol, faults in RUNS:
+            rows.append(over_udp(protocol, faults, seed))
+            print(rows[-1].cells(), flush=True)
+    text = table(rows)
+    (RESULTS / "udp.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,154 @@
+"""The verbs about robots that are there: platforms, doctor, record."""
+
+from __future__ import annotations
+
+import dataclasses
+import json as json_module
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import arg
+
+from equipoise.cli.flags import Described, Duration, File, PlatformName, Robot, Setting, connected, load, seconds
+from equipoise.errors import OutputError
+from equipoise.robot.description import RobotDescription
+
+if TYPE_CHECKING:
+    from equipoise.recordings.run_log import RunLog
+
+_PIECES_HELD = 40  # in memory, by a log that does not know yet what they belong to
+
+
+def platforms(*, json: bool = False, debug: bool = False) -> None:
+    """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
+
+    Example: equipoise platforms
+
+    Args:
+        json: Print one JSON object and nothing else on stdout.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.errors import MissingDependencyError
+    from equipoise.outputs.platform_terminal import print_platforms
+    from equipoise.platforms.catalog import DRIVERS, settings_of
+
+    settings: dict[str, list[tuple[str, str, Any]] | str] = {}
+    for name in DRIVERS:
+        try:
+            settings[name] = settings_of(name)
+        except MissingDependencyError as error:
+            settings[name] = str(error)
+    if json:
+        rows = [dataclasses.asdict(driver) | {"settings": settings[driver.name]} for driver in DRIVERS.values()]
+        print(json_module.dumps({"schema": "equipoise.platforms/1", "platforms": rows}, indent=2))
+    else:
+        print_platforms(list(DRIVERS.values()), settings)
+
+
+def doctor(
+    robot: Robot = "unitree_a1",
+    *,
+    platform: PlatformName = "mujoco",
+    set: Setting = (),
+    settings: File = None,
+    duration: Duration = None,
+    description_file: File = None,
+    description: Described = RobotDescription(),  # noqa: B008
+    json: bool = False,
+    debug: bool = False,
+) -> int:
+    """Connect to a robot, look for five seconds, move nothing, and say what is right and what is not.
+
+    Rates, jitter, the joint map, gravity against the stance, joint torques, battery and temperatures where there are any.
+    Ends with 0 if nothing speaks against a calibration, else with 1.
+
+    Example: equipoise doctor go2 --platform unitree-go2 --set interface=eth0
+
+    Args:
+        set: A setting of the platform, as KEY=VALUE; may be given again.
+        settings: TOML file with settings of the platform.
+        duration: How long to look; default 5 s.
+        description_file: TOML file with a robot description; flags win over it.
+        json: Print one JSON object and nothing else on stdout.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.outputs.platform_terminal import print_checkup
+    from equipoise.platforms.checkup import examine, joint_table
+
+    model = load(robot, description_file, description)
+    with connected(platform, model, set, settings) as connection:
+        findings = examine(connection, model, seconds(duration) or 5.0)
+        joints = joint_table(model, connection.read().joint_position)
+    if json:
+        rows = [dataclasses.asdict(finding) for finding in findings]
+        table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
+        print(json_module.dumps({**table, "joints": joints}, indent=2))
+    else:
+        print_checkup(f"{model.name} on {platform}", joints, findings)
+    return int(any(finding.fine is False for finding in findings))
+
+
+def record(
+    robot: Robot = "unitree_a1",
+    *,
+    platform: PlatformName = "mujoco",
+    set: Setting = (),
+    settings: File = None,
+    duration: Duration = None,
+    out: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")] = None,
+    description_file: File = None,
+    description: Described = RobotDescription(),  # noqa: B008
+    quiet: bool = False,
+    debug: bool = False,
+) -> None:
+    """Log a robot's joint sensors and IMU without moving it, until --duration is over or Ctrl-C.
+
+    The file is MCAP with JointState and Imu, which Foxglove and PlotJuggler open, and 'equipoise estimate FILE --robot ROBOT'.
+
+    Example: equipoise record go2 --platform unitree-go2 --set interface=eth0 --duration 60s
+
+    Args:
+        set: A setting of the platform, as KEY=VALUE; may be given again.
+        settings: TOML file with settings of the platform.
+        duration: How long; default until Ctrl-C.
+        out: The file; default logs/ROBOT-TIME.mcap.
+        description_file: TOML file with a robot description; flags win over it.
+        quiet: No progress.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.outputs.platform_terminal import RecordingProgress
+    from equipoise.platforms.checkup import watch
+    from equipoise.platforms.interruptions import Interruptions
+
+    model = load(robot, description_file, description)
+    now = datetime.now(timezone.utc)
+    out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
+    interruptions = Interruptions()
+    with (
+        connected(platform, model, set, settings) as connection,
+        _log_at(out) as log,
+        interruptions.noted(),
+        RecordingProgress(quiet) as progress,
+    ):
+        for number, piece in enumerate(watch(connection, model, seconds(duration)), 1):
+            log.add(piece)
+            if number % _PIECES_HELD == 0:
+                log.set_aside()
+            progress.update(piece)
+            if interruptions.asked:
+                break
+    print(out)
+
+
+def _log_at(path: Path) -> RunLog:
+    """A new log; raises OutputError if there is a file already, or it cannot be written."""
+    from equipoise.recordings.run_log import RunLog
+
+    if path.exists():
+        raise OutputError(f"{str(path)!r} exists; name a new file with --out")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write into {str(path.parent)!r}: {error.strerror}") from error
+    return RunLog(path)

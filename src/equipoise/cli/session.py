@@ -1,0 +1,200 @@
+"""Where a calibration runs: a simulated robot, or a real one behind the guard. Says so in a run's provenance, to resume it."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from equipoise.cli.flags import interruption_told
+from equipoise.errors import MotionError, ResumeError, SettingsError
+
+if TYPE_CHECKING:
+    from equipoise.calibration import CalibrationSettings
+    from equipoise.platforms.hardware import HardwarePlatform
+    from equipoise.platforms.platform import Platform
+    from equipoise.platforms.simulation import Simulation
+    from equipoise.recordings.run_log_reader import LogContent
+    from equipoise.result import Calibration
+    from equipoise.robot.model import RobotModel
+    from equipoise.run_folder import RunFolder
+
+_LOOK_TIME = 1.0  # [s] at a robot before anybody is asked to confirm
+
+
+@dataclass(frozen=True)
+class Place:
+    """What the flags say about where a run happens.
+
+    Attributes:
+        platform: name of a simulator or a driver.
+        given: the driver's settings.
+        noise, payload, seed, start: of a simulated robot.
+    """
+
+    platform: str
+    given: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    noise: str = "ideal"
+    payload: str | None = None
+    seed: int = 0
+    start: str = "standing"
+
+    @property
+    def simulated(self) -> bool:
+        from equipoise.platforms.catalog import SIMULATED
+
+        return self.platform in SIMULATED
+
+    def facts(self) -> dict[str, Any]:
+        """For a run's provenance: enough to resume it."""
+        if not self.simulated:
+            return {"platform": self.platform, "platform_settings": dict(self.given)}
+        names = ("platform", "noise", "payload", "seed", "start")
+        return {name: getattr(self, name) for name in names}
+
+    @classmethod
+    def of(cls, folder: RunFolder) -> Place:
+        """Where a run was made.
+
+        Raises:
+            ResumeError: it does not say, or not well enough to go on there.
+        """
+        facts = folder.provenance
+        if facts.get("repetition"):
+            raise ResumeError(
+                f"the run {str(folder.path)!r} is one of several on one simulated robot; repeat them all instead"
+            )
+        if "platform_settings" in facts:
+            return cls(str(facts["platform"]), dict(facts["platform_settings"]))
+        names = ("platform", "noise", "payload", "seed", "start")
+        if missing := [name for name in names if name not in facts]:
+            raise ResumeError(
+                f"the run {str(folder.path)!r} does not say its {missing[0]}; runs of 'equipoise calibrate' can be resumed"
+            )
+        return cls(**{name: facts[name] for name in names})
+
+
+class Session:
+    """A place that is open: runs calibrations, one after the other.
+
+    Args:
+        place: where.
+        robot: what is known about the robot.
+    """
+
+    def __init__(self, place: Place, robot: RobotModel) -> None:
+        self.place, self.robot = place, robot
+        self._simulation: Simulation | None = None
+        if place.simulated:
+            from equipoise.platforms.simulation import simulate
+
+            self._simulation = simulate(
+                robot, place.noise, place.payload, place.seed, place.start, engine=place.platform  # pyright: ignore
+            )  # fmt: skip
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """For a run's provenance."""
+        engine = {} if self._simulation is None else {self.place.platform: self._simulation.engine}
+        return {**self.place.facts(), **engine}
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._simulation is not None:
+            self._simulation.platform.close()
+
+    def run(
+        self, folder: RunFolder, settings: CalibrationSettings, quiet: bool, content: LogContent | None = None
+    ) -> Calibration:
+        """One calibration into a run folder.
+
+        Args:
+            content: of the folder's log, if the run is gone on with.
+        """
+        from equipoise.calibration import calibrate
+        from equipoise.outputs.terminal import TrialProgress
+
+        with folder, interruption_told(folder):
+            if self._simulation is not None:
+                folder.save_truth(self._simulation.truth)
+            with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
+                result = calibrate(platform, self.robot, settings, folder.keep, progress.update)
+        result = result.with_provenance(**folder.provenance, **ending)
+        return result if self._simulation is None else result.with_truth(self._simulation.truth)
+
+    @contextmanager
+    def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, dict[str, Any]]]:
+        """The platform that the routine moves, and a table for what is known of the run only when it is over."""
+        from equipoise.platforms.logged import Logged
+        from equipoise.platforms.resumed import RepeatedSimulation, ResumedRobot
+
+        if self._simulation is not None:
+            bare = self._simulation.platform
+            logged = Logged(bare, folder.log)
+            yield (logged if content is None else RepeatedSimulation(logged, bare, content)), {}
+            return
+        from equipoise.platforms.guard import Guard
+
+        ending: dict[str, Any] = {}
+        guard = Guard(_connection(self.place, self.robot), self.robot, log=folder.log)
+        try:
+            with guard:
+                yield (guard if content is None else ResumedRobot(guard, content)), ending
+        finally:
+            ending["guard"] = dataclasses.asdict(guard.report())
+            _tell_ending(guard.report())
+
+
+def _connection(place: Place, robot: RobotModel) -> HardwarePlatform:
+    from equipoise.platforms.catalog import open_platform
+
+    return open_platform(place.platform, robot, place.given)
+
+
+def confirm(place: Place, robot: RobotModel, settings: CalibrationSettings, yes: bool) -> None:
+    """Before anything moves on a real robot: look at it, say what will be done, and have it confirmed.
+
+    Raises:
+        SettingsError: it was not confirmed.
+        MotionError: what the sensors show speaks against moving.
+    """
+    if place.simulated:
+        return
+    from equipoise.methods.rehearsal import rehearse
+    from equipoise.outputs.platform_terminal import rehearsal_lines
+    from equipoise.platforms.checkup import examine
+
+    with _connection(place, robot) as connection:
+        wrong = [finding for finding in examine(connection, robot, _LOOK_TIME) if finding.fine is False]
+    for line in rehearsal_lines(rehearse(robot, settings), place.platform):
+        print(line, file=sys.stderr)
+    for finding in wrong:
+        print(f"look: {finding.name}: {finding.value}; {finding.advice}", file=sys.stderr)
+    if yes and (serious := [finding for finding in wrong if finding.serious]):
+        raise MotionError(
+            f"{serious[0].name}: {serious[0].value}; {serious[0].advice} (see 'equipoise doctor'; without --yes you are asked)"
+        )
+    if yes:
+        return
+    print(
+        "Keep clear of the robot, and a hand on its emergency stop. Ctrl-C lets it down at any time.\n"
+        f"Type {robot.name} to begin: ",
+        end="", file=sys.stderr, flush=True,
+    )  # fmt: skip
+    if sys.stdin.readline().strip() != robot.name:
+        raise SettingsError(f"not confirmed, nothing was moved: type {robot.name}, or give --yes in a script")
+
+
+def _tell_ending(report: Any) -> None:
+    words = [f"guard: {report.commands} commands"]
+    if report.overruns is not None:
+        words.append(f"{report.overruns} more than 1 ms late")
+    words.append(f"largest lean {report.largest_tilt * 57.3:.0f} deg")
+    if report.hottest_motor is not None:
+        words.append(f"hottest motor {report.hottest_motor:.0f} deg C")
+    print(f"{', '.join(words)}; at the end: {', '.join(report.ending) or 'nothing was moved'}", file=sys.stderr)

@@ -1,0 +1,138 @@
+"""A simulated robot in real time, with what a real one has between its wire and its joints: motor boards with a watchdog."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from typing import Literal, Protocol, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.platforms.platform import JointCommand, RobotState
+from equipoise.platforms.sensors import Noise
+from equipoise.platforms.simulation import Simulation, simulate
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
+
+FloatArray = NDArray[np.float64]
+
+_SILENCE = 0.1  # [s] without a command after which the motor boards damp
+_DAMPING = 1.0  # of the model's own kd, when they do
+_LOST = 10  # control periods behind after which real time begins anew
+
+Mode = Literal["own stance", "commanded", "damped", "released", "silence"]
+
+
+class Wire(Protocol):
+    """The robot's side of a protocol."""
+
+    def commands(self) -> list[JointCommand]:
+        """Commands that arrived since the last call, in order, joint vectors in the model's order; never waits."""
+        ...
+
+    def publish(self, state: RobotState, sequence: int) -> None:
+        """Send a sample; `sequence` counts them from zero."""
+        ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class PeerSettings:
+    """What robot the peer simulates, as the flags of `calibrate` say it.
+
+    Attributes:
+        noise: preset of sensor and actuator errors.
+        payload: MASS,X,Y,Z or None.
+        seed: of everything drawn.
+        start: "standing" (it holds its own stance until the first command comes) or "lying" (it is limp until then).
+        duration: ends by itself after so long [s].
+    """
+
+    noise: Noise = "realistic"
+    payload: str | None = None
+    seed: int = 0
+    start: Literal["standing", "lying"] = "standing"
+    duration: float = 3600.0
+
+
+class PeerRobot:
+    """The simulated robot, and what it saw: one JSON object a line, as {"time": 1.204, "mode": "damped"}."""
+
+    def __init__(self, robot: RobotModel, settings: PeerSettings, log: TextIO = sys.stdout) -> None:
+        self.robot, self.settings = robot, settings
+        self._log = log
+        self._simulation: Simulation = simulate(robot, settings.noise, settings.payload, settings.seed, settings.start)
+        self._platform = self._simulation.platform
+        stance = nominal_stance(robot)
+        self._kd = np.full(len(robot.joint_names), robot.gains(stance.hip_height)[1])
+        self._state = self._platform.read()
+        self._hold = stance.joint_position  # not what it sagged to: it would sag again
+        self._command: JointCommand | None = None
+        self._heard = -np.inf
+        self._mode: Mode | None = None
+
+    @property
+    def control_period(self) -> float:
+        return self._platform.control_period
+
+    def hear(self, command: JointCommand) -> None:
+        """A command that arrived."""
+        self._command, self._heard = command, self._state.time
+
+    def step(self) -> RobotState:
+        """One control period."""
+        self._state = self._platform.step(self._in_force())
+        return self._state
+
+    def serve(self, wire: Wire) -> None:
+        """Run in real time until the settings' duration is over or Ctrl-C; says {"ready": true} when it listens."""
+        self.say(ready=True)
+        begin = deadline = time.monotonic()
+        sequence = 0
+        try:
+            while time.monotonic() - begin < self.settings.duration:
+                for command in wire.commands():
+                    self.hear(command)
+                wire.publish(self.step(), sequence)
+                sequence += 1
+                deadline += self.control_period
+                left = deadline - time.monotonic()
+                if left > 0:
+                    time.sleep(left)
+                elif -left > _LOST * self.control_period:
+                    self.say(behind=round(-left, 4))
+                    deadline = time.monotonic()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.say(ended=True)
+            wire.close()
+            self._platform.close()
+
+    def say(self, **what: object) -> None:
+        """Append to the log."""
+        print(json.dumps({"time": round(self._state.time, 4), **what}), file=self._log, flush=True)
+
+    def _in_force(self) -> JointCommand:
+        """What the motor boards do now."""
+        zeros = np.zeros_like(self._hold)
+        limp = JointCommand(self._hold, kp=zeros, kd=_DAMPING * self._kd)
+        command, mode = self._command, "commanded"
+        if command is None:
+            lying = self.settings.start == "lying"
+            command, mode = (limp if lying else JointCommand(self._hold)), "own stance"
+        elif self._state.time - self._heard > _SILENCE:
+            command, mode = limp, "silence"
+        elif command.kp is not None and not command.kp.any():
+            mode = "damped" if command.kd is not None and command.kd.any() else "released"
+        self._enter(mode)  # pyright: ignore[reportArgumentType]
+        return command
+
+    def _enter(self, mode: Mode) -> None:
+        if mode != self._mode:
+            self._mode = mode
+            self.say(mode=mode)

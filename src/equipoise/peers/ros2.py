@@ -1,0 +1,264 @@
+"""A simulated robot with ROS 2's topics: a joint state broadcaster, an IMU broadcaster and a position controller.
+
+    python -m equipoise.peers.ros2 --robot unitree_a1 --domain 1 --stiffness 100 --imu-rate 200 --permute 3
+
+No ROS is needed, and nothing of it runs: the process publishes and listens as those controllers do. Like them it holds the
+last command for ever: position controllers have no watchdog.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from tyro.conf import OmitArgPrefixes
+
+from equipoise.errors import SettingsError
+from equipoise.peers.robot import PeerRobot, PeerSettings
+from equipoise.platforms.dds import DdsDomain
+from equipoise.platforms.platform import JointCommand, RobotState
+from equipoise.platforms.ros2_messages import (
+    Float64MultiArray,
+    Header,
+    Imu,
+    JointState,
+    JointTrajectory,
+    Quaternion,
+    Time,
+    Vector3,
+    dds_topic,
+)
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.stance import nominal_stance
+
+FloatArray = NDArray[np.float64]
+
+_STIFF = 10.0  # times the gain of the robot's own soft legs
+
+
+@dataclass(frozen=True)
+class Controllers:
+    """What the robot publishes and listens to.
+
+    Attributes:
+        interface: network interface.
+        domain: ROS_DOMAIN_ID.
+        joint_state_topic: where the joints are published.
+        imu_topic: where the IMU is published.
+        array_topic: where the forwarding controller listens.
+        trajectory_topic: where the joint trajectory controller listens.
+        stiffness: of the joints' position control [Nm/rad]; 0: ten times the robot's own soft legs.
+        joint_rate: JointState messages a second; at most the simulation's 500.
+        imu_rate: Imu messages a second; at most the simulation's 500.
+        permute: seed of the orders of joints in messages and controllers; 0: as the model lists them.
+        extra_joints: that are published with them, at zero.
+        without: "velocity", "effort", or both: what the joints do not report.
+        clock: stamps count from the start of the simulation, or are this computer's time of day.
+        interpolate_from_desired_state: the joint trajectory controller's parameter of this name.
+    """
+
+    interface: str = "lo"
+    domain: int = 1
+    joint_state_topic: str = "/joint_states"
+    imu_topic: str = "/imu/data"
+    array_topic: str = "/forward_position_controller/commands"
+    trajectory_topic: str = "/joint_trajectory_controller/joint_trajectory"
+    stiffness: float = 0.0
+    joint_rate: float = 500.0
+    imu_rate: float = 500.0
+    permute: int = 0
+    extra_joints: tuple[str, ...] = ()
+    without: tuple[Literal["velocity", "effort"], ...] = ()
+    clock: Literal["simulation", "day"] = "simulation"
+    interpolate_from_desired_state: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "joint_rate", "imu_rate"):
+            if not getattr(self, name) >= 0:
+                raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
+
+
+class Interpolation:
+    """What a joint trajectory controller makes of a trajectory: straight lines from where it begins, through its points.
+
+    Args:
+        begin: robot time at which it arrived [s].
+        start: (nj,) joint positions that it begins at [rad].
+        times: (n,) of its points, from then on, increasing [s].
+        positions: (n, nj) its points [rad].
+    """
+
+    def __init__(self, begin: float, start: FloatArray, times: FloatArray, positions: FloatArray) -> None:
+        self._times = np.concatenate([[begin], begin + times])
+        self._positions = np.vstack([start, positions])
+
+    def at(self, now: float) -> FloatArray:
+        """(nj,) targets [rad]; the last point's after the last, at once if its time is zero."""
+        after = int(np.searchsorted(self._times, now, side="right"))
+        if after >= len(self._times):
+            return self._positions[-1]
+        before, next_ = self._times[after - 1 : after + 1]
+        part = (now - before) / (next_ - before)
+        return (1 - part) * self._positions[after - 1] + part * self._positions[after]
+
+
+class Ros2Wire:
+    """The robot's side: broadcasters and position controllers of a controller manager.
+
+    Args:
+        joint_names: the model's.
+        controllers: what is published and heard.
+        gains: kp and kd of the position control, the same for all joints.
+        hold: (nj,) where the joints are held before the first command [rad]; None: they are limp.
+        say: takes what is worth noting.
+    """
+
+    def __init__(
+        self,
+        joint_names: tuple[str, ...],
+        controllers: Controllers,
+        gains: tuple[float, float],
+        hold: FloatArray | None,
+        say: Callable[..., None],
+    ) -> None:
+        self._names, self._controllers, self._say = joint_names, controllers, say
+        self._kp, self._kd = (np.full(len(joint_names), gain) for gain in gains)
+        published = list(joint_names + controllers.extra_joints)
+        controlled = list(joint_names)
+        if controllers.permute:
+            draw = np.random.default_rng(controllers.permute)
+            draw.shuffle(published)
+            draw.shuffle(controlled)
+        self._published, self._controlled = published, controlled
+        self._day = time.time_ns() if controllers.clock == "day" else 0
+        self._state: RobotState | None = None
+        self._target = hold
+        self._interpolation: Interpolation | None = None
+        self.received = self.refused = 0
+        domain = self._domain = DdsDomain(controllers.domain, controllers.interface)
+        self._arrays = domain.inbox(dds_topic(controllers.array_topic), Float64MultiArray)
+        self._trajectories = domain.inbox(dds_topic(controllers.trajectory_topic), JointTrajectory)
+        self._joint_box = domain.outbox(dds_topic(controllers.joint_state_topic), JointState)
+        self._imu_box = domain.outbox(dds_topic(controllers.imu_topic), Imu)
+        say(published=published, controlled=controlled, kp=gains[0], kd=gains[1])
+
+    def commands(self) -> list[JointCommand]:
+        """What the controllers want now: hardware gets it in every period, until another command comes."""
+        for _, array in self._arrays.take():
+            self._take_array(array)
+        for _, trajectory in self._trajectories.take():
+            self._take_trajectory(trajectory)
+        if self._interpolation is not None and self._state is not None:
+            self._target = self._interpolation.at(self._state.time)
+        return [] if self._target is None else [JointCommand(self._target, kp=self._kp, kd=self._kd)]
+
+    def publish(self, state: RobotState, sequence: int) -> None:
+        del sequence
+        before, self._state = (-1.0 if self._state is None else self._state.time), state
+        if _due(before, state.time, self._controllers.joint_rate):
+            self._joint_box.send(self._joint_state(state))
+        if _due(before, state.time, self._controllers.imu_rate):
+            self._imu_box.send(self._imu(state))
+
+    def close(self) -> None:
+        self._say(received=self.received, refused=self.refused)
+        self._domain.close()
+
+    def _accept(self, whether: bool) -> bool:
+        """Count a command, and tell of the first."""
+        self.refused += not whether
+        self.received += whether
+        if whether and self.received == 1:
+            self._say(commanded=True)
+        return whether
+
+    def _take_array(self, message: Float64MultiArray) -> None:
+        if not self._accept(len(message.data) == len(self._controlled)):
+            return
+        self._interpolation = None
+        self._target = self._in_model_order(self._controlled, message.data)
+
+    def _take_trajectory(self, message: JointTrajectory) -> None:
+        """A trajectory of all joints, as it begins at once; a controller has more to say to other ones."""
+        all_joints = set(message.joint_names) == set(self._names)
+        if not self._accept(all_joints and bool(message.points)) or self._state is None:
+            return
+        starts = [point.time_from_start for point in message.points]
+        times = np.array([start.sec + 1e-9 * start.nanosec for start in starts])
+        positions = [self._in_model_order(message.joint_names, point.positions) for point in message.points]
+        desired = self._target if self._controllers.interpolate_from_desired_state else None
+        start = self._state.joint_position if desired is None else desired
+        self._interpolation = Interpolation(self._state.time, start, times, np.array(positions))
+
+    def _in_model_order(self, names: list[str], values: list[float]) -> FloatArray:
+        return np.array([values[names.index(name)] for name in self._names])
+
+    def _joint_state(self, state: RobotState) -> JointState:
+        velocity = None if "velocity" in self._controllers.without else state.joint_velocity
+        torque = None if "effort" in self._controllers.without else state.joint_torque
+        return JointState(
+            self._header(state, ""),
+            self._published,
+            self._as_published(state.joint_position),
+            [] if velocity is None else self._as_published(velocity),
+            [] if torque is None else self._as_published(torque),
+        )
+
+    def _as_published(self, values: FloatArray) -> list[float]:
+        known = dict(zip(self._names, values.tolist(), strict=True))
+        return [known.get(name, 0.0) for name in self._published]
+
+    def _imu(self, state: RobotState) -> Imu:
+        unknown = [-1.0] + 8 * [0.0]  # there is no orientation filter
+        return Imu(
+            self._header(state, "imu_link"),
+            Quaternion(),
+            unknown,
+            Vector3(*state.angular_velocity.tolist()),
+            linear_acceleration=Vector3(*state.acceleration.tolist()),
+        )
+
+    def _header(self, state: RobotState, frame: str) -> Header:
+        return Header(Time(*divmod(self._day + round(1e9 * state.time), 10**9)), frame)
+
+
+def _due(before: float, now: float, rate: float) -> bool:
+    """Whether something that happens so often [Hz] happens after one moment and up to another [s]."""
+    return np.floor(now * rate + 1e-6) > np.floor(before * rate + 1e-6)
+
+
+@dataclass(frozen=True)
+class Options:
+    """A simulated robot on ROS 2's topics; logs JSON, one object a line.
+
+    Attributes:
+        robot: the quadruped that it is: a name, or a URDF or MJCF file.
+        peer: what is simulated.
+        controllers: what is published and heard.
+    """
+
+    robot: str = "unitree_a1"
+    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
+    controllers: OmitArgPrefixes[Controllers] = field(default_factory=Controllers)
+
+
+def main() -> None:
+    """Run until it is ended."""
+    options = tyro.cli(Options)
+    robot = load_robot(options.robot)
+    peer = PeerRobot(robot, options.peer)
+    stance = nominal_stance(robot)
+    kp, kd = robot.gains(stance.hip_height)
+    stiffness = options.controllers.stiffness or _STIFF * kp
+    gains = stiffness, kd * float(np.sqrt(stiffness / kp))  # the same damping ratio
+    hold = stance.joint_position if options.peer.start == "standing" else None
+    peer.serve(Ros2Wire(robot.joint_names, options.controllers, gains, hold, peer.say))
+
+
+if __name__ == "__main__":
+    main()

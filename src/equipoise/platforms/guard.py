@@ -1,0 +1,242 @@
+"""The guard: what stands between an experiment and a robot that can break.
+
+It is a platform around a platform. Nothing passes it: `play` is stepped, every command is checked before it is sent, every
+sample when it arrives: see `watched_robot`. Whatever goes wrong, and however the program ends, the robot is put down: see
+`safe_ending`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import threading
+import time
+from collections.abc import Generator
+from dataclasses import replace
+
+import numpy as np
+
+from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.platforms.guard_report import GuardReport
+from equipoise.platforms.interruptions import Interruptions
+from equipoise.platforms.limits import Limits
+from equipoise.platforms.piece_log import MotionLog, PieceLog
+from equipoise.platforms.platform import (
+    JointCommand,
+    MotionInterrupted,
+    Platform,
+    RobotState,
+    Steps,
+    TiltLimit,
+    Trajectory,
+)
+from equipoise.platforms.safe_ending import SafeEnding
+from equipoise.platforms.soft_start import soft_start
+from equipoise.platforms.watched_robot import WatchedRobot
+from equipoise.recordings.recording import PHASE, Recording
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import lies, nominal_stance
+
+_LOOK_TIME = 0.3  # [s] of samples before anything moves
+_OVER = "the robot was put down and released; start again to move it"
+
+
+class Guard:
+    """A guarded robot. Use it as a context manager, in the main thread; leaving it, in whatever way, is the safe ending.
+
+    Args:
+        platform: to be guarded; the guard closes it.
+        robot: what is known about it.
+        limits: how far it may go.
+        log: is told of every motion when it begins, and takes pieces of it every quarter of a second while it goes on.
+
+    Attributes:
+        phase: of the motion that is played, as its events name it.
+    """
+
+    def __init__(
+        self, platform: Platform, robot: RobotModel, limits: Limits | None = None, log: MotionLog | None = None
+    ) -> None:
+        self._platform, self._limits = platform, limits or Limits()
+        self._robot, self._stance = robot, nominal_stance(robot)
+        self._watched = WatchedRobot(platform, robot, self._stance, self._limits)
+        self._interruptions = Interruptions()
+        self._ending = SafeEnding(
+            self._watched, robot, self._stance, platform.control_period, lambda: self._interruptions.asked
+        )
+        self._log = PieceLog(log, platform.control_period)
+        self._steps: Steps | None = None
+        self.phase = ""
+        self._stepped = 0.0
+        self._ended = False
+        self._lock = threading.RLock()
+        atexit.register(self.close)
+
+    @property
+    def control_period(self) -> float:
+        return self._platform.control_period
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._platform.joint_names
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return self._platform.accepts
+
+    def read(self) -> RobotState:
+        """As a platform's; raises what `step` raises, and the robot has been put down by then."""
+        with self._ending_on_trouble():
+            return self._watched.read()
+
+    def step(self, command: JointCommand) -> RobotState:
+        """As a platform's. When it raises, the robot has been put down.
+
+        Raises:
+            LimitError: a joint, a motor or a command is beyond its limits.
+            TrackingError: a joint does not follow.
+            FallError: the base tilts.
+            SensorError, CommunicationError: samples cannot be believed, or none arrive.
+        """
+        with self._ending_on_trouble(), self._interruptions.held():
+            self._begin(command)
+            self._steps = None  # the next motion does not follow on the last one
+            return self._step(command)
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        """As a platform's; raises what `step` raises, with what was recorded so far, OverrunError and OutputError."""
+        steps: Steps | None = None
+        try:
+            with self._ending_on_trouble(), self._interruptions.held():
+                self._begin(trajectory.command(0))
+                steps = self._steps = Steps(self, self._present(), self._steps)
+                self._play(trajectory, stop, steps)
+        except KeyboardInterrupt as interrupt:
+            recorded = steps.recording(trajectory.events) if steps is not None and steps.count else None
+            raise MotionInterrupted(recorded) from interrupt
+        except MotionError as error:
+            if steps is not None and steps.count and not error.recordings:
+                error.recordings = (steps.recording(trajectory.events),)
+            raise
+        return steps.recording(trajectory.events)
+
+    def close(self) -> None:
+        """The safe ending of a robot that is well. May be called twice, and by any thread."""
+        self._end(None)
+
+    def report(self) -> GuardReport:
+        """What the run was like so far."""
+        return self._watched.report(self._ending.done)
+
+    def __enter__(self) -> Guard:
+        self._interruptions.__enter__()
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self._end(error)
+        finally:
+            self._interruptions.__exit__()
+
+    # --- moving
+
+    def _begin(self, first: JointCommand) -> None:
+        """Before the first command: look, then take the robot over without a jolt."""
+        if self._ended:
+            raise MotionError(_OVER)
+        if self._watched.sent is not None:
+            return
+        state = self._watched.read()
+        if state.received is not None:
+            for _ in range(round(_LOOK_TIME / self.control_period)):
+                time.sleep(self.control_period)
+                state = self._watched.read()
+        self._watched.take_over(state, first)
+        lying = lies(self._robot, self._stance, state.joint_position)
+        allowed = np.stack([self._robot.lower_limit, self._robot.upper_limit])
+        for command in soft_start(first, state, self._watched.own_gains, lying, self.control_period, allowed):
+            self._step(command)
+            self._interruptions.check()
+
+    def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: Steps) -> None:
+        turned = np.zeros(3)
+        phases = [event for event in trajectory.events if event.name == PHASE]
+        self._log.begin(steps, len(trajectory.position), trajectory.events)
+        self._stepped = time.monotonic()
+        for index in range(len(trajectory.position)):
+            while phases and phases[0].time <= (index + 0.5) * self.control_period:
+                self.phase = str(phases.pop(0).data.get("name"))
+            command = trajectory.command(index)
+            self._check_pace(steps.state)
+            state = steps.add(command.position, lambda command=command: self._step(command))
+            self._log.step()
+            self._interruptions.check()
+            turned = turned + state.angular_velocity * self.control_period
+            if stop is not None and stop.reached(turned):
+                break
+        # A robot on two feet does not wait for a disk.
+        self._log.finish(wait=not self._watched.footing.lifted(trajectory.position[steps.count - 1]))
+
+    def _step(self, command: JointCommand) -> RobotState:
+        with self._lock:
+            if self._ended:
+                raise MotionError(_OVER)
+            return self._watched.step(command)
+
+    def _present(self) -> RobotState:
+        """The present state, and with it the last one of the motion before, which no recording has yet."""
+        last = None if self._steps is None else self._steps.state
+        state = self._watched.read()
+        return state if last is None or last.time >= state.time else replace(state, earlier=(last, *state.earlier))
+
+    def _check_pace(self, state: RobotState) -> None:
+        """Nothing is sent to a robot that has had to do without for too long: it may be somewhere else by now."""
+        now = time.monotonic()
+        if state.received is not None and now - self._stepped > self._limits.stall:
+            raise OverrunError(
+                f"this computer sent nothing for {(now - self._stepped) * 1000:.0f} ms while the robot moved: end other "
+                "programs, or give this one a core of its own"
+            )
+        self._stepped = now
+
+    # --- ending
+
+    @contextlib.contextmanager
+    def _ending_on_trouble(self) -> Generator[None]:
+        """Put the robot down before anybody else hears of what happened."""
+        try:
+            yield
+        except BaseException as error:
+            self._end(error)
+            raise
+
+    def _end(self, error: BaseException | None) -> None:
+        """Put the robot down, release it, and see to it that what was recorded is written; once."""
+        with self._interruptions.noted(), self._lock:
+            if self._ended:
+                return
+            self._ended = True
+            atexit.unregister(self.close)
+            failures: list[BaseException] = []
+            for act in (lambda: self._put_down(error), self._release, self._log.close):
+                try:
+                    act()
+                except BaseException as failure:  # nothing may keep the next act from being tried
+                    failures.append(failure)
+            if error is None and failures:
+                raise failures[0]
+
+    def _put_down(self, error: BaseException | None) -> None:
+        found = self._watched.situation(error)
+        if found is not None:
+            self._ending.put_down(found)
+
+    def _release(self) -> None:
+        try:
+            self._platform.close()
+        except BaseException as failure:
+            self._ending.done.append(f"not released: {failure}")
+            raise CommunicationError(
+                f"the robot could not be released: {failure}. Its motors may still hold it: use its own emergency stop"
+            ) from failure
+        self._ending.done.append("released")

@@ -1,0 +1,303 @@
+"""A real robot as a platform: one deadline loop over whatever link carries its samples and commands."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.platforms.platform import JointCommand, RobotState, TiltLimit, Trajectory, play_by_stepping
+from equipoise.recordings.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+_LEAD = 0.4e-3  # [s] before a deadline at which `step` hands the state over, so that its caller can think
+_SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
+_ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
+_LOST = 5  # control periods behind after which the deadlines begin anew
+_IDLE = 5  # control periods without a step after which the last command is repeated
+_BEAT = 0.2  # [s] between signs of life to the watchdog
+_KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
+_TURN = 0.2e-3  # [s] that another thread may compute before it must let the loop go on
+_ASLEEP = 0.25  # [s] without a command after which the robot may have sunk: nothing is sent as if it had not
+
+
+class Link(Protocol):
+    """What a driver is: samples in, commands out, all joint vectors in the order of `joint_names`.
+
+    `send` and `release` may be called by another thread than `receive`, never at the same time.
+
+    Attributes:
+        name: for messages, as in "unitree-go2 on eth0".
+        joint_names: the robot model's leg joints, in its order; the driver knows which motor each is.
+        accepts: as a platform's.
+        control_period: time between commands [s].
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def accepts(self) -> frozenset[str]: ...
+
+    @property
+    def control_period(self) -> float: ...
+
+    def receive(self) -> list[RobotState]:
+        """Samples that arrived since the last call, in order of arrival, each with `received`; never waits.
+
+        What arrived damaged (a wrong checksum, a cut packet) is left out. What arrived twice or late is not: the guard looks.
+
+        Raises:
+            CommunicationError: the link is gone.
+        """
+        ...
+
+    def send(self, command: JointCommand) -> None:
+        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own.
+
+        The first may take seconds: a controller on board has to let go of the motors before.
+        """
+        ...
+
+    def release(self) -> None:
+        """Leave the motors without torque, or as the robot's own controller wants them. May be called twice."""
+        ...
+
+    def close(self) -> None:
+        """Give the connection back. May be called twice."""
+        ...
+
+
+class WatchdogSide(Protocol):
+    """What lets the robot down if this process dies."""
+
+    def moves(self) -> None: ...
+    def beat(self) -> None: ...
+    def dismiss(self) -> None: ...
+
+
+class LoopTiming:
+    """How late commands were sent, after the deadlines that a control loop sets itself.
+
+    Attributes:
+        lateness: (n,) of every command so far [s].
+        overruns: commands more than a millisecond late.
+        lost: how often the loop fell so far behind that its deadlines began anew.
+    """
+
+    def __init__(self) -> None:
+        self._lateness = np.zeros(4096)
+        self._count = 0
+        self.overruns = 0
+        self.lost = 0
+
+    @property
+    def lateness(self) -> FloatArray:
+        return self._lateness[: self._count]
+
+    def add(self, late: float) -> None:
+        """Note one command."""
+        if self._count == len(self._lateness):
+            self._lateness = np.concatenate([self._lateness, np.zeros(len(self._lateness))])
+        self._lateness[self._count] = late
+        self._count += 1
+        self.overruns += late > _ON_TIME
+
+
+class HardwarePlatform:
+    """A robot behind a link. Never use it bare: the guard is what makes it safe.
+
+    Commands leave at absolute deadlines, a control period apart from when the first one left. While nobody steps (an
+    estimate is being made), the last command is repeated, so that the robot stands where it was sent; not after this
+    program was stopped (Ctrl-Z, a computer that slept), for the robot may lie by then.
+
+    While somebody steps, Python does not look for unused objects, which would take milliseconds; and as long as the platform
+    is open, Python's threads take turns more often.
+
+    Args:
+        link: to the robot.
+        patience: how long to wait for the first sample [s].
+        watchdog: starts what lets the robot down if this process dies; started with the first command.
+
+    Attributes:
+        timing: of the control loop.
+    """
+
+    def __init__(self, link: Link, patience: float = 5.0, watchdog: Callable[[], WatchdogSide] | None = None) -> None:
+        self._link = link
+        self._patience = patience
+        self._start_watchdog = watchdog
+        self._watchdog: WatchdogSide | None = None
+        self._newest: RobotState | None = None
+        self._command: JointCommand | None = None
+        self._deadline = 0.0
+        self._sending = threading.Lock()
+        self._stepped = self._sent = time.monotonic()
+        self._closed = threading.Event()
+        self._released = False
+        self._collects, self._turn = gc.isenabled(), sys.getswitchinterval()
+        sys.setswitchinterval(_TURN)
+        self._holder = threading.Thread(target=self._hold, name="hold", daemon=True)
+        self._holder.start()
+        self.timing = LoopTiming()
+
+    @property
+    def name(self) -> str:
+        return self._link.name
+
+    @property
+    def control_period(self) -> float:
+        return self._link.control_period
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._link.joint_names
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return self._link.accepts
+
+    def read(self) -> RobotState:
+        return self._sense(self._patience if self._newest is None else 2 * self.control_period)
+
+    def step(self, command: JointCommand) -> RobotState:
+        """Send a command at its deadline, wait for the next one, and sense shortly before.
+
+        Raises:
+            CommunicationError: the link is gone, or not a single sample has arrived.
+            OverrunError: this program was stopped before the command could leave.
+            MotionError: the platform is closed.
+        """
+        gc.disable()
+        now = time.monotonic()
+        if now - self._deadline > _LOST * self.control_period:
+            self.timing.lost += self._deadline > self._stepped
+            self._deadline = now
+        _wait_until(self._deadline)
+        if (late := time.monotonic() - self._deadline) > _ASLEEP:
+            raise OverrunError(f"this program stood still for {late * 1000:.0f} ms while the robot moved")
+        first = self._command is None
+        with self._sending:
+            self._send(command)
+            self._stepped = self._sent = time.monotonic()
+        if first:
+            self._deadline = self._stepped
+        self.timing.add(self._stepped - self._deadline)
+        self._deadline += self.control_period
+        _wait_until(self._deadline - _LEAD)
+        return self._sense(0.0)
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        return play_by_stepping(self, trajectory, stop)
+
+    def close(self) -> None:
+        if self._released:
+            return
+        self._released = True
+        self._closed.set()
+        self._holder.join(timeout=1.0)
+        free = self._sending.acquire(timeout=1.0)  # a sender that hangs must not keep the motors from being released
+        try:
+            if self._command is not None:  # who only looked has nothing to give back
+                self._link.release()
+        finally:
+            if free:
+                self._sending.release()
+            self._link.close()
+            self._collect()
+            sys.setswitchinterval(self._turn)
+        if self._watchdog is not None:  # not if the release failed
+            self._watchdog.dismiss()
+
+    def __enter__(self) -> HardwarePlatform:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _send(self, command: JointCommand) -> None:
+        if self._released:
+            raise MotionError(f"{self.name} is closed; open it again to move it")
+        if self._command is None and self._start_watchdog is not None:
+            self._watchdog = self._start_watchdog()
+            self._watchdog.moves()
+        self._link.send(command)
+        self._command = command  # not before: what the link refuses must not be repeated
+
+    def _sense(self, patience: float) -> RobotState:
+        """The newest sample, the others that arrived in `earlier`; waits for one if none has arrived.
+
+        The newest is the one that was taken last: a sample that others overtook on the way is no news.
+        """
+        arrived = self._link.receive()
+        until = time.monotonic() + patience
+        while not arrived and time.monotonic() < until:
+            time.sleep(0.5e-3)
+            arrived = self._link.receive()
+        if arrived:
+            known = () if self._newest is None else (self._newest,)
+            newest = max((*reversed(arrived), *known), key=lambda sample: sample.time)
+            since = (arrived[-1].received or 0.0) - _KEPT_TIME
+            kept = (sample for sample in arrived if sample is not newest and (sample.received or 0.0) >= since)
+            self._newest = replace(newest, earlier=tuple(kept))
+        elif self._newest is not None and self._newest.earlier:
+            self._newest = replace(self._newest, earlier=())
+        if self._newest is None:
+            raise CommunicationError(
+                f"{self.name} sent nothing for {self._patience:g} s: is the robot on, is the cable in, is this the right "
+                "network interface? 'equipoise doctor' looks closer"
+            )
+        return self._newest
+
+    def _collect(self) -> None:
+        if self._collects:
+            gc.enable()
+
+    def _hold(self) -> None:
+        """Repeat the last command while nobody steps, and tell the watchdog that all is well."""
+        idle, beaten = _IDLE * self.control_period, 0.0
+        while not self._closed.wait(idle):
+            if time.monotonic() - self._stepped > idle:
+                self._collect()
+            now = time.monotonic()
+            if now - beaten > _BEAT:
+                beaten = now
+                if self._watchdog is not None:
+                    self._watchdog.beat()
+            while not self._closed.is_set() and time.monotonic() - self._stepped > idle:
+                if self._command is None or time.monotonic() - beaten > _BEAT:
+                    break
+                with self._sending:
+                    if time.monotonic() - self._stepped > idle and not self._released:
+                        self._repeat(self._command)
+                time.sleep(self.control_period)
+
+    def _repeat(self, command: JointCommand) -> None:
+        """Errors have nobody to be told to here; whoever steps or reads next will notice."""
+        if time.monotonic() - self._sent > _ASLEEP:
+            return
+        with contextlib.suppress(Exception):
+            self._link.send(replace(command, velocity=None))
+        self._sent = time.monotonic()
+
+
+def _wait_until(moment: float) -> None:
+    """Wait until a moment of the monotonic clock: asleep for most of it, awake at the end."""
+    left = moment - time.monotonic()
+    if left > _SPIN:
+        time.sleep(left - _SPIN)
+    while time.monotonic() < moment:
+        pass

@@ -1,0 +1,96 @@
+"""Ctrl-C, SIGTERM and a closed terminal: when they may interrupt, when they wait, and when they are only noted."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any, NoReturn
+
+_DEADLY = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class Terminated(KeyboardInterrupt):
+    """The process was asked to end by a signal other than Ctrl-C's.
+
+    Attributes:
+        number: of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"ended by {signal.Signals(number).name}")
+        self.number = number
+
+
+class Interruptions:
+    """What signals do while a robot is under command.
+
+    As a rule they raise: KeyboardInterrupt, or `Terminated`. Within `held`, a motion, the first one waits until `check` is
+    called, between two control periods: an exception in the middle of one would leave locks and lists half done. Within
+    `noted`, the ending, they interrupt nothing. Flags are set and looked at by the main thread alone, where Python runs
+    handlers; in other threads nothing is changed. Signals that the process ignores (`nohup`) stay ignored.
+
+    Attributes:
+        asked: whether somebody asked again while the robot was put down.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._holding = self._noting = False
+        self._waiting: int | None = None
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> Interruptions:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, *_DEADLY):
+                if signal.getsignal(number) not in (signal.SIG_IGN, self._hear):
+                    self._before[number] = signal.getsignal(number)
+                    signal.signal(number, self._hear)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        while self._before:
+            signal.signal(*self._before.popitem())
+
+    @contextmanager
+    def held(self) -> Generator[None]:
+        """The first signal waits for `check`, or for the end; a second one interrupts at once."""
+        self._holding = bool(self._before)
+        try:
+            yield
+        finally:
+            self._holding = False
+        self.check()
+
+    def check(self) -> None:
+        """Raise what waits."""
+        if self._waiting is not None:
+            self._raise(self._waiting)
+
+    @contextmanager
+    def noted(self) -> Generator[None]:
+        """Nothing is interrupted; `asked` says whether somebody tried."""
+        self._noting = True  # before handlers are installed, if they are not yet: this one store cannot be interrupted
+        installed = not self._before
+        try:
+            if installed:
+                self.__enter__()
+            yield
+        finally:
+            if installed:
+                self.__exit__()
+            self._noting, self._waiting = False, None
+
+    def _hear(self, number: int, frame: FrameType | None) -> None:
+        if self._noting:
+            self.asked = True
+        elif self._holding and self._waiting is None:
+            self._waiting = number
+        else:
+            self._raise(number)
+
+    def _raise(self, number: int) -> NoReturn:
+        self._waiting = None
+        raise KeyboardInterrupt if number == signal.SIGINT else Terminated(number)

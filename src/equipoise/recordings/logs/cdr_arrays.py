@@ -1,0 +1,152 @@
+"""Many CDR messages of one type as arrays, at a hundredth of the time that decoding them one by one takes.
+
+Where texts and lengths are the same in two messages, all numbers are at the same places: the first message is walked by its
+type's definition, and all like it are read as rows of one NumPy record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+
+_HEAD = 4  # bytes before every message: how it is written
+_NUMBERS = {
+    "bool": "u1", "byte": "u1", "octet": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
+    "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Messages:
+    """Messages with the same texts and lengths.
+
+    Attributes:
+        rows: (n,) their indices among all messages of the topic.
+        numbers: by path, as "header.stamp.sec" or "motor_state.3.q": (n,) or (n, k).
+        texts: by path, as "header.frame_id" or "name.0".
+    """
+
+    rows: NDArray[np.intp]
+    numbers: Mapping[str, NDArray[Any]]
+    texts: Mapping[str, str]
+
+    def stacked(self, form: str, names: Sequence[object]) -> NDArray[np.float64]:
+        """(n, k) numbers at k paths, which a form makes of names, as "motor_state.{}.q"."""
+        return np.column_stack([self.numbers[form.format(name)] for name in names]).astype(float)
+
+
+def read_messages(types: Mapping[str, Any], message_type: str, bodies: Sequence[bytes]) -> list[Messages]:
+    """All messages of a topic, in groups.
+
+    Args:
+        types: field definitions by name, as rosbags parses them.
+        bodies: as they were on the wire.
+
+    Raises:
+        ValueError, IndexError, KeyError: a message is damaged, or of a type that is not defined.
+    """
+    by_length: dict[int, list[int]] = {}
+    for index, body in enumerate(bodies):
+        by_length.setdefault(len(body), []).append(index)
+    groups: list[Messages] = []
+    for length, indices in by_length.items():
+        rows = np.array(indices, dtype=np.intp)
+        data = np.frombuffer(b"".join(bodies[index] for index in indices), dtype=np.uint8).reshape(-1, length)
+        while len(rows):
+            walk = _Walk(types, data[0].tobytes())
+            walk.message(message_type)
+            alike = (data[:, walk.fixed] == data[0, walk.fixed]).all(axis=1)
+            records = np.ascontiguousarray(data[alike]).view(walk.record(length))[:, 0]
+            numbers = {name: records[name] for name in walk.names}
+            groups.append(Messages(rows[alike], numbers, walk.texts))
+            rows, data = rows[~alike], data[~alike]
+    return groups
+
+
+class _Walk:
+    """Walks one message and notes where what is.
+
+    Attributes:
+        names: paths of the numbers.
+        texts: by path.
+        fixed: offsets of the bytes that a message must share to be alike.
+    """
+
+    def __init__(self, types: Mapping[str, Any], body: bytes) -> None:
+        self._types, self._body, self._position = types, body, _HEAD
+        self._order = "<" if body[1] & 1 else ">"
+        self.names: list[str] = []
+        self.texts: dict[str, str] = {}
+        self.fixed: list[int] = [0, 1]
+        self._formats: list[Any] = []
+        self._offsets: list[int] = []
+
+    def record(self, length: int) -> np.dtype[Any]:
+        """The numbers of one message of a length in bytes."""
+        if self._position > length:
+            raise ValueError("a message is shorter than its type says")
+        return np.dtype({"names": self.names, "formats": self._formats, "offsets": self._offsets, "itemsize": length})
+
+    def message(self, message_type: str, path: str = "") -> None:
+        for name, node in self._types[message_type][1]:
+            self._node(node, f"{path}.{name}" if path else name)
+
+    def _node(self, node: Any, path: str) -> None:
+        kind, detail = node
+        if kind == Nodetype.NAME:
+            self.message(detail, path)
+        elif kind == Nodetype.BASE:
+            self._base(detail[0], path)
+        else:
+            inner, count = detail
+            self._many(inner, count if kind == Nodetype.ARRAY else self._count(), path)
+
+    def _many(self, inner: Any, count: int, path: str) -> None:
+        kind, detail = inner
+        if kind == Nodetype.BASE and detail[0] in _NUMBERS:
+            if count:
+                self._number(detail[0], path, (count,))
+            else:
+                self._note(path, np.dtype("f8"), (0,), self._position)
+            return
+        if count > len(self._body):
+            raise ValueError(f"{path} cannot have {count} parts")
+        for index in range(count):
+            self._node(inner, f"{path}.{index}")
+
+    def _base(self, base: str, path: str) -> None:
+        if base in _NUMBERS:
+            self._number(base, path, ())
+            return
+        length = self._count()
+        self.texts[path] = self._body[self._position : self._position + length].rstrip(b"\0").decode()
+        self.fixed += range(self._position, min(self._position + length, len(self._body)))
+        self._position += length
+
+    def _number(self, base: str, path: str, shape: tuple[int, ...]) -> None:
+        number = np.dtype(self._order + _NUMBERS[base])
+        self._align(number.itemsize)
+        self._note(path, number, shape, self._position)
+        self._position += number.itemsize * int(np.prod(shape, dtype=int))
+
+    def _note(self, path: str, number: np.dtype[Any], shape: tuple[int, ...], offset: int) -> None:
+        self.names.append(path)
+        self._formats.append((number, shape))
+        self._offsets.append(offset)
+
+    def _count(self) -> int:
+        """A length, which alike messages share."""
+        self._align(4)
+        start, self._position = self._position, self._position + 4
+        if self._position > len(self._body):
+            raise ValueError("a message is shorter than its type says")
+        self.fixed += range(start, self._position)
+        return int(np.frombuffer(self._body, self._order + "u4", 1, start)[0])
+
+    def _align(self, size: int) -> None:
+        self._position += -(self._position - _HEAD) % size

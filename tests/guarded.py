@@ -1,0 +1,119 @@
+"""What tests of the guard share: states of a robot at rest, and the robot's side of the guard."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from equipoise import nominal_stance, simulate
+from equipoise.experiments.motion import Target
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.platforms.footing import Footing
+from equipoise.platforms.mujoco import MujocoPlatform
+from equipoise.platforms.platform import ACCEPTS_EVERYTHING, RobotState, Trajectory, play_by_stepping
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
+
+PERIOD = 2e-3  # [s] of samples that are made up
+SLOW = 4e-3  # [s] of simulated robots: half of them in the same time
+
+
+def at_rest(robot, index=0, **changes):
+    """The state of a robot in its stance after so many control periods; no two samples are quite the same."""
+    position = nominal_stance(robot).joint_position + 1e-6 * (index % 7)
+    up = np.array(robot.imu_in_base.rotation).T @ [0.0, 0.0, 9.81]
+    zeros = np.zeros(len(position))
+    state = RobotState(index * PERIOD, position, zeros, zeros, 1e-5 * np.array([index % 5, 0.0, 0.0]), up)
+    return replace(state, **changes)
+
+
+def simulated(robot, start="standing", noise="realistic", seed=3):
+    """A simulated robot with a control period that takes half the computing, and what can happen to it from outside."""
+    simulation = simulate(robot, noise, seed=seed)
+    model, disturbance = simulation.platform._simulated, simulation.disturbance
+    return MujocoPlatform(robot, model, nominal_stance(robot), start, SLOW, disturbance=disturbance), disturbance
+
+
+class Pieces(list):
+    """A log in memory."""
+
+    def begin(self, commands):
+        self.append(commands)
+
+    add = list.append
+
+    @property
+    def recordings(self):
+        return [piece for piece in self if not isinstance(piece, int)]
+
+
+class Seen:
+    """A simulated robot that keeps what reaches it, and does something else on the way where a test wants it to.
+
+    `act(count)` is called before the command of that number reaches the robot, and may raise.
+    """
+
+    def __init__(self, platform, act=lambda count: None, accepts=ACCEPTS_EVERYTHING, hidden=()):
+        self._platform, self.act, self.accepts, self._hidden = platform, act, accepts, hidden
+        self.control_period, self.joint_names = platform.control_period, platform.joint_names
+        self.commands, self.joints, self.closed = [], [], 0
+
+    def read(self):
+        return replace(self._platform.read(), **dict.fromkeys(self._hidden))
+
+    def step(self, command):
+        self.act(len(self.commands))
+        self.commands.append(command)
+        self.joints.append(self._platform.read().joint_position)
+        heard = {"velocity", "torque", "kp", "kd"} - self.accepts - ({"kp", "kd"} if "gains" in self.accepts else set())
+        self._platform.step(replace(command, **dict.fromkeys(heard)))
+        return self.read()
+
+    def play(self, trajectory, stop=None):
+        return play_by_stepping(self, trajectory, stop)
+
+    def close(self):
+        self.closed += 1
+        self._platform.close()
+
+
+def is_damped(command):
+    """Whether joints only resist being moved."""
+    return command.kp is not None and not command.kp.any() and bool((command.kd > 0).all())
+
+
+def assert_put_down(seen, robot):
+    """The safe ending as the robot saw it: no foot is left in the air, joints are damped, and it was let go of once."""
+    assert is_damped(seen.commands[-1])
+    assert not Footing(robot, nominal_stance(robot)).lifted(seen.commands[-1].position)
+    assert seen.closed == 1
+    assert_sane(seen, robot)
+
+
+def assert_sane(seen, robot):
+    """Nothing that reached the robot was beyond its limits, and nothing jumped."""
+    position = np.array([command.position for command in seen.commands])
+    least, most = np.min(seen.joints, axis=0), np.max(seen.joints, axis=0)  # a joint may be beyond its limit by itself
+    assert np.isfinite(position).all()
+    assert (position >= np.minimum(robot.lower_limit, least) - 2e-3).all()
+    assert (position <= np.maximum(robot.upper_limit, most) + 2e-3).all()
+    assert (np.abs(np.diff(position, axis=0)) <= robot.velocity_limit * seen.control_period + 1e-9).all()
+    for command in seen.commands:
+        for values in (command.velocity, command.torque, command.kp, command.kd):
+            assert values is None or np.isfinite(values).all()
+        assert command.torque is None or (np.abs(command.torque) <= 1.15 * robot.effort_limit).all()
+
+
+def lift(guard, robot, watch=0.3, diagonal="FL_RR"):
+    """Lift two feet, and leave them up."""
+    stance = nominal_stance(robot)
+    target = Target.standing(robot, guard.read().joint_position)
+    planted = PlantedRobot(guard, robot, target, stance.feet_in_base)
+    raised = target.feet_in_base.copy()
+    raised[[leg not in DIAGONALS[diagonal] for leg in LEG_NAMES], 2] += 0.024 * stance.size
+    up = planted.motion().phase("unload").shift_load(DIAGONALS[diagonal], 0.1)
+    planted.play(up.phase("lift").move_feet(raised, 0.15).phase("watch").hold(watch))
+
+
+def hold(guard, seen, duration):
+    """Stay where the joints were sent, or are."""
+    here = seen.commands[-1].position if seen.commands else guard.read().joint_position
+    return guard.play(Trajectory(np.repeat(here[None], round(duration / guard.control_period), axis=0)))

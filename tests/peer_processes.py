@@ -1,0 +1,116 @@
+"""Simulated robots in processes of their own, for tests: started, read, and ended."""
+
+import functools
+import json
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from equipoise.errors import EquipoiseError
+
+PATIENCE = 60.0  # [s] for a process that starts on a busy machine
+STALL = 0.02  # [s] by which a command may be late
+TRIES = 3
+
+
+class PeerProcess:
+    """A running peer and what it logged so far."""
+
+    def __init__(self, module, *flags):
+        self.log = []
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", f"equipoise.peers.{module}", *map(str, flags)],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def wait_for(self, key, value=None, patience=PATIENCE):
+        """The first logged object that has a key (of a value)."""
+        until = time.monotonic() + patience
+        while time.monotonic() < until:
+            for entry in list(self.log):
+                if key in entry and value in (None, entry[key]):
+                    return entry
+            if self._process.poll() is not None and not self._reader.is_alive():
+                break
+            time.sleep(0.01)
+        raise AssertionError(f"the peer never said {key} {value}: {self.log} {self._process.poll()}")
+
+    def kill(self):
+        """As a power cut."""
+        self._process.kill()
+        self._process.wait(timeout=10)
+
+    def end(self):
+        """As Ctrl-C; the whole log."""
+        if self._process.poll() is None:
+            self._process.terminate()
+        try:
+            self._process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            self.kill()
+        self._reader.join(timeout=10)
+        self._process.stdout.close()
+        return self.log
+
+    def _read(self):
+        for line in self._process.stdout:
+            if line.endswith("\n"):  # a killed process leaves a piece of one
+                self.log.append(json.loads(line))
+
+
+@contextmanager
+def running_peer(module, *flags):
+    """A peer that listens."""
+    peer = PeerProcess(module, *flags)
+    try:
+        peer.wait_for("ready")
+        yield peer
+    finally:
+        peer.end()
+
+
+def free_port():
+    """A UDP port of this machine that nobody listens on."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class StalledError(Exception):
+    """A test failed while this machine did not keep up with real time, which may be why."""
+
+
+@contextmanager
+def stalls_told(platform, peer):
+    """Tell a failure on a machine that kept robot or computer waiting from one that means something."""
+    try:
+        yield
+    except (AssertionError, EquipoiseError) as error:
+        late = platform.timing.lateness
+        slow = any("behind" in entry or entry.get("mode") == "silence" for entry in peer.log)
+        if slow or (len(late) and late.max() > STALL):
+            raise StalledError(f"commands up to {max(late, default=0):.3f} s late; {peer.log[-3:]}") from error
+        raise
+
+
+def in_real_time(test):
+    """Try a test again if the machine stalled; on one that stalls every time, it says nothing."""
+
+    @functools.wraps(test)
+    def tried(*arguments, **named):
+        for _ in range(TRIES):
+            try:
+                return test(*arguments, **named)
+            except StalledError as error:
+                reason = str(error)
+        pytest.skip(f"this machine is too busy for real time: {reason}")
+
+    return tried

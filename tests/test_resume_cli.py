@@ -1,0 +1,139 @@
+"""`equipoise calibrate --resume`: a process that is really killed, and one that goes on where it was."""
+
+import contextlib
+import json
+import shutil
+import subprocess
+import sys
+import time
+
+import pytest
+
+from equipoise import RunFolder
+from equipoise.cli import main
+
+QUICK = ["--method", "paper", "--no-pictures", "--tolerance", "0.03", "--sway-duration", "0.8"]
+ROBOT = ["--noise", "realistic", "--payload", "1,0.03,0.02,0.06", "--seed", "3", "--start", "lying"]
+COMMAND = [sys.executable, "-m", "equipoise", "calibrate", "--quiet", "--no-pictures"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A run that nobody interrupted; its folder."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    assert main(["calibrate", *QUICK, *ROBOT, "--quiet", "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def cut(whole, tmp_path):
+    """A copy of the run as a kill half way leaves it."""
+    copy = tmp_path / "run"
+    shutil.copytree(whole, copy)
+    for name in ("calibration.json", "metadata.yaml"):
+        (copy / name).unlink()
+    content = (copy / "recording.mcap").read_bytes()
+    (copy / "recording.mcap").write_bytes(content[: len(content) // 2])
+    return copy
+
+
+def killed_at(arguments, folder, size):
+    """Run a process, and kill it when its log has grown to a size."""
+    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    log = folder / "recording.mcap"
+    with process:
+        while process.poll() is None:
+            with contextlib.suppress(FileNotFoundError):
+                if (folder / "run.json").exists() and log.stat().st_size >= size:
+                    process.kill()
+                    break
+            time.sleep(0.002)
+        assert process.wait() == -9, process.stderr.read()
+
+
+def result(folder):
+    table = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+    del table["provenance"]["time"]
+    return table
+
+
+@pytest.mark.parametrize("moments", [(0.0,), (0.35,), (0.2, 0.7, 0.95)])
+def test_a_run_that_was_killed_goes_on_to_the_same_result(whole, tmp_path, moments, capsys):
+    folder = tmp_path / "run"
+    size = (whole / "recording.mcap").stat().st_size
+    killed_at([*QUICK[:2], *QUICK[3:], *ROBOT, "--out", str(folder)], folder, moments[0] * size)
+    for moment in moments[1:]:
+        before = RunFolder.open(folder).recordings()
+        killed_at(["--resume", str(folder)], folder, moment * size)
+        now = RunFolder.open(folder).recordings()
+        assert len(now) >= len(before)
+        assert all(one.equals(other) for one, other in zip(before, now, strict=False))
+    assert main(["calibrate", "--resume", str(folder), "--json", "--no-pictures"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert result(folder) == result(whole)
+    assert printed == json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+    ours, theirs = RunFolder.open(folder), RunFolder.open(whole)
+    assert all(one.equals(other) for one, other in zip(ours.recordings(), theirs.recordings(), strict=True))
+    assert ours.estimate().to_json() == printed_as_text(printed)
+    assert {file.name for file in folder.iterdir()} == {file.name for file in whole.iterdir()}
+
+
+def printed_as_text(table):
+    return json.dumps(table, indent=2) + "\n"
+
+
+def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
+    before = (whole / "recording.mcap").read_bytes()
+    assert main(["calibrate", "--resume", str(whole), "--json", "--no-pictures"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == f"the run in {whole} is complete; this is what its recordings say\n"
+    assert json.loads(captured.out) == json.loads((whole / "calibration.json").read_text(encoding="utf-8"))
+    assert (whole / "recording.mcap").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["go2"], "a robot"), (["unitree_a1"], "a robot"), (["--seed", "4"], "--seed"), (["--no-sway"], "--no-sway"),
+        (["--noise", "realistic"], "--noise"), (["--t-thres", "1"], "--t-thres"), (["--out", "x"], "--out"),
+        (["--foot-radius", "0.03"], "--description"), (["--method", "static"], "--method"),
+    ],
+)  # fmt: skip
+def test_a_run_goes_on_as_it_began(whole, arguments, named, capsys):
+    assert main(["calibrate", "--resume", str(whole), *arguments]) == 2
+    assert f"error: --resume goes on as the run began; {named} cannot be given with it" in capsys.readouterr().err
+
+
+def test_what_is_no_run_cannot_be_gone_on_with(tmp_path, capsys):
+    assert main(["calibrate", "--resume", str(tmp_path)]) == 5
+    assert "is no run of equipoise" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("facts", "message"),
+    [
+        ({"platform": "unitree-go2"}, "was made on 'unitree-go2'; only runs of"),
+        ({"seed": None}, "does not say its seed; only runs of"),
+        ({"noise": "loud"}, "noise 'loud' is not known"),
+        ({"payload": "heavy"}, "is not MASS,X,Y,Z"),
+        ({"seed": 4}, "standing up"),
+    ],
+)
+def test_a_run_that_cannot_be_repeated_is_told_and_stays_as_it_is(cut, facts, message, capsys):
+    header = json.loads((cut / "run.json").read_text(encoding="utf-8"))
+    header["provenance"] |= facts
+    if facts.get("seed", 0) is None:
+        del header["provenance"]["seed"]
+    (cut / "run.json").write_text(json.dumps(header), encoding="utf-8")
+    before = RunFolder.open(cut).recordings()
+    assert main(["calibrate", "--resume", str(cut), "--quiet"]) in (2, 5)
+    assert message in capsys.readouterr().err
+    now = RunFolder.open(cut).recordings()
+    assert len(now) == len(before) > 0
+    assert all(one.equals(other) for one, other in zip(now, before, strict=True))
+
+
+def test_a_run_that_another_process_makes_is_left_alone(cut, capsys):
+    with RunFolder.resume(cut, repeats=True)[0]:
+        assert main(["calibrate", "--resume", str(cut), "--quiet"]) == 6
+    assert "is being written by another process" in capsys.readouterr().err
