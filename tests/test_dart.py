@@ -41,7 +41,7 @@ BODIES = ("composite", "base", "stance_effective")
 
 
 class TestDart(PlatformContract):
-    tolerances = dict.fromkeys(PlatformContract.tolerances, 1e-10)
+    tolerances = dict.fromkeys(PlatformContract.tolerances, 1e-8)
     interrupted_method = "_roll"
     periods_between_stop_tests = PERIODS_BETWEEN_STOP_TESTS
 
@@ -78,7 +78,8 @@ def test_a_motion_that_is_broken_off_inside_the_engine_has_not_begun(platform, a
     monkeypatch.setattr(platform, "_imu", interrupted)
     with pytest.raises(KeyboardInterrupt):
         platform.play(motion)
-    assert np.array_equal(platform.play(motion).joints.position, expected.joints.position)
+    # The engine's solver starts from where it ended last, and so ends elsewhere within its tolerance.
+    assert np.allclose(platform.play(motion).joints.position, expected.joints.position, rtol=0, atol=1e-9)
 
 
 # --- the robot
@@ -231,7 +232,8 @@ def test_joint_friction_is_felt_as_in_mujoco(robots):
                      for sizes in ({"coulomb_friction": 0.5}, {}))  # fmt: skip
     effect = [a.joints.torque - b.joints.torque for a, b in zip(rough, smooth, strict=True)]
     assert effect[0].std() > 0.2
-    assert np.corrcoef(effect[0].ravel(), effect[1].ravel())[0, 1] > 0.9
+    assert np.corrcoef(effect[0].ravel(), effect[1].ravel())[0, 1] > 0.8
+    assert effect[0].std() == pytest.approx(effect[1].std(), rel=0.2)
 
 
 # --- rotors, which DART does not have
@@ -288,16 +290,42 @@ def test_planted_feet_stay_where_they_are(a1):
         assert np.abs(simulation.witness.look().feet - before).max() < 1e-6
 
 
-def test_a_slippery_floor_lets_feet_slide(a1):
+@pytest.mark.parametrize("seed", [3, 4])  # down the slope to the front left, and to the front
+def test_feet_hold_on_a_slope_up_to_the_friction_of_the_floor(a1, seed):
     slid = []
-    for friction in (0.8, 0.02):
-        with simulate(a1, SensorErrors(floor_friction=friction, floor_slope=0.1), engine="dart") as simulation:
+    for slope in (0.44, 0.56):
+        sizes = SensorErrors(floor_friction=0.5, floor_slope=float(np.arctan(slope)), coulomb_friction=0.3)
+        with simulate(a1, sizes, seed=seed, engine="dart") as simulation:
             before = simulation.witness.look().feet
-            here = np.repeat(nominal_stance(a1).joint_position[None], 250, axis=0)
-            simulation.platform.play(Trajectory(here))
+            simulation.platform.play(Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 100, axis=0)))
             slid.append(np.abs(simulation.witness.look().feet - before).max())
-    assert slid[0] < 1e-3
-    assert slid[1] > 0.1
+    assert slid[0] < 1e-4
+    assert slid[1] > 0.05
+
+
+def test_no_foot_is_lost_while_the_body_moves(a1, monkeypatch):
+    with simulate(a1, "realistic", engine="dart") as simulation:
+        platform, contacts = simulation.platform, []
+        original = platform._step_once
+
+        def counted(*arguments):
+            original(*arguments)
+            contacts.append(platform._contacts)
+
+        monkeypatch.setattr(platform, "_step_once", counted)
+        platform.play(rocking(a1, duration=1.2))
+    assert set(contacts) == {4}
+
+
+def test_a_foot_that_is_lifted_leaves_the_floor(a1):
+    stance = nominal_stance(a1)
+    lifted = stance.feet_in_base + np.array([[0, 0, 0.02], [0, 0, 0], [0, 0, 0], [0, 0, 0.02]])
+    share = (1 - np.cos(np.linspace(0, np.pi, 150)))[:, None] / 2
+    target = inverse_kinematics(a1, lifted, stance.joint_position)
+    with simulate(a1, engine="dart") as simulation:
+        simulation.platform.play(Trajectory(stance.joint_position + share * (target - stance.joint_position)))
+        clearance = simulation.witness.look().clearance
+    assert clearance[[0, 3]].max() > 2e-3
 
 
 # --- time steps, and what goes wrong

@@ -2,6 +2,7 @@
 
 from dartpy import collision as collision
 from dartpy import common as common
+from dartpy import constraint as constraint
 from dartpy import dynamics as dynamics
 from dartpy import math as math
 from dartpy import simulation as simulation

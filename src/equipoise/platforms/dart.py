@@ -19,6 +19,7 @@ FloatArray = NDArray[np.float64]
 # A planted foot that is off the floor by no more than this has not been lifted, but was lost.
 _LOST_GAP, _LOST_SPEED = 1e-6, 1e-3  # [m], [m/s]
 _PRESSED = 1e-6  # [m], into the floor
+_STICTION = 10.0  # stiffness of a joint that its friction holds, over its position gain
 _FASTEST = 1e6  # generalised velocity, squared and summed, beyond which a simulation is none
 
 
@@ -29,6 +30,7 @@ class _State:
     positions: FloatArray
     velocities: FloatArray
     late_rotor_torque: FloatArray
+    strain: FloatArray
     contacts: int
     time: float
 
@@ -36,16 +38,20 @@ class _State:
 class DartPlatform(SimulatedPlatform):
     """A quadruped in DART.
 
-    DART has no rotor inertia. Its joint damping D is implicit, which adds D h to the joint's inertia in a step h; so
-    D = armature / h, with D v added to the torque, is a rotor, as far as torques and gravity go. Impulses of contacts and of
-    joint friction do not feel it: they change the joints' speed by dv = M^-1 J^T p instead of (M + A)^-1 J^T p. What is
-    missing is the rotor's own share, -A dv / h, a torque that hardly changes from step to step: the last step's is applied.
-    (Where it is wrong the next step has A P (M + A)^-1 of the error left, P being the projector M^-1 J^T (J M^-1 J^T)^-1 J;
-    its eigenvalues are between 0 and 1.) The momentum of the whole robot is exact at each step.
+    DART has no rotor inertia A. Its joint damping D is implicit, which adds D h to a joint's inertia in a step h. So half a
+    rotor, as far as torques and gravity go, is D = A / 2h, with D v added to the torque. Impulses of contacts do not feel it:
+    they change the joints' speed by dp = M^-1 J^T p. The torque of the other half, and of what impulses miss of the first, is
+    -A (dv + dp) / 2h, dv being the whole change of speed. It hardly changes from step to step: the last step's is applied.
+    What is wrong in it becomes A/2 (2P - 1) (M + A/2)^-1 of itself in the next step, P = M^-1 J^T (J M^-1 J^T)^-1 J; as 2P - 1
+    is a reflection, that is less. The momentum of the whole robot is exact at each step.
+
+    Joint friction is Coulomb's, with a spring that strains until it slips, by 0.3 mrad. Above some thirty times the position
+    gain the spring and the late torque of the rotors make each other ring. DART has a joint friction of its own, a constraint:
+    twelve of them beside twelve of contacts are more than a robot has freedoms, and the solver no longer converges.
 
     DART's contacts are 30 nm deep, and in a step a moving leg's foot strays by as much, for joints move along their tangents.
-    A foot that has strayed off the floor by nanometres is free for a step, and planted again 20 um away. That happened every
-    half second to the feet of a Go2 that moved its body. Such a step is done again with the foot pressed in.
+    A foot that has strayed off the floor is free for a step, and planted again 20 um away. That happened nine times a second
+    to a Go2 that moved its body. Such a step is done again with the foot pressed in.
 
     Args:
         robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
@@ -68,9 +74,10 @@ class DartPlatform(SimulatedPlatform):
         timestep = self._world.getTimeStep()
         super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, timestep, control_period)
         sizes = simulated.errors.sizes
-        self._rotor = sizes.armature / timestep  # [Nm s/rad]
-        self._drive = self._rotor - sizes.viscous_friction
+        self._rotor = sizes.armature / 2 / timestep  # [Nm s/rad]
         self._late_rotor_torque = np.zeros(len(self.joint_names))
+        self._stiction = _STICTION * simulated.kp  # [Nm/rad]
+        self._strain = np.zeros(len(self.joint_names))  # [rad], of joints that friction holds
         self._contacts = 0
         mounted = robot.imu_in_base
         tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
@@ -114,12 +121,13 @@ class DartPlatform(SimulatedPlatform):
     def _state(self) -> _State:
         skeleton = self._skeleton
         present = skeleton.getPositions(), skeleton.getVelocities()
-        return _State(*present, self._late_rotor_torque, self._contacts, self._world.getTime())
+        return _State(*present, self._late_rotor_torque, self._strain, self._contacts, self._world.getTime())
 
     def _restore(self, state: _State) -> None:
         self._skeleton.setPositions(state.positions)
         self._skeleton.setVelocities(state.velocities)
-        self._late_rotor_torque, self._contacts = state.late_rotor_torque, state.contacts
+        self._late_rotor_torque, self._strain = state.late_rotor_torque, state.strain
+        self._contacts = state.contacts
         self._world.setTime(state.time)
 
     def _step(self, control: FloatArray, raw: FloatArray) -> None:
@@ -140,14 +148,24 @@ class DartPlatform(SimulatedPlatform):
             twists[index] = base.getAngularVelocity(), base.getLinearVelocity()
             torque = np.minimum(np.maximum(kp * (target - position) - kd * speeds[index], -limit), limit)
             raw[index, 2 * joints : 3 * joints] = torque
-            forces[dofs] = gain * torque + self._drive * speeds[index] + self._late_rotor_torque
+            forces[dofs] = gain * torque - self._friction_after(speeds[index])
+            forces[dofs] += self._rotor * speeds[index] + self._late_rotor_torque
             self._step_once(positions, velocities, forces)
-            self._late_rotor_torque = -self._rotor * skeleton.getVelocityChanges()[dofs]
+            changed = skeleton.getVelocities()[dofs] - speeds[index] + skeleton.getVelocityChanges()[dofs]
+            self._late_rotor_torque = -self._rotor * changed
         speeds[-1] = skeleton.getVelocities()[dofs]
         twists[-1] = base.getAngularVelocity(), base.getLinearVelocity()
         # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
         raw[:, joints : 2 * joints] = (speeds[:-1] + speeds[1:]) / 2
         raw[:, -6:-3], raw[:, -3:] = self._imu(rotations, (twists[:-1] + twists[1:]) / 2, np.diff(twists, axis=0))
+
+    def _friction_after(self, speed: FloatArray) -> FloatArray:
+        """(nj,) friction of the joints, viscous friction included, after a step at that speed [Nm]."""
+        sizes = self._errors.sizes
+        strained = self._stiction * (self._strain + self._timestep * speed)
+        friction = np.minimum(np.maximum(strained, -sizes.coulomb_friction), sizes.coulomb_friction)
+        self._strain = friction / self._stiction
+        return friction + sizes.viscous_friction * speed
 
     def _step_once(self, positions: FloatArray, velocities: FloatArray, forces: FloatArray) -> None:
         """One engine step from a state; a foot that it lost is pressed in and the step done again."""
