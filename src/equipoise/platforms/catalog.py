@@ -79,7 +79,9 @@ DRIVERS: dict[str, Driver] = {
 
 
 def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform:
-    """Connect to a robot. Nothing moves, and nothing is sent, before the first command.
+    """Connect to a robot. Nothing moves before the first command.
+
+    Nothing is sent before it either, but over UDP, where a robot only answers: packets without torque.
 
     Args:
         name: of a driver.

@@ -51,13 +51,16 @@ class Finding:
     serious: bool = False
 
 
-def watch(platform: Platform, robot: RobotModel, duration: float | None) -> Generator[Recording]:
+def watch(
+    platform: Platform, robot: RobotModel, duration: float | None, arrived: list[float] | None = None
+) -> Generator[Recording]:
     """What a robot senses while nobody moves it, in pieces of a quarter of a second.
 
     A simulated robot holds its stance meanwhile: its time passes only when it is stepped.
 
     Args:
         duration: [s]; None: until the caller has seen enough.
+        arrived: takes the moments at which samples arrived, by this computer's clock [s].
     """
     begin = platform.read()
     hold = JointCommand(begin.joint_position)
@@ -70,6 +73,8 @@ def watch(platform: Platform, robot: RobotModel, duration: float | None) -> Gene
         else:
             time.sleep(platform.control_period)
             state = platform.read()
+        if arrived is not None and state is not states[-1]:
+            arrived += [sample.received for sample in (*state.earlier, state) if sample.received is not None]
         states.append(state)
         if state.time >= min(piece_end, end):
             yield _piece(robot, states, last)
@@ -89,20 +94,22 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
     """Look at a robot that stands or lies still.
 
     Args:
-        platform: the robot; nothing is sent to it.
+        platform: the robot; no command is sent to it.
         robot: what is known about it.
         duration: [s].
 
     Raises:
         CommunicationError: nothing arrives.
     """
-    recording = Recording.concatenate(list(watch(platform, robot, duration)))
+    arrived: list[float] = []
+    recording = Recording.concatenate(list(watch(platform, robot, duration, arrived)))
     health = platform.read().health
     joints, imu = recording.joints, recording.imu
     position, acceleration = joints.position.mean(axis=0), imu.acceleration.mean(axis=0)
     findings = [
         _rate("joint samples", joints.time),
         _rate("IMU samples", imu.time),
+        *_arrival(np.unique(arrived), imu.time),
         Finding("joint velocities", "reported" if joints.velocity is not None else "not reported", None),
         *_limits(robot, joints.position),
         _still(imu.angular_velocity),
@@ -137,6 +144,17 @@ def _rate(name: str, times: FloatArray) -> Finding:
     value = f"{rate:.0f} Hz, jitter {steps.std() * 1000:.2f} ms, longest gap {longest * 1000:.1f} ms"
     fine = rate >= _SLOWEST and float(np.quantile(steps, 0.99)) - float(np.median(steps)) < _JITTER
     return Finding(name, value, fine, "" if fine else "lifts are short: use a cable, and at least 100 Hz")
+
+
+def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[Finding]:
+    """How evenly samples come in, whatever their stamps say: what the guard waits for."""
+    if len(arrived) < 3:
+        return []
+    pauses = np.diff(arrived)
+    longest, usual = float(pauses.max()), float(np.median(np.diff(stamps)))
+    value = f"jitter {pauses.std() * 1000:.2f} ms, longest pause {longest * 1000:.1f} ms"
+    fine = float(np.quantile(pauses, 0.99)) < usual + _JITTER
+    return [Finding("arrival", value, fine, "" if fine else "the network holds samples back: use a cable")]
 
 
 def _limits(robot: RobotModel, position: FloatArray) -> list[Finding]:

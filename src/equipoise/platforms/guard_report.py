@@ -19,7 +19,7 @@ class GuardReport:
         samples: what arrived.
         commands: how many were sent.
         overruns: how many of them more than a millisecond late; None in simulation.
-        stalls: how often the loop fell so far behind that its deadlines began anew; None in simulation.
+        stalls: how often deadlines passed without a command; None in simulation.
         late_999: lateness that 99.9 % of the commands stayed below [s]; None in simulation.
         largest_tilt: of the base from upright [rad].
         hottest_motor: [deg C]; None if motors do not say.

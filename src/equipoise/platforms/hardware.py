@@ -20,7 +20,8 @@ from equipoise.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
-_LEAD = 0.4e-3  # [s] before a deadline at which `step` hands the state over, so that its caller can think
+# [s], and of a control period, before a deadline: there `step` hands the state over, so that its caller can think.
+_LEAD, _LEAD_SHARE = 0.4e-3, 0.1
 _SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
 _ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
 _LOST = 5  # control periods behind after which the deadlines begin anew
@@ -95,7 +96,7 @@ class LoopTiming:
     Attributes:
         lateness: (n,) of every command so far [s].
         overruns: commands more than a millisecond late.
-        lost: how often the loop fell so far behind that its deadlines began anew.
+        lost: how often deadlines passed without a command; they are skipped, not caught up with.
     """
 
     def __init__(self) -> None:
@@ -195,9 +196,12 @@ class HardwarePlatform:
             self._stepped = self._sent = time.monotonic()
         if first:
             self._deadline = self._stepped
-        self.timing.add(self._stepped - self._deadline)
-        self._deadline += self.control_period
-        _wait_until(self._deadline - _LEAD)
+        late = self._stepped - self._deadline
+        self.timing.add(late)
+        missed = int(late / self.control_period)  # deadlines that are skipped: commands in a burst would be a jerk
+        self.timing.lost += missed > 0
+        self._deadline += (1 + missed) * self.control_period
+        _wait_until(self._deadline - max(_LEAD, _LEAD_SHARE * self.control_period))
         return self._sense(0.0)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
