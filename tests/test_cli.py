@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -11,7 +12,7 @@ import time
 import pytest
 
 from equipoise import RunFolder
-from equipoise.cli import main
+from equipoise.cli import VERBS, main
 
 QUICK = ["--method", "paper", "--quiet", "--no-pictures", "--tolerance", "0.02", "--sway-duration", "1.0"]
 COMMAND = [sys.executable, "-m", "equipoise"]
@@ -266,3 +267,62 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path):
     again = subprocess.run([*COMMAND, "estimate", str(folder)], capture_output=True, text=True, check=False)
     assert again.returncode == 5
     assert "no complete search on" in again.stderr
+
+
+# What somebody sees who does not know the verbs.
+
+
+def test_without_a_verb_all_are_shown(capsys):
+    assert main([]) == 2
+    bare = capsys.readouterr().out
+    assert main(["--help"]) == 0
+    assert capsys.readouterr().out == bare
+    for verb in VERBS:
+        assert f"\n  {verb.__name__.replace('_', '-')} " in bare
+
+
+@pytest.mark.parametrize("verb", [verb.__name__.replace("_", "-") for verb in VERBS])
+def test_every_verb_has_help_and_is_debugged_quietly_and_in_json(verb, capsys):
+    assert main([verb, "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "--debug" in shown
+    if verb != "completion":
+        assert "--json" in shown
+        assert "--quiet" in shown
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_shells_can_complete(shell, capsys):
+    assert main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert "equipoise" in script
+    assert "calibrate" in script
+
+
+def test_a_mistyped_name_is_guessed(capsys):
+    assert "did you mean 'go2'? known names are" in fails(capsys, 3, "calibrate", "Go3")
+
+
+def test_quiet_silences_warnings_about_the_model(capsys, tmp_path, a1_urdf):
+    file = tmp_path / "robot.urdf"
+    file.write_text(re.sub(r"<sphere[^>]*/>", '<mesh filename="foot.stl"/>', a1_urdf), encoding="utf-8")
+    assert main(["plan", str(file), "--json"]) == 0
+    assert "warning: " in capsys.readouterr().err
+    assert main(["plan", str(file), "--json", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_calibrate_says_what_it_does_before_it_does_it(tmp_path, capsys):
+    assert main(["calibrate", "--method", "static", "--out", str(tmp_path / "run"), "--no-pictures"]) == 0
+    said = capsys.readouterr().err.splitlines()[0]
+    assert said.startswith(
+        "unitree_a1 (name another, or a URDF or MJCF file), simulated in mujoco, sensors ideal, method static"
+    )
+
+
+def test_a_log_is_recorded_in_json(tmp_path, capsys):
+    out = tmp_path / "log.mcap"
+    assert main(["record", "--duration", "0.5s", "--out", str(out), "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["file"] == str(out)
+    assert table["joint_samples"] > 200

@@ -20,14 +20,28 @@ from equipoise.cli.calibrate import calibrate
 from equipoise.cli.delta import delta
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
+from equipoise.cli.overview import completion, print_overview
 from equipoise.cli.reproduce import reproduce
 from equipoise.cli.robot import doctor, platforms, record
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
-VERBS = (
-    calibrate, plan, estimate, delta, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
-)  # fmt: skip
+VERBS = {
+    calibrate: "find mass, centre of mass and inertia; simulated or on the robot",
+    plan: "what 'calibrate' would do, and how accurate it would be",
+    estimate: "estimate again from a run, or from a log that is not ours",
+    delta: "what was added between two calibrations",
+    doctor: "look at a robot without moving it",
+    record: "log a robot's sensors without moving it",
+    balance: "stand on two feet in simulation, to test a centre of mass",
+    monte_carlo: "calibrate many simulated robots, and count how near they come",
+    reproduce: "the paper's table, figures and rates, made again",
+    robots: "robots known by name",
+    platforms: "simulators and robots, how they start, their settings",
+    audit: "what speaks against the inertias in a model file",
+    completion: "a script with which a shell completes verbs and flags",
+}
+"""What can be done, and what it is in a few words."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,10 +50,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments == ["--version"]:
         print(f"equipoise {_version.__version__}")
         return 0
+    if arguments in ([], ["-h"], ["--help"]):
+        print_overview(VERBS)
+        return 0 if arguments else 2
     app = tyro.extras.SubcommandApp()
     for verb in VERBS:
         app.command(verb)
-    with _warnings_on_stderr():
+    with _warnings_on_stderr("--quiet" in arguments):
         try:
             code = app.cli(
                 args=arguments,
@@ -68,12 +85,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _warnings_on_stderr() -> Generator[None]:
+def _warnings_on_stderr(quiet: bool) -> Generator[None]:
     def show(message: Warning | str, category: type[Warning], *_: Any) -> None:
         print(f"warning: {message}", file=sys.stderr)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("default")
+        warnings.simplefilter("ignore" if quiet else "default")
         warnings.showwarning = show  # pyright: ignore[reportAttributeAccessIssue]
         yield
 

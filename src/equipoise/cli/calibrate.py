@@ -173,11 +173,21 @@ def calibrate(
     now = datetime.now(timezone.utc)
     out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
     facts = {"time": now.isoformat(timespec="seconds")}
+    if not (quiet or json):
+        _say_what(robot, place, plan, out)
     with Session(place, model) as session:
         if repeat == 1:
             _show(*_run(session, out, plan, facts, quiet or json), pictures, json, verbose)
         else:
             _repeated(session, out, plan, facts, repeat, quiet or json, json)
+
+
+def _say_what(robot: str | None, place: Place, plan: CalibrationSettings, out: Path) -> None:
+    """What is about to be done: nobody has to guess what the defaults are."""
+    whose = robot or f"{_DEFAULT_ROBOT} (name another, or a URDF or MJCF file)"
+    where = f"simulated in {place.platform}, sensors {place.noise}" if place.simulated else f"on {place.platform}"
+    load = f", payload {place.payload}" if place.payload else ""
+    print(f"{whose}, {where}{load}, method {plan.method}, into {out}", file=sys.stderr)
 
 
 def _run(

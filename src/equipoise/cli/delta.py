@@ -26,6 +26,7 @@ def delta(
     scale_noise: float = 0.001,
     out: File = None,
     json: bool = False,
+    quiet: bool = False,
     debug: bool = False,
 ) -> None:
     """Find what was added to a robot between two calibrations, or taken off: its mass, centre of mass and inertia.
@@ -42,6 +43,7 @@ def delta(
         scale_noise: By how much a single reading is off beside that, as a fraction of the mass.
         out: JSON file to save the result in.
         json: Print the result as one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.delta import find_delta

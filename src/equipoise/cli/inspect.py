@@ -24,6 +24,7 @@ def plan(
     description_file: File = None,
     description: Described = RobotDescription(),  # noqa: B008
     json: bool = False,
+    quiet: bool = False,
     debug: bool = False,
 ) -> None:
     """Show what 'calibrate --method precise' would do, and how accurate it would be. Moves nothing, needs no simulator.
@@ -35,6 +36,7 @@ def plan(
         sway: As in 'calibrate'.
         description_file: TOML file with a robot description; flags win over it.
         json: Print one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
@@ -66,6 +68,7 @@ def estimate(
     description: Described = RobotDescription(),  # noqa: B008
     out: File = None,
     json: bool = False,
+    quiet: bool = False,
     verbose: Verbose = False,
     debug: bool = False,
 ) -> None:
@@ -91,6 +94,7 @@ def estimate(
         description_file: Of the log's robot: TOML file with a robot description; flags win over it.
         out: JSON file to save the result of a log in; a run has its calibration.json.
         json: Print the result as one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         verbose: Show every piece of a log, and how long each stage of the estimate took.
         debug: Show a traceback if something goes wrong.
     """
@@ -187,13 +191,14 @@ def _estimate_log(
         print("" if given.out is None else f"saved: {given.out}\n", end="")
 
 
-def robots(*, json: bool = False, debug: bool = False) -> None:
+def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
     """List the robots known by name, with mass, legs and where each model comes from.
 
     Example: equipoise robots --json
 
     Args:
         json: Print one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.outputs.terminal import print_robots
@@ -214,6 +219,7 @@ def audit(
     description_file: File = None,
     description: Described = RobotDescription(),  # noqa: B008
     json: bool = False,
+    quiet: bool = False,
     debug: bool = False,
 ) -> None:
     """Check the inertial parameters in a robot's model file. Needs no simulator.
@@ -223,6 +229,7 @@ def audit(
     Args:
         description_file: TOML file with a robot description; flags win over it.
         json: Print one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.outputs.terminal import print_audit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json as json_module
 from pathlib import Path
 
 from equipoise.cli.monte_carlo import Count
@@ -14,6 +15,7 @@ def reproduce(
     trials: int = 200,
     precise_trials: int = 40,
     workers: Count = None,
+    json: bool = False,
     quiet: bool = False,
     debug: bool = False,
 ) -> None:
@@ -28,6 +30,7 @@ def reproduce(
         trials: Of the paper's method.
         precise_trials: Of the precise method, which takes ten times as long.
         workers: Processes; default one for each core.
+        json: Print one JSON object and nothing else on stdout.
         quiet: No progress.
         debug: Show a traceback if something goes wrong.
     """
@@ -37,8 +40,11 @@ def reproduce(
 
     if trials < 1 or precise_trials < 1:
         raise SettingsError(f"{min(trials, precise_trials)} trials are none; ask for one at least")
-    with StudyLine(quiet) as line:
+    with StudyLine(quiet or json) as line:
         done = run(out / "studies", trials, precise_trials, workers, line.doing)
     files = save_reproduction(done, out)
+    if json:
+        print(json_module.dumps({"schema": "equipoise.reproduction/1", "files": [str(file) for file in files]}))
+        return
     print(markdown(done))
     print("saved: " + ", ".join(str(file) for file in files))

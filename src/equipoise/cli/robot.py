@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json as json_module
+import sys
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,13 +21,14 @@ if TYPE_CHECKING:
 _PIECES_HELD = 40  # in memory, by a log that does not know yet what they belong to
 
 
-def platforms(*, json: bool = False, debug: bool = False) -> None:
+def platforms(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
     """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
 
     Example: equipoise platforms
 
     Args:
         json: Print one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.errors import MissingDependencyError
@@ -56,6 +58,7 @@ def doctor(
     description_file: File = None,
     description: Described = RobotDescription(),  # noqa: B008
     json: bool = False,
+    quiet: bool = False,
     debug: bool = False,
 ) -> int:
     """Connect to a robot, look for five seconds, move nothing, and say what is right and what is not.
@@ -71,6 +74,7 @@ def doctor(
         duration: How long to look; default 5 s.
         description_file: TOML file with a robot description; flags win over it.
         json: Print one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.outputs.platform_terminal import print_checkup
@@ -99,6 +103,7 @@ def record(
     out: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")] = None,
     description_file: File = None,
     description: Described = RobotDescription(),  # noqa: B008
+    json: bool = False,
     quiet: bool = False,
     debug: bool = False,
 ) -> None:
@@ -114,6 +119,7 @@ def record(
         duration: How long; default until Ctrl-C.
         out: The file; default logs/ROBOT-TIME.mcap.
         description_file: TOML file with a robot description; flags win over it.
+        json: Print one JSON object and nothing else on stdout.
         quiet: No progress.
         debug: Show a traceback if something goes wrong.
     """
@@ -124,21 +130,27 @@ def record(
     model = load(robot, description_file, description)
     now = datetime.now(timezone.utc)
     out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    interruptions = Interruptions()
+    interruptions, samples = Interruptions(), 0
     with (
         connected(platform, model, set, settings) as connection,
         _log_at(out) as log,
         interruptions.noted(),
-        RecordingProgress(quiet) as progress,
+        RecordingProgress(quiet or json) as progress,
     ):
         for number, piece in enumerate(watch(connection, model, seconds(duration)), 1):
             log.add(piece)
+            samples += len(piece.joints.time)
             if number % _PIECES_HELD == 0:
                 log.set_aside()
             progress.update(piece)
             if interruptions.asked:
                 break
-    print(out)
+    if json:
+        table = {"schema": "equipoise.record/1", "robot": model.name, "platform": platform, "file": str(out)}
+        print(json_module.dumps({**table, "joint_samples": samples}))
+    else:
+        print(out)
+        print(f"what it can tell: equipoise estimate {out} --robot {robot}", file=sys.stderr)
 
 
 def _log_at(path: Path) -> RunLog:

@@ -119,7 +119,8 @@ class RecordingProgress:
     """How much was recorded so far, on one line of stderr."""
 
     def __init__(self, quiet: bool) -> None:
-        self._console = Console(stderr=True, quiet=quiet)
+        self._console = Console(stderr=True)
+        self._quiet = quiet or not self._console.is_terminal
         self._samples = 0
         self._start: float | None = None
 
@@ -127,12 +128,13 @@ class RecordingProgress:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._console.print()
+        if not self._quiet:
+            self._console.print()
 
     def update(self, piece: Recording) -> None:
         """A piece was recorded."""
         self._samples += len(piece.joints.time)
-        if len(piece.joints.time) == 0:
+        if self._quiet or len(piece.joints.time) == 0:
             return
         if self._start is None:
             self._start = float(piece.joints.time[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Literal
@@ -89,9 +90,16 @@ def load_robot(name_or_path: str | Path, description: RobotDescription | None = 
         return RobotModel.from_file(_find_robot_description(module), module, description)
     if not Path(name_or_path).exists() and "/" not in name_or_path and "." not in name_or_path:
         raise ModelError(
-            f"no robot is called {name_or_path!r} and no such file exists; known names are {', '.join(CATALOG)}"
+            f"no robot is called {name_or_path!r} and no such file exists; {_meant(name_or_path)}known names are "
+            f"{', '.join(CATALOG)}"
         )
     return RobotModel.from_file(name_or_path, None, description)
+
+
+def _meant(name: str) -> str:
+    """What somebody who mistyped a name may have meant."""
+    near = get_close_matches(name.lower().replace("-", "_"), CATALOG, n=1)
+    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def _package_folder(package: Package) -> Path | None:
