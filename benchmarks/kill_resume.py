@@ -58,7 +58,7 @@ import mmap, struct, sys, time
 from pathlib import Path
 import numpy as np
 from equipoise import JointCommand, load_robot, simulate
-from equipoise.platforms.platform import recording_of
+from equipoise.platforms.stepping import recording_of
 from equipoise.recordings.run_log import RunLog
 file = open(sys.argv[1], "r+b")
 shared = mmap.mmap(file.fileno(), 8)

@@ -9,7 +9,8 @@ from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.platforms.footing import Footing
 from equipoise.platforms.mujoco import MujocoPlatform
-from equipoise.platforms.platform import ACCEPTS_EVERYTHING, RobotState, Trajectory, play_by_stepping
+from equipoise.platforms.platform import ACCEPTS_EVERYTHING, RobotState, Trajectory
+from equipoise.platforms.stepping import play_by_stepping
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 PERIOD = 2e-3  # [s] of samples that are made up

@@ -10,7 +10,7 @@ from guarded import PERIOD, Pieces, at_rest
 from equipoise.errors import OutputError
 from equipoise.platforms import piece_log
 from equipoise.platforms.piece_log import PieceLog
-from equipoise.platforms.platform import Steps
+from equipoise.platforms.stepping import Steps
 from equipoise.recordings.recording import PHASE, Event, Recording
 
 EVENTS = (Event(0.0, PHASE, {"name": "move"}), Event(0.5, PHASE, {"name": "rest"}))

@@ -11,7 +11,8 @@ from equipoise import simulate
 from equipoise.errors import MotionError, SettingsError
 from equipoise.platforms.guard import Guard
 from equipoise.platforms.mujoco import PERIODS_BETWEEN_STOP_TESTS
-from equipoise.platforms.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory, play_by_stepping
+from equipoise.platforms.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory
+from equipoise.platforms.stepping import play_by_stepping
 
 # Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
 # playing, and in the next one when stepping; this is what one command of a smooth motion changes.

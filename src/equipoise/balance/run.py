@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.platforms.platform import RobotState, recording_of
+from equipoise.platforms.platform import RobotState
+from equipoise.platforms.stepping import recording_of
 from equipoise.recordings.recording import PHASE, Event, Recording
 
 FloatArray = NDArray[np.float64]

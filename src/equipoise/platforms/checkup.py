@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.platforms.platform import JointCommand, Platform, RobotState, recording_of
+from equipoise.platforms.platform import JointCommand, Platform, RobotState
+from equipoise.platforms.stepping import recording_of
 from equipoise.recordings.recording import Recording
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel

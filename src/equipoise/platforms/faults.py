@@ -11,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import CommunicationError, SettingsError
-from equipoise.platforms.platform import (
-    Health,
-    JointCommand,
-    Platform,
-    RobotState,
-    TiltLimit,
-    Trajectory,
-    play_by_stepping,
-)
+from equipoise.platforms.platform import Health, JointCommand, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platforms.stepping import play_by_stepping
 from equipoise.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]

@@ -21,17 +21,10 @@ from equipoise.platforms.guard_report import GuardReport
 from equipoise.platforms.interruptions import Interruptions
 from equipoise.platforms.limits import Limits
 from equipoise.platforms.piece_log import MotionLog, PieceLog
-from equipoise.platforms.platform import (
-    JointCommand,
-    MotionInterrupted,
-    Platform,
-    RobotState,
-    Steps,
-    TiltLimit,
-    Trajectory,
-)
+from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platforms.safe_ending import SafeEnding
 from equipoise.platforms.soft_start import soft_start
+from equipoise.platforms.stepping import Steps
 from equipoise.platforms.watched_robot import WatchedRobot
 from equipoise.recordings.recording import PHASE, Recording
 from equipoise.robot.model import RobotModel

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import CommunicationError, MotionError, OverrunError
-from equipoise.platforms.platform import JointCommand, RobotState, TiltLimit, Trajectory, play_by_stepping
+from equipoise.platforms.platform import JointCommand, RobotState, TiltLimit, Trajectory
+from equipoise.platforms.stepping import play_by_stepping
 from equipoise.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]

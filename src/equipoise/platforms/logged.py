@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.platforms.platform import (
-    JointCommand,
-    MotionInterrupted,
-    Platform,
-    RobotState,
-    TiltLimit,
-    Trajectory,
-    recording_of,
-)
+from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platforms.stepping import recording_of
 from equipoise.platforms.wrapper import PlatformWrapper
 from equipoise.recordings.recording import Recording
 from equipoise.recordings.run_log import RunLog

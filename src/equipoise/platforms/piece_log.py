@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from equipoise.errors import EquipoiseError, OutputError
-from equipoise.platforms.platform import Steps
+from equipoise.platforms.stepping import Steps
 from equipoise.recordings.recording import Event, Recording
 
 _PIECE_TIME = 0.25  # [s]

@@ -16,9 +16,9 @@ from equipoise.platforms.platform import (
     RobotState,
     TiltLimit,
     Trajectory,
-    started_events,
 )
 from equipoise.platforms.sensors import DrawnErrors
+from equipoise.platforms.stepping import started_events
 from equipoise.recordings.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture

@@ -1,0 +1,38 @@
+"""What is shown to somebody who names no verb, and to a shell that wants to complete one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal
+
+from tyro.conf import Positional, arg
+
+Shell = Annotated[Positional[Literal["bash", "zsh"]], arg(metavar="SHELL", help="Which shell.")]
+
+
+def print_overview(verbs: Mapping[Callable[..., Any], str]) -> None:
+    """What can be done, a line each."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.print("What your quadruped weighs, where its centre of mass is and how hard it is to turn.\n")
+    console.print("  equipoise calibrate                  try it: a simulated Unitree A1")
+    console.print("  equipoise calibrate my_robot.urdf    yours, simulated")
+    console.print("  equipoise platforms                  yours, on its own feet\n")
+    for verb, words in verbs.items():
+        console.print(f"  [bold]{verb.__name__.replace('_', '-'):<12}[/bold]  {words}")
+    console.print("\n'equipoise VERB --help' says more.")
+
+
+def completion(shell: Shell, *, debug: bool = False) -> int:
+    """Print a script with which a shell completes verbs and flags.
+
+    Example: equipoise completion bash > ~/.local/share/bash-completion/completions/equipoise
+             equipoise completion zsh > ~/.zfunc/_equipoise
+
+    Args:
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.cli import main
+
+    return main(["--tyro-print-completion", shell])
