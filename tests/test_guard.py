@@ -277,7 +277,8 @@ def test_ctrl_c_waits_for_the_end_of_a_control_period(a1, seen):
     assert len(caught.value.recording.commands.time) == 31
     assert list(guard.report().ending) == CALM
     assert_put_down(seen, a1)
-    assert [len(piece.joints.time) for piece in log.recordings] == [5, 31]
+    assert [len(piece.joints.time) for piece in log.recordings[:-1]] == [5, 31]
+    assert log.recordings[-1].has_phase("ending")
 
 
 def test_sigterm_is_no_other_than_ctrl_c(a1, seen):
@@ -461,7 +462,10 @@ def test_the_log_holds_what_play_returns(a1, seen):
     pieces = log.recordings
     assert log[0] == 150
     assert np.array_equal(np.concatenate([piece.joints.time for piece in pieces[:3]]), first.joints.time)
-    assert np.array_equal(np.concatenate([piece.joints.position for piece in pieces[3:]]), second.joints.position)
+    assert np.array_equal(np.concatenate([piece.joints.position for piece in pieces[3:-1]]), second.joints.position)
+    assert pieces[-1].has_phase("ending")
+    assert pieces[-1].joints.time[0] > second.joints.time[-1]
+    assert np.abs(pieces[-1].joints.position[-1] - second.joints.position[-1]).max() > 0.5  # it lies
 
 
 def test_the_report_counts(a1, seen):

@@ -20,6 +20,7 @@ from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platforms.guard_report import GuardReport
 from equipoise.platforms.interruptions import Interruptions
 from equipoise.platforms.limits import Limits
+from equipoise.platforms.noted_steps import NotedSteps
 from equipoise.platforms.piece_log import MotionLog, PieceLog
 from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platforms.safe_ending import SafeEnding
@@ -54,10 +55,11 @@ class Guard:
         self._robot, self._stance = robot, nominal_stance(robot)
         self._watched = WatchedRobot(platform, robot, self._stance, self._limits)
         self._interruptions = Interruptions()
+        self._noted = NotedSteps(self._watched)
         self._ending = SafeEnding(
-            self._watched, robot, self._stance, platform.control_period, lambda: self._interruptions.asked
+            self._noted, robot, self._stance, platform.control_period, lambda: self._interruptions.asked
         )
-        self._log = PieceLog(log, platform.control_period)
+        self._motion_log, self._log = log, PieceLog(log, platform.control_period)
         self._steps: Steps | None = None
         self.phase = ""
         self._stepped = 0.0
@@ -216,12 +218,17 @@ class Guard:
                     act()
                 except BaseException as failure:  # nothing may keep the next act from being tried
                     failures.append(failure)
+            if self._motion_log is not None:
+                with contextlib.suppress(Exception):  # samples of a robot that went wrong may be no recording
+                    self._noted.keep(self._motion_log)
             if error is None and failures:
                 raise failures[0]
 
     def _put_down(self, error: BaseException | None) -> None:
         found = self._watched.situation(error)
         if found is not None:
+            if self._steps is not None:
+                self._noted.begin(Steps(self, self._steps.state, self._steps))
             self._ending.put_down(found)
 
     def _release(self) -> None:
