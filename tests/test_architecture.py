@@ -134,7 +134,7 @@ def test_exports_are_frozen():
             "Audit", "Calibration", "CalibrationSettings", "ComSearchSettings", "EquipoiseError", "InertialParameters",
             "JointCommand", "Payload", "Platform", "Recording", "RobotDescription", "RobotModel", "RobotState", "RunFolder",
             "SensorErrors", "Simulation", "Stance", "SwaySettings", "Trajectory", "__version__", "audit", "calibrate",
-            "estimate", "load_robot", "nominal_stance", "simulate",
+            "estimate", "export", "load_robot", "nominal_stance", "simulate",
         ]
     )  # fmt: skip
     for name in equipoise.__all__:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from equipoise.errors import EquipoiseError
     from equipoise.experiments.sway import SwaySettings
     from equipoise.experiments.trial_runner import ComSearchSettings
+    from equipoise.outputs.export.formats import export
     from equipoise.platforms.payload import Payload
     from equipoise.platforms.platform import JointCommand, Platform, RobotState, Trajectory
     from equipoise.platforms.sensors import SensorErrors
@@ -56,6 +57,7 @@ _HOME = {
     "audit": "robot.audit",
     "calibrate": "calibration",
     "estimate": "calibration",
+    "export": "outputs.export.formats",
     "load_robot": "robot.catalog",
     "nominal_stance": "robot.stance",
     "simulate": "platforms.simulation",
@@ -85,6 +87,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "audit",
     "calibrate",
     "estimate",
+    "export",
     "load_robot",
     "nominal_stance",
     "simulate",

@@ -17,6 +17,7 @@ from tyro.conf import OmitArgPrefixes
 from equipoise import _version
 from equipoise.cli.balance import balance
 from equipoise.cli.calibrate import calibrate
+from equipoise.cli.export import export
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
 from equipoise.cli.reproduce import reproduce
@@ -25,7 +26,7 @@ from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
 VERBS = (
-    calibrate, plan, estimate, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
+    calibrate, plan, estimate, export, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
 )  # fmt: skip
 
 
