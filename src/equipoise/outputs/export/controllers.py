@@ -48,7 +48,7 @@ def mit_cheetah(subject: Subject) -> Written:
             *_comment("// ", subject.header(about)),
             "// user/MIT_Controller/Controllers/convexMPC/RobotState.h: composite",
             f"fpt m = {number(whole.mass)}f;",
-            "// user/MIT_Controller/Controllers/convexMPC/RobotState.cpp: composite; for the lines of Id and I_body.diagonal()",
+            "// user/MIT_Controller/Controllers/convexMPC/RobotState.cpp: composite; for Id and I_body.diagonal()",
             *_matrix("I_body << ", whole.inertia, suffix="f"),
             "// common/include/Dynamics/MiniCheetah.h: base",
             f"cheetah._bodyMass = {number(base.mass)};",

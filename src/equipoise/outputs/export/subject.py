@@ -63,8 +63,8 @@ class Subject:
     def base(self) -> InertialParameters:
         """The base link with all that is fixed to it or held.
 
-        It is such that the model's own legs make it the composite that was found. The composite is what a run tells best. The calibration's own base goes with legs that were adjusted too, which
-        no file that gets the base alone would have.
+        It is such that the model's own legs make it the composite that was found, which is what a run tells best. The
+        calibration's own base goes with legs that were adjusted too, which no file has that gets the base alone.
         """
         nominal = self.result.nominal
         what = f"base link {self.base_link!r}, less the model's legs,"

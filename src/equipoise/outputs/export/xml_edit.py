@@ -168,8 +168,8 @@ def escaped(name: str) -> str:
 
 
 def comment_text(line: str) -> str:
-    """A line as an XML comment may hold it in any encoding: ASCII, and no two hyphens in a row."""
-    plain = line.encode("ascii", "backslashreplace").decode()
+    """A line as an XML comment may hold it in any encoding: printable ASCII, and no two hyphens in a row."""
+    plain = re.sub(r"[^ -~]", "?", line.encode("ascii", "backslashreplace").decode())
     return re.sub(r"-(?=-)", "- ", plain).rstrip("-")
 
 
