@@ -147,7 +147,9 @@ MJCFS = {
     ).replace("</worldbody>", "</frame></worldbody>"),
     "free joint": quadruped_mjcf(free='<joint type="free"/>'),
     "turned body": quadruped_mjcf(attributes='pos="0 0 0.5" euler="0 0.2 0.1"'),
-    "defaults": quadruped_mjcf(head='<compiler angle="radian"/><default><default class="leg"><joint damping="1"/></default></default>'),
+    "defaults": quadruped_mjcf(
+        head='<compiler angle="radian"/><default><default class="leg"><joint damping="1"/></default></default>'
+    ),
 }  # fmt: skip
 
 

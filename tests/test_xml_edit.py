@@ -57,7 +57,7 @@ def files(draw):
                 ("utf-16-le", codecs.BOM_UTF16_LE),
                 ("utf-16-be", codecs.BOM_UTF16_BE),
             ]
-        )  # fmt: skip
+        )
     )
     declared = {"latin-1": "iso-8859-1", "utf-8": "utf-8"}.get(encoding, "utf-16")
     text = f"<?xml version='1.0' encoding='{declared}'?>\n<robot>{draw(around())}{tag}{draw(around())}</robot>\n"
