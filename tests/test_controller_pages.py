@@ -16,6 +16,11 @@ from equipoise.outputs.export.formats import FORMATS
 PAGES = Path(__file__).parents[1] / "docs" / "controllers"
 COMMAND = re.compile(r"^    equipoise (export.*?)(?:\s+#.*)?$", re.MULTILINE)
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
+MJCF = re.sub(
+    r"(<freejoint/>)<inertial [^>]*/>",
+    r'\1<inertial pos="0 0 0" quat="1 0 0 0"\n  mass="6"\n  diaginertia="0.02 0.06 0.065" />',
+    quadruped_mjcf(),
+)
 NUMBER = re.compile(r"-?\b\d+\.?\d*(?:e[-+]?\d+)?")
 
 
@@ -30,7 +35,7 @@ def folder(a1, tmp_path_factory):
     """What the pages' commands find where they run."""
     folder = tmp_path_factory.mktemp("user")
     make_run(folder / "runs" / "a1", a1)
-    make_run(folder / "runs" / "mjcf", load_text(folder, quadruped_mjcf().replace("><", ">\n<"), name="robot.xml"))
+    make_run(folder / "runs" / "mjcf", load_text(folder, MJCF.replace("><", ">\n<"), name="robot.xml"))
     (folder / "my_robot.urdf").write_bytes(a1.source.path.read_bytes())
     (folder / "const.xacro").write_text(CONST, encoding="utf-8")
     (folder / "model.sdf").write_text(SDF.format(INERTIAL), encoding="utf-8")

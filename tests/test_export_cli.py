@@ -52,7 +52,7 @@ def test_json_is_one_object(run, capsys):
     table = json.loads(capsys.readouterr().out)
     assert table["schema"] == "equipoise.export/1"
     assert table["bodies"] == ["composite"]
-    assert table["path"] == str(run / "export" / "base.sdf")
+    assert table["path"] == str(run / "export" / "base_payload.sdf")
     assert "equipoise_payload" in table["about"][0]
     assert table["notes"] == []
 

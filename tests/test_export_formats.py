@@ -13,6 +13,7 @@ import pytest
 from exporting import assert_same, found
 from robots import load_text, quadruped_urdf
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 import equipoise
 from equipoise import export
@@ -20,7 +21,7 @@ from equipoise.errors import ModelError, NotEstimatedError, NotIdentifiedError, 
 from equipoise.estimation.findings import Check
 from equipoise.estimation.parameters import COMPONENTS, components
 from equipoise.outputs.export.formats import FORMATS
-from equipoise.outputs.export.randomisation import PARAMETERS, pseudo_inertia, spread, stretched
+from equipoise.outputs.export.randomisation import ENTRIES, pseudo_inertias, spread, stretched
 from equipoise.outputs.export.subject import body_of, vector_of
 from equipoise.result import BodyEstimate
 from equipoise.robot.inertial import InertialParameters, base_parameters
@@ -350,26 +351,65 @@ def test_an_sdf_that_would_count_masses_twice_is_refused(result, tmp_path):
 # --- domain randomisation
 
 
+def pseudo_of(body):
+    return pseudo_inertias(vector_of(body)[None])[0]
+
+
+def draw(result, scale=1.0, **options):
+    covariance = scale * np.array(result.uncertainty["composite"].covariance)
+    return spread(result.base.parameters(), result.composite.parameters(), covariance, seed=2, **options)
+
+
 def test_no_stretch_is_the_body_itself(base):
-    assert_same(stretched(pseudo_inertia(base), np.zeros(10)), base, 1e-12)
+    np.testing.assert_allclose(stretched(pseudo_of(base), np.zeros(10)), components(base), rtol=1e-12, atol=1e-15)
 
 
-def test_drawn_bodies_can_exist_and_have_the_covariance_of_the_estimate(result, base):
-    covariance = np.array(result.uncertainty["base"].covariance) / 100  # small: the drawing is linear
-    drawn = spread(base, covariance, seed=2, draws=4000)
+def test_entries_and_bodies_are_the_same(result, base):
+    drawn = draw(result, draws=50)
+    again = [stretched(pseudo_of(base), entries) for entries in drawn.entries]
+    np.testing.assert_allclose(again, drawn.bodies, rtol=1e-9, atol=1e-12)
+
+
+def test_robots_with_drawn_bases_have_the_covariance_of_the_composite(result, base, composite):
+    drawn = draw(result, 0.01, draws=4000)  # small enough that every body can exist
+    legs = vector_of(composite) - vector_of(base)
+    robots = np.array([components(body_of(vector_of(body_from(row)) + legs, "robot")) for row in drawn.bodies])
+    covariance = 0.01 * np.array(result.uncertainty["composite"].covariance)
     deviation = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(drawn.bodies.std(axis=0), deviation, rtol=0.05)
-    np.testing.assert_allclose(np.corrcoef(drawn.bodies.T), covariance / np.outer(deviation, deviation), atol=0.06)
+    np.testing.assert_allclose(robots.std(axis=0), deviation, rtol=0.05)
+    np.testing.assert_allclose(np.corrcoef(robots.T), covariance / np.outer(deviation, deviation), atol=0.06)
+
+
+def body_from(row):
+    xx, yy, zz, xy, xz, yz = row[4:]
+    return InertialParameters(row[0], row[1:4], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
 def test_drawn_bodies_can_exist_however_little_is_known(result, base):
-    covariance = 400 * np.array(result.uncertainty["base"].covariance)  # 40 %
-    drawn = spread(base, covariance, seed=2, draws=300)
-    for entries in drawn.entries:
-        assert np.linalg.eigvalsh(pseudo_inertia(stretched(pseudo_inertia(base), entries))).min() > 0
-    assert all(
-        low < value < high for (low, high), value in zip(drawn.body_ranges().values(), components(base), strict=True)
-    )
+    drawn = draw(result, 100.0, draws=300)
+    for row in drawn.bodies:
+        assert np.linalg.eigvalsh(pseudo_of(body_from(row))).min() > 0
+        assert body_from(row).physical_defect() is None
+
+
+def test_where_nothing_is_known_nothing_is_drawn(base, composite):
+    with pytest.raises(NotIdentifiedError, match="less than 1% can exist"):
+        spread(base, composite, np.diag([0.0] * 7 + [10.0] * 3), seed=0, draws=300)
+
+
+def test_about_a_plate_nothing_is_drawn(base, composite):
+    plate = InertialParameters(1.0, np.zeros(3), np.diag([0.01, 0.01, 0.02]))
+    with pytest.raises(NotPhysicalError, match="as flat as a plate"):
+        spread(plate, composite, np.eye(10), seed=0)
+
+
+def test_entries_drawn_by_themselves_stay_with_what_was_left_open(result):
+    drawn = draw(result)
+    half = np.array([high for _, high in drawn.entry_ranges().values()])
+    precision = np.linalg.inv(np.cov(drawn.entries.T))
+    boxed = np.random.default_rng(0).uniform(-half, half, (2000, 10))
+    inside = np.einsum("ni,ij,nj->n", boxed, precision, boxed) < chi2.ppf(0.95, 10)
+    assert inside.mean() > 0.7
 
 
 def python_names(text):
@@ -380,19 +420,20 @@ def python_names(text):
 
 def test_mjlab_has_the_ranges_of_its_pseudo_inertia_term(result, base):
     names = python_names(export(result, "mjlab", samples=20, seed=5).text)
-    assert set(names["PSEUDO_INERTIA"]) == {f"{name}_range" for name in PARAMETERS}
+    assert set(names["PSEUDO_INERTIA"]) == {f"{name}_range" for name in ENTRIES}
     corners = np.array(list(names["PSEUDO_INERTIA"].values()))
     assert (corners[:, 0] < 0).all()
     assert (corners[:, 1] > 0).all()
     rng = np.random.default_rng(0)
     for _ in range(50):
-        body = stretched(pseudo_inertia(base), rng.uniform(*corners.T))
+        body = body_from(stretched(pseudo_of(base), rng.uniform(*corners.T)))
         assert body.physical_defect() is None
     assert set(names["QUANTILES"]) == set(COMPONENTS)
     assert len(names["SAMPLES"]) == 20
     assert (names["BASE_LINK"], names["SEED"]) == ("trunk", 5)
     low, high = names["QUANTILES"]["mass"]
-    assert high - low == pytest.approx(2 * 1.96 * 0.02 * base.mass, rel=0.05)
+    deviation = result.uncertainty["composite"].intervals["mass"].deviation
+    assert high - low == pytest.approx(2 * 1.96 * deviation, rel=0.1)
 
 
 def test_isaaclab_scales_the_mass_and_shifts_the_com(result, base):

@@ -111,9 +111,10 @@ def test_what_was_added_is_a_link_of_a_urdf(case, tmp_path):
 
 def test_held_joints_are_where_they_were_held(tmp_path):
     robot = load_text(tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(held={"arm_0": 0.7, "arm_1": -0.4}))
-    path, _, result = written(robot, tmp_path)
+    path, out, result = written(robot, tmp_path)
     assert_same(composite_in_pinocchio(path, result, robot.held), result.composite.parameters())
     assert_same(base_parameters(read_again(path, robot)), result.base.parameters())
+    assert out.header[2].endswith(", arm_0 0.7, arm_1 -0.4")
 
 
 MJCF_TRUNK = re.compile(r"(<freejoint/>)<inertial [^>]*/>")
@@ -241,7 +242,7 @@ def test_another_file_of_the_robot_gets_what_makes_it_the_robot_that_was_found(a
 
 def test_a_run_of_the_other_format_is_told_so(a1, tmp_path):
     assert refusal(SettingsError, found(a1), "mjcf") == (
-        "the run's model is URDF: export --to urdf, or name a MJCF file of the same robot with --file"
+        "the run's model is URDF: export --to urdf, or name your MJCF file of the same robot with --file"
     )
     assert refusal(SettingsError, found(a1), "mjcf", file=a1.source.path) == (
         f"{str(a1.source.path)!r} is URDF, not MJCF"

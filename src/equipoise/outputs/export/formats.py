@@ -94,7 +94,7 @@ class Export:
 
     def save(self, path: str | Path) -> Path:
         """Write the file, whole or not at all; raises OutputError if it cannot be written."""
-        path = Path(path)
+        path = Path(path).resolve()  # a link to a file stays one
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             partial = path.with_name(path.name + ".partial")
@@ -152,9 +152,11 @@ def export(
     users, about_file = _users_file(result, row, None if file is None else Path(file))
     subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force)
     written = row.write(subject)
-    name = users.path.name if users else row.output
+    name = Path(users.path.name if users else row.output)
+    if payload_link:
+        name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)
-    return Export(replace(row, bodies=bodies), written.content, name, header, written.notes + subject.notes)
+    return Export(replace(row, bodies=bodies), written.content, name.name, header, written.notes + subject.notes)
 
 
 def find_format(name: str) -> Format:

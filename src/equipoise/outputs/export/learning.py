@@ -18,6 +18,7 @@ def mjlab(subject: Subject) -> Written:
     return Written.text(
         [
             *_head(subject, about),
+            "# Each range is what one entry is open by, to 95 %, while the others stay, for mjlab draws each by itself.",
             "#   EventTermCfg(mode='startup', func=dr.pseudo_inertia,",
             f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.base_link!r},)), **PSEUDO_INERTIA}})",
             *_dictionary("PSEUDO_INERTIA", ranges),
@@ -30,7 +31,7 @@ def mjlab(subject: Subject) -> Written:
 def isaaclab(subject: Subject) -> Written:
     """Isaac Lab: ranges of randomize_rigid_body_mass and randomize_rigid_body_com."""
     drawn, about = _spread(subject), _about(subject)
-    ranges, body = drawn.body_ranges(), drawn.body
+    ranges, body = drawn.body_ranges(), subject.base
     low, high = (bound / body.mass for bound in ranges["mass"])
     shifts = {
         axis: tuple(bound - found for bound in ranges[f"com_{axis}"])
@@ -52,23 +53,23 @@ def isaaclab(subject: Subject) -> Written:
 
 
 def _spread(subject: Subject) -> Spread:
-    if "base" not in subject.result.uncertainty:
+    if "composite" not in subject.result.uncertainty:
         raise NotEstimatedError("this calibration has no covariance; calibrate with --method precise")
-    covariance = np.array(subject.result.uncertainty["base"].covariance)
-    return spread(subject.base, covariance, subject.seed)
+    covariance = np.array(subject.result.uncertainty["composite"].covariance)
+    return spread(subject.base, subject.composite, covariance, subject.seed)
 
 
 def _about(subject: Subject) -> str:
     return (
-        f"what the run left open of base link {subject.base_link!r} with all that is fixed to it, about the file that "
-        "--to mjcf or --to urdf writes; base frame, inertia about the CoM"
+        f"what the run left open of base link {subject.base_link!r} with all that is fixed to it or held, about the file "
+        "that --to mjcf or --to urdf writes, whose legs stay; CoM in the base frame, inertia about the CoM"
     )
 
 
 def _head(subject: Subject, about: str) -> list[str]:
     return [
         *(f"# {' '.join(line.split())}" for line in subject.header(about)),
-        "# Ranges hold 95 % of the bodies drawn through the pseudo-inertia; every value in them is a body that can exist.",
+        "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, can exist.",
     ]
 
 

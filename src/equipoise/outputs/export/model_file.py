@@ -54,8 +54,8 @@ def find_users_file(result: Calibration, model_format: str, file: Path | None) -
             raise SettingsError("a calibration.json alone does not know its model file: name the run folder, or --file")
         if known.source.format != model_format:
             raise SettingsError(
-                f"the run's model is {known.source.format.upper()}: export --to {known.source.format}, or name "
-                f"a {model_format.upper()} file of the same robot with --file"
+                f"the run's model is {known.source.format.upper()}: export --to {known.source.format}, or name your "
+                f"{model_format.upper()} file of the same robot with --file"
             )
         content = _read(known.source.path, "; name it with --file")
         if hashlib.sha256(content).hexdigest() != known.source.sha256:

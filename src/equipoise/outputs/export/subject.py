@@ -87,7 +87,8 @@ class Subject:
     @property
     def stance(self) -> str:
         """Joint positions in words [rad]."""
-        joints = self.result.joint_position.items()
+        robot = self.result.robot_model
+        joints = [*self.result.joint_position.items(), *(robot.held.items() if robot is not None else ())]
         return ", ".join(f"{name} {round(q, 6) + 0.0:g}" for name, q in joints)
 
     def header(self, about: str, *notes: str) -> tuple[str, ...]:

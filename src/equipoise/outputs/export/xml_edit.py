@@ -98,10 +98,11 @@ class Document:
 
     def set(self, element: Element, name: str, value: str) -> Edit:
         """Give an attribute a value: a number or a name, with nothing in it that XML would have to escape."""
+        at = element.start + 1 + len(element.tag.encode())
         for match in self._attributes(element):
             if match[1].decode() == name:
                 return Edit(match.start(2) + 1, match.end(2) - 1, value)
-        at = element.start + 1 + len(element.tag.encode())
+            at = match.end()
         return Edit(at, at, f' {name}="{value}"')
 
     def unset(self, element: Element, *names: str) -> list[Edit]:
