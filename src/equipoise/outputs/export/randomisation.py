@@ -138,7 +138,7 @@ def _components(pseudo: FloatArray) -> FloatArray:
 
 def _entries(pseudo: FloatArray, found: FloatArray) -> FloatArray:
     """(n, 10) of U with J = U J0 U': U is the upper triangular root of J times the inverse of J0's."""
-    upper = _upper_root(pseudo) @ np.linalg.inv(_upper_root(found[None])[0])
+    upper = np.asarray(_upper_root(pseudo) @ np.linalg.inv(_upper_root(found[None])[0]), dtype=float)
     scale = upper[:, 3, 3]
     unit = upper / scale[:, None, None]
     stretches = np.log(unit[:, [0, 1, 2], [0, 1, 2]])
