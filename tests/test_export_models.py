@@ -166,7 +166,10 @@ def test_mjcfs_of_all_kinds(case, payload_link, tmp_path):
 
 
 @pytest.mark.parametrize("payload_link", [False, True], ids=["inertial", "payload link"])
-@pytest.mark.skipif(not MODELS.is_dir(), reason="EQUIPOISE_TEST_MODELS names no folder with unitree_mujoco_go2.xml")
+@pytest.mark.skipif(
+    not (MODELS / "unitree_mujoco_go2.xml").is_file(),
+    reason="EQUIPOISE_TEST_MODELS names no folder with unitree_mujoco_go2.xml",
+)
 def test_a_users_mjcf(payload_link, tmp_path):
     robot = load_robot(MODELS / "unitree_mujoco_go2.xml")
     path, _, result = written(robot, tmp_path, payload_link=payload_link)
