@@ -134,7 +134,8 @@ def test_exports_are_frozen():
             "Audit", "Calibration", "CalibrationSettings", "ComSearchSettings", "Delta", "EquipoiseError",
             "InertialParameters", "JointCommand", "Payload", "Platform", "Recording", "RobotDescription", "RobotModel",
             "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "Simulation", "Stance", "SwaySettings", "Trajectory",
-            "__version__", "audit", "calibrate", "estimate", "find_delta", "load_robot", "nominal_stance", "simulate",
+            "__version__", "audit", "calibrate", "estimate", "export", "find_delta", "load_robot", "nominal_stance",
+            "simulate",
         ]
     )  # fmt: skip
     for name in equipoise.__all__:

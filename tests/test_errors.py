@@ -25,6 +25,8 @@ EXIT_CODES = {
     "OutputError": 6,
     "MissingDependencyError": 7,
     "NotEstimatedError": 8,
+    "NotIdentifiedError": 8,
+    "NotPhysicalError": 8,
     "WorkerError": 9,
 }
 STANDARD = {
@@ -46,6 +48,8 @@ STANDARD = {
     "OutputError": OSError,
     "MissingDependencyError": ImportError,
     "NotEstimatedError": ValueError,
+    "NotIdentifiedError": ValueError,
+    "NotPhysicalError": ValueError,
     "WorkerError": RuntimeError,
 }
 

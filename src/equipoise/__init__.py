@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from equipoise.estimation.two_runs import ScaleReadings
     from equipoise.experiments.sway import SwaySettings
     from equipoise.experiments.trial_runner import ComSearchSettings
+    from equipoise.outputs.export.formats import export
     from equipoise.platforms.payload import Payload
     from equipoise.platforms.platform import JointCommand, Platform, RobotState, Trajectory
     from equipoise.platforms.sensors import SensorErrors
@@ -60,6 +61,7 @@ _HOME = {
     "audit": "robot.audit",
     "calibrate": "calibration",
     "estimate": "calibration",
+    "export": "outputs.export.formats",
     "find_delta": "delta",
     "load_robot": "robot.catalog",
     "nominal_stance": "robot.stance",
@@ -92,6 +94,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "audit",
     "calibrate",
     "estimate",
+    "export",
     "find_delta",
     "load_robot",
     "nominal_stance",

@@ -128,6 +128,16 @@ class NotEstimatedError(EquipoiseError, ValueError):
     exit_code = 8
 
 
+class NotIdentifiedError(NotEstimatedError):
+    """A quantity was asked for that the run told too little of."""
+
+
+class NotPhysicalError(EquipoiseError, ValueError):
+    """What would be written are inertial parameters that no body can have."""
+
+    exit_code = 8
+
+
 class WorkerError(EquipoiseError, RuntimeError):
     """Processes or machines that should do the work are not there, or died."""
 

@@ -249,6 +249,14 @@ class RunFolder:
         except (KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"{damaged}: {_TRUTH} holds no truth ({error!r})") from error
 
+    def result(self) -> Calibration:
+        """The result that was saved, with the robot's model; raises RecordingError if the run came to none."""
+        if not self.complete:
+            raise RecordingError(
+                f"the run {str(self.path)!r} came to no result; go on with: equipoise calibrate --resume {self.path}"
+            )
+        return dataclasses.replace(Calibration.load(self.path / RESULT), robot_model=self.robot())
+
     def save(self, calibration: Calibration) -> Path:
         """Write the result."""
         calibration.save(self.path / RESULT)

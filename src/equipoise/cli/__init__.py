@@ -18,6 +18,7 @@ from equipoise import _version
 from equipoise.cli.balance import balance
 from equipoise.cli.calibrate import calibrate
 from equipoise.cli.delta import delta
+from equipoise.cli.export import export
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
 from equipoise.cli.overview import completion, print_overview
@@ -30,6 +31,7 @@ VERBS = {
     calibrate: "find mass, centre of mass and inertia; simulated or on the robot",
     plan: "what 'calibrate' would do, and how accurate it would be",
     estimate: "estimate again from a run, or from a log that is not ours",
+    export: "write the result into the file that your controller reads",
     delta: "what was added between two calibrations",
     doctor: "look at a robot without moving it",
     record: "log a robot's sensors without moving it",

@@ -58,6 +58,20 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
         raise ModelError(f"robot model {str(path)!r} does not exist; see 'equipoise robots' for known names") from None
     except OSError as error:
         raise ModelError(f"robot model {str(path)!r} cannot be read: {error.strerror}") from error
+    return parse_model_source(content, path, base_link)
+
+
+def parse_model_source(content: bytes, path: Path, base_link: str | None = None) -> ModelSource:
+    """Clean what a file holds, or would hold.
+
+    Args:
+        content: of the file.
+        path: what messages call it, and what the names of included files are relative to.
+        base_link: as in `read_model_source`.
+
+    Raises:
+        ModelError: it is not XML, or is neither format.
+    """
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, ValueError) as error:

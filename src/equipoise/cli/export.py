@@ -1,0 +1,123 @@
+"""`equipoise export`."""
+
+from __future__ import annotations
+
+import json as json_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from equipoise.cli.flags import File
+from equipoise.errors import OutputError, SettingsError
+
+if TYPE_CHECKING:
+    from equipoise.outputs.export.formats import Export
+    from equipoise.result import Calibration
+
+_FOLDER = "export"
+Run = Annotated[
+    Positional[Path | None],
+    arg(metavar="RUN", help="Run folder of a calibration, or its calibration.json.", help_behavior_hint=""),
+]
+
+
+def export(
+    run: Run = None,
+    *,
+    to: Annotated[str | None, arg(metavar="FORMAT", help_behavior_hint="")] = None,
+    out: File = None,
+    file: File = None,
+    force: bool = False,
+    add_payload_link: bool = False,
+    samples: int = 0,
+    seed: int = 0,
+    list: bool = False,
+    json: bool = False,
+    quiet: bool = False,
+    debug: bool = False,
+) -> None:
+    """Write a result into the file that a controller or simulator reads. Without --to: which formats there are.
+
+    urdf and mjcf are the run's own model file with another inertial of the base link, and otherwise the same to the byte.
+    Every file says which body it holds, in which frame, at which stance and from which run. What the run did not identify is
+    refused.
+
+    Example: equipoise export runs/go2 --to urdf
+             equipoise export runs/go2 --to xacro --file const.xacro --out const.xacro
+
+    Args:
+        to: Format; --list shows all.
+        out: File to write; default export/ in the run folder. Your own file is overwritten only if it is named here.
+        file: Your file to edit: for urdf and mjcf in place of the run's model file; sdf and xacro write a new one without it.
+        force: Write what is not identified, or the nearest body to what was added, all the same; the file says so.
+        add_payload_link: Leave the base link as it is and write what was added as a fixed link equipoise_payload.
+        samples: mjlab, isaaclab: list so many drawn bodies too.
+        seed: Of everything drawn.
+        list: Show the formats.
+        json: Print one JSON object and nothing else on stdout.
+        quiet: Print nothing but errors.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.outputs.export import formats
+
+    if run is None or to is None or list:
+        if to is not None and run is None and not list:
+            raise SettingsError("name a run: equipoise export RUN --to " + to)
+        _show_formats(json)
+        return
+    formats.find_format(to)
+    written = formats.export(
+        _result(run),
+        to,
+        file=file,
+        payload_link=add_payload_link,
+        force=force,
+        samples=samples,
+        seed=seed,
+        run=str(run),
+    )
+    path = written.save(out or _place(run, written, file))
+    if json:
+        table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
+        print(json_module.dumps(table, indent=2))
+    elif not quiet:
+        from equipoise.outputs.export_terminal import print_export
+
+        print_export(written, path)
+
+
+def _show_formats(json: bool) -> None:
+    from equipoise.outputs.export.formats import FORMATS
+
+    if not json:
+        from equipoise.outputs.export_terminal import print_formats
+
+        print_formats(tuple(FORMATS.values()))
+        return
+    rows = [
+        {"name": row.name, "bodies": row.bodies, "where": row.where, "file": row.file, "payload_link": row.payload,
+         "page": f"docs/controllers/{row.page}.md"}
+        for row in FORMATS.values()
+    ]  # fmt: skip
+    print(json_module.dumps({"schema": "equipoise.formats/1", "formats": rows}, indent=2))
+
+
+def _result(run: Path) -> Calibration:
+    """Of a run folder, with its model; a JSON file that lies in none has no model."""
+    from equipoise.result import Calibration
+    from equipoise.run_folder import RESULT, RunFolder
+
+    if run.is_file():
+        if run.name != RESULT or not (run.parent / "run.json").exists():
+            return Calibration.load(run)
+        run = run.parent
+    return RunFolder.open(run).result()
+
+
+def _place(run: Path, written: Export, file: Path | None) -> Path:
+    """Where a file goes that was given no place; never over the user's."""
+    path = (run.parent if run.is_file() else run) / _FOLDER / written.file_name
+    if file is not None and path.exists() and path.samefile(file):
+        raise OutputError(f"{str(path)!r} is the file to edit; to overwrite it name it with --out too")
+    return path

@@ -1,0 +1,118 @@
+"""Results to export without a calibration: a robot that has a known body more than its model file."""
+
+import dataclasses
+import warnings
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+
+from equipoise.errors import ModelWarning
+from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.outputs.export.subject import body_of, seen_from, vector_of
+from equipoise.result import BodyEstimate, Calibration, Interval, Uncertainty, model_facts
+from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
+
+# 4 % of a robot's mass, off centre, with an inertia that is not diagonal.
+_SHARE, _COM = 0.04, np.array([0.07, -0.03, 0.11])
+_GYRATION = np.array([[0.005, 0.0004, -0.0002], [0.0004, 0.006, 0.0003], [-0.0002, 0.0003, 0.004]])
+
+
+def added_to(robot):
+    """What a robot is found to have more than its model file."""
+    mass = _SHARE * robot.mass
+    return InertialParameters(mass, _COM, mass * _GYRATION)
+
+
+def found(robot, added=None, verdicts=None, **changes):
+    """A calibration that found a body more than the model file has, and is rather sure of everything.
+
+    Args:
+        verdicts: other than "identified", by (body, parameter).
+    """
+    added = added or added_to(robot)
+    stance = nominal_stance(robot).joint_position
+    nominal = nominal_inertia(robot, stance)
+    bodies = {name: joined(getattr(nominal, name), added) for name in ("composite", "base")}
+    result = Calibration(
+        **model_facts(robot, stance), method="precise", feet="measured", sways={}, support_lines={}, trials=(), settings={},
+        composite=BodyEstimate.known(bodies["composite"]), base=BodyEstimate.known(bodies["base"]), nominal=nominal,
+        uncertainty={name: uncertainty(name, body, verdicts or {}) for name, body in bodies.items()},
+    )  # fmt: skip
+    return dataclasses.replace(result, **changes)
+
+
+def joined(body, added):
+    """Both together; what is added need not be a body that can exist."""
+    return body_of(vector_of(body) + vector_of(added), "the sum")
+
+
+def uncertainty(name, body, verdicts):
+    """Two percent of the size of each parameter, some of them correlated."""
+    scale = np.abs(components(body))
+    scale[1:4] = 0.02
+    scale[7:] = scale[4:7].min()
+    root = 0.02 * np.diag(scale)
+    root[4:7, 0] = root[4:7, 4:7].diagonal()
+    covariance = root @ root.T
+    intervals = {
+        part: Interval(float(s), float(v - 2 * s), float(v + 2 * s), verdicts.get((name, part), "identified"))
+        for part, v, s in zip(COMPONENTS, components(body), np.sqrt(np.diag(covariance)), strict=True)
+    }
+    return Uncertainty(intervals, tuple(tuple(float(x) for x in row) for row in covariance))
+
+
+def read_again(path, robot):
+    """The robot that an exported file describes."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return RobotModel.from_file(path, robot.name, robot.description)
+
+
+def composite_in_equipoise(path, result, robot):
+    """Of an exported file, as equipoise reads it."""
+    again = read_again(path, robot)
+    return composite_parameters(again, again.joint_vector(dict(result.joint_position), "stance"))
+
+
+def composite_in_pinocchio(path, result, held):
+    """Of a URDF, as Pinocchio reads it, without any cleaning of ours."""
+    model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    q = pin.neutral(model)
+    for name, position in {**result.joint_position, **held}.items():
+        joint = model.joints[model.getJointId(name)]
+        turned = [position] if joint.nq == 1 else [np.cos(position), np.sin(position)]  # a continuous joint
+        q[joint.idx_q : joint.idx_q + joint.nq] = turned
+    data = model.createData()
+    pin.ccrba(model, data, q, np.zeros(model.nv))
+    body = pin.Inertia(data.Ig)
+    in_root = InertialParameters(body.mass, np.array(pin.centerOfMass(model, data, q)), np.array(body.inertia))
+    return seen_from(in_root, model.frames[model.getFrameId(result.model["base_link"], pin.FrameType.BODY)].placement)
+
+
+def composite_in_mujoco(text, result, held):
+    """Of an MJCF text, as MuJoCo compiles it."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0
+    data.qpos[3] = 1
+    for name, position in {**result.joint_position, **held}.items():
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+        data.qpos[model.jnt_qposadr[joint]] = position
+    mujoco.mj_kinematics(model, data)
+    total = None
+    for body in range(1, model.nbody):
+        turn = data.ximat[body].reshape(3, 3)
+        if model.body_mass[body] > 0:
+            part = InertialParameters(
+                float(model.body_mass[body]), data.xipos[body], turn @ np.diag(model.body_inertia[body]) @ turn.T
+            )
+            total = part if total is None else total + part
+    return total
+
+
+def assert_same(a, b, tolerance=1e-9):
+    """Two bodies, to a relative tolerance."""
+    np.testing.assert_allclose(components(a), components(b), rtol=tolerance, atol=tolerance * a.mass)
