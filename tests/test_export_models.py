@@ -21,6 +21,8 @@ from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import RobotDescription, export, load_robot
 from equipoise.errors import MissingDependencyError, ModelError, NotPhysicalError, SettingsError
+from equipoise.estimation.parameters import COMPONENTS
+from equipoise.result import Interval, Uncertainty
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import InertialParameters, base_parameters
 
@@ -297,13 +299,24 @@ def test_a_link_that_no_body_could_be_is_refused(text, tmp_path):
     assert "equipoise audit" in message
 
 
+def test_a_difference_that_is_nearly_a_body_is_a_link(a1, tmp_path):
+    result = found(a1, InertialParameters(0.5, np.array([0.1, 0.0, 0.1]), np.diag([0.001, 0.002, -0.0005])))
+    intervals = {name: Interval(0.005, -0.01, 0.01, "identified") for name in COMPONENTS}
+    result = dataclasses.replace(result, uncertainty={"composite": Uncertainty(intervals, ())})
+    written = export(result, "urdf", payload_link=True)
+    assert any(note.startswith("within the intervals: the difference is no body") for note in written.notes)
+    again = composite_in_equipoise(written.save(tmp_path / "robot.urdf"), result, a1)
+    np.testing.assert_allclose(again.com, result.composite.com_in_base, rtol=1e-12)
+    assert again.mass == pytest.approx(result.composite.mass, rel=1e-12)
+
+
 def test_a_difference_that_is_no_body_is_no_link_unless_forced(a1, tmp_path):
     result = found(a1, InertialParameters(0.5, np.array([0.1, 0.0, 0.1]), np.diag([0.001, 0.002, -0.0005])))
     assert "is no body: a principal moment of inertia is -0.0005 kg m2" in refusal(
         NotPhysicalError, result, "urdf", payload_link=True
     )
     forced = export(result, "urdf", payload_link=True, force=True)
-    assert forced.notes[0].startswith("FORCED: the difference is no body")
+    assert forced.notes[0].startswith("FORCED, beyond the intervals: the difference is no body")
     assert forced.notes[0] in forced.text
     again = composite_in_equipoise(forced.save(tmp_path / "robot.urdf"), result, a1)
     np.testing.assert_allclose(again.com, result.composite.com_in_base, rtol=1e-12)

@@ -141,7 +141,7 @@ def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialPa
     """What was added to a robot with this composite, in the base frame; and what is to be said of it.
 
     Raises:
-        NotPhysicalError: no body can have it, and that is not overridden, or cannot be.
+        NotPhysicalError: no body near enough can have it, and that is not overridden, or cannot be.
     """
     vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference to the model file,"
     remedy = "leave out --add-payload-link, which changes the base link instead"
@@ -151,15 +151,19 @@ def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialPa
     defect = body.physical_defect()
     if defect is None:
         return body, ()
-    if not subject.forced:
-        raise NotPhysicalError(
-            f"{what} is no body: {defect}; a small payload's inertia drowns in the uncertainty of the robot's: {remedy}, "
-            "or write the nearest inertia that a body can have with --force"
-        )
     nearest = InertialParameters(body.mass, body.com, physical_inertia(body.inertia, body.mass))
+    within = subject.within_intervals(nearest.inertia - body.inertia)
+    if not (within or subject.forced):
+        raise NotPhysicalError(
+            f"{what} is no body: {defect}, and the nearest one that is lies beyond the intervals: {remedy}, or write that one "
+            "with --force"
+        )
     moments = ", ".join(f"{value:+.3g}" for value in (nearest.inertia - body.inertia).diagonal())
-    note = f"FORCED: the difference is no body ({defect}); the nearest one that is has Ixx, Iyy, Izz off by {moments} kg m2"
-    return nearest, (note,)
+    how = "within the intervals" if within else "FORCED, beyond the intervals"
+    return nearest, (
+        f"{how}: the difference is no body ({defect}); its inertia is the nearest that one can have, Ixx, Iyy, Izz off by "
+        f"{moments} kg m2; its mass and place are those found",
+    )
 
 
 def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:

@@ -79,6 +79,15 @@ class Subject:
         """(10,) what the robot that was found has more than one with this composite; Pinocchio's order, about the origin."""
         return vector_of(self.composite) - vector_of(composite)
 
+    def within_intervals(self, change: FloatArray) -> bool:
+        """Whether a change of the inertia [kg m2] (3, 3) is within what the run leaves open of the whole robot's."""
+        if "composite" not in self.result.uncertainty:
+            return False
+        known = self.result.uncertainty["composite"].intervals
+        names = [f"I{'xyz'[row]}{'xyz'[column]}" for row, column in _PRODUCTS]
+        halves = [(known[name].upper - known[name].lower) / 2 for name in names]
+        return all(abs(change[place]) <= half for place, half in zip(_PRODUCTS, halves, strict=True))
+
     @property
     def base_link(self) -> str:
         """Its name in the model."""
