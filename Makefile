@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload bench-guard docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -40,7 +40,7 @@ robots: $(ROBOTS_STAMP)
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
-bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload
+bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload bench-guard
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
@@ -87,6 +87,10 @@ bench-link: $(DEV_STAMP)
 # Ten minutes on one core.
 bench-logs: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/logs.py
+
+# A quarter of an hour on one core.
+bench-guard: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/guard.py
 
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)
