@@ -1,7 +1,7 @@
 """Whether the guard leaves robots alone that are well: `make bench-guard`. Writes benchmarks/results/guard.md.
 
-Every robot of the catalogue that is installed is calibrated behind the guard, simulated with ordinary sensor errors; standing
-and lying at first, by both methods that lift feet. An alarm ends a run, so each that ends otherwise than calmly is a row to read.
+Every robot of the catalogue that is installed is calibrated behind the guard, simulated with ordinary sensor errors;
+standing and lying at first, by both methods that lift feet. An alarm ends a run: the last column says which.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def main() -> None:
     text = [
         "# Robots that are well, behind the guard",
         "",
-        f"`make bench-guard`; `--noise realistic`, seed {SEED}, `precise` with {BUDGET:.0f} s of robot time. {calm} of {len(rows)} runs",
-        "ended without an alarm. Lean is the largest from upright; lift trials tip on purpose.",
+        f"`make bench-guard`; `--noise realistic`, seed {SEED}, `precise` with {BUDGET:.0f} s of robot time. "
+        f"{calm} of {len(rows)} runs ended without an alarm. Lean is the largest from upright; lift trials tip on purpose.",
         "",
         "| robot | method | starts | commands | lean [deg] | at the end | |",
         "|---|---|---|---|---|---|---|",
