@@ -1,0 +1,150 @@
+"""The robot at its stance in three dimensions, with support planes and the CoM's ellipsoid; millimetres, base frame."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.estimation.tilt import SupportPlane
+from equipoise.outputs.report.blocks import SERIES, Block, figure
+from equipoise.outputs.report.meshes import ellipsoid, merged, mesh_of
+from equipoise.outputs.report.planes import support_planes
+from equipoise.result import Calibration
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import DIAGONALS
+from equipoise.robot.shapes import Shape, robot_shapes
+
+FloatArray = NDArray[np.float64]
+
+_SPATIAL_95 = 2.7955  # standard deviations that hold 95 % of a normal distribution in space
+_SEEN = 0.12  # size at which the ellipsoid is drawn beside the robot, over the hip height
+
+
+def scene(result: Calibration) -> Block | None:
+    """The interactive scene; None without the robot's model."""
+    robot = result.robot_model
+    if robot is None:
+        return None
+    position = np.array([result.joint_position[name] for name in robot.joint_names])
+    feet = foot_positions(robot, position)
+    size = float(-feet[:, 2].mean())
+    shapes = robot_shapes(robot, position)
+    com = _com(result)
+    data = [_body(shapes, "base", 0.25), _body(shapes, "leg", 0.55), *_marks(result, com)]
+    everywhere = len(data)
+    near, far, said = _ellipsoids(result, com, size)
+    planes = _planes(result, com, size)
+    data += [*near, *far, *planes]
+    count = len(planes)
+    shown = {
+        "whole robot": [True] * everywhere + [False] * len(near) + [True] * len(far) + [True] * min(count, 2)
+        + ["legendonly"] * max(0, count - 2),
+        "around the CoM": [False, False] + [True] * (everywhere - 2 + len(near)) + [False] * len(far) + [True] * count,
+    }  # fmt: skip
+    reach = _reach(result, com)
+    corner = np.abs(np.concatenate([feet, com[None]])).max(axis=0) + 0.3 * size
+    low, high = feet[:, 2].min() - 0.1 * size, 0.6 * size
+    ranges = {
+        "whole robot": _scene([(-corner[0], corner[0]), (-corner[1], corner[1]), (low, high)]),
+        "around the CoM": _scene([(value - reach, value + reach) for value in com]),
+    }
+    views = [{"label": name, "visible": shown[name], "layout": {"scene": ranges[name]}} for name in shown]
+    layout = {"scene": ranges["whole robot"], "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
+    source = "" if all(s.from_model for s in shapes) else " Links without a primitive shape in the model file are stand-ins."
+    caption = f"The robot at its nominal stance; drag to turn, scroll to zoom. {said}{source}"
+    return figure("Support planes and centre of mass", caption, data, layout, height=560, views=views, wide=True, webgl=True)
+
+
+def _com(result: Calibration) -> FloatArray:
+    """As found; what was not found is the model's."""
+    return np.array(
+        [m if v is None else v for v, m in zip(result.composite.com_in_base, result.nominal.composite.com, strict=True)]
+    )
+
+
+def _body(shapes: list[Shape], part: str, opacity: float) -> Block:
+    mesh = merged([mesh_of(shape) for shape in shapes if shape.part == part])
+    return {**mesh, "name": part, "color": "--robot", "opacity": opacity, "hoverinfo": "skip", "flatshading": True}
+
+
+def _marks(result: Calibration, com: FloatArray) -> list[Block]:
+    places = [("CoM found", com, SERIES[0], "circle"), ("model file", result.nominal.composite.com, "--muted", "square")]
+    if result.truth is not None:
+        places.append(("truth", result.truth.composite.com, SERIES[1], "cross"))
+    return [
+        {
+            "type": "scatter3d", "mode": "markers", "name": name, "showlegend": True,
+            **{axis: [round(1000 * float(value), 3)] for axis, value in zip("xyz", place, strict=True)},
+            "marker": {"color": colour, "symbol": symbol, "size": 5},
+            "hovertemplate": f"{name}: %{{x:.2f}}, %{{y:.2f}}, %{{z:.2f}} mm<extra></extra>",
+        }
+        for name, place, colour, symbol in places
+    ]  # fmt: skip
+
+
+def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list[Block], list[Block], str]:
+    """At its true size, and enlarged so that it is seen beside the robot; and by how much."""
+    if not result.uncertainty:
+        return [], [], ""
+    covariance = np.array(result.uncertainty["composite"].covariance)[1:4, 1:4]
+    values, vectors = np.linalg.eigh(covariance)
+    half_axes = _SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
+    times = max(1.0, float(np.round(_SEEN * size / half_axes.max(), -1)))
+    look = {"color": SERIES[0], "opacity": 0.45, "showlegend": True, "hoverinfo": "name", "flatshading": False}
+    near = {**ellipsoid(com, half_axes, vectors), "name": "95 % of the CoM", **look}
+    far = {**ellipsoid(com, times * half_axes, vectors), "name": f"95 % of the CoM, {times:.0f} times as large", **look}
+    axes = " x ".join(f"{1000 * half:.2f}" for half in half_axes[::-1])
+    return [near], [far], f"The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large."
+
+
+def _planes(result: Calibration, com: FloatArray, size: float) -> list[Block]:
+    """Two of them first, one for each diagonal; then all others."""
+    found = support_planes(result)
+    if result.support_lines:
+        firsts = [
+            (name, SupportPlane(np.array(line.point), np.array(line.normal))) for name, line in result.support_lines.items()
+        ]
+    else:
+        firsts = [next(((d, plane) for d, plane in found if d == diagonal), None) for diagonal in DIAGONALS]
+    chosen = [one for one in firsts if one is not None]
+    word = "found" if result.support_lines else "first lift"
+    traces = [
+        _plane([plane], com, size, f"plane {diagonal}, {word}", list(DIAGONALS).index(diagonal), 0.3)
+        for diagonal, plane in chosen
+    ]
+    for index, diagonal in enumerate(DIAGONALS):
+        others = [plane for d, plane in found if d == diagonal]
+        if others and len(traces) >= len(chosen):
+            traces.append(_plane(others, com, size, f"all {len(others)} lifts on {diagonal}", index, 0.08))
+    return traces
+
+
+def _plane(planes: list[SupportPlane], com: FloatArray, size: float, name: str, series: int, opacity: float) -> Block:
+    """Squares of the planes, each about the point of it that is nearest to the CoM."""
+    meshes: list[tuple[FloatArray, FloatArray]] = []
+    for plane in planes:
+        middle = com - plane.distance_to(com) * plane.normal
+        along = np.cross(plane.normal, [0.0, 0.0, 1.0])
+        along /= np.linalg.norm(along)
+        up = np.cross(along, plane.normal)
+        up = up if up[2] > 0 else -up
+        corners = [middle + 0.8 * size * a * along + size * b * up for a, b in ((-1, -1), (1, -1), (1, 0.5), (-1, 0.5))]
+        meshes.append((np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])))
+    return {**merged(meshes), "name": name, "color": SERIES[2 + series % 2], "opacity": opacity, "showlegend": True,
+            "hoverinfo": "name"}  # fmt: skip
+
+
+def _reach(result: Calibration, com: FloatArray) -> float:
+    """Half the side of the box around the CoM [m]: wide enough for the truth and, if it is near, the model's."""
+    others = [result.nominal.composite.com] + ([] if result.truth is None else [result.truth.composite.com])
+    far = [1.3 * float(np.abs(other - com).max()) for other in others]
+    return max(0.003, *(one for one in far if one < 0.03), far[-1] if result.truth is not None else 0.0)
+
+
+def _scene(ranges: list[tuple[float, float]]) -> Block:
+    titles = ("x forward [mm]", "y left [mm]", "z up [mm]")
+    named = {
+        f"{axis}axis": {"title": {"text": title}, "range": [round(1000 * float(v), 2) for v in limits]}
+        for axis, title, limits in zip("xyz", titles, ranges, strict=True)
+    }
+    return {**named, "aspectmode": "data", "camera": {"eye": {"x": 1.2, "y": 1.5, "z": 0.7}}}
