@@ -19,13 +19,14 @@ from equipoise.cli.balance import balance
 from equipoise.cli.calibrate import calibrate
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
+from equipoise.cli.report import report
 from equipoise.cli.reproduce import reproduce
 from equipoise.cli.robot import doctor, platforms, record
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
 VERBS = (
-    calibrate, plan, estimate, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
+    calibrate, plan, estimate, report, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
 )  # fmt: skip
 
 

@@ -148,8 +148,8 @@ def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: i
     shown = np.unique(np.linspace(0, len(joints.time) - 1, points).astype(int))
     angles: list[float] = []
     for time, position in zip(joints.time[shown], joints.position[shown], strict=True):
-        so_far = np.array([np.interp(time, imu.time, turned[:, axis]) for axis in range(3)])
-        up = rest.up_in_base - np.cross(so_far, rest.up_in_base)
+        until = min(int(np.searchsorted(imu.time, time)), len(turned) - 1)
+        up = rest.up_in_base - np.cross(turned[until], rest.up_in_base)
         angles.append((_lean(robot, position, up / np.linalg.norm(up), diagonal)[0] - before) / height)
     return joints.time[shown] - joints.time[0], np.array(angles)
 

@@ -54,7 +54,16 @@ def robot_shapes(robot: RobotModel, joint_position: FloatArray) -> list[Shape]:
             if str(robot.pinocchio.names[joint]) not in covered:
                 shapes += _capsule(start, end, leg.foot_radius)
         if not any(shape.kind == "sphere" and np.allclose(shape.position, ends[-1], atol=1e-3) for shape in shapes):
-            shapes.append(Shape("sphere", "leg", (leg.foot_radius,) * 3, ends[-1], np.eye(3), from_model=False))
+            shapes.append(
+                Shape(
+                    "sphere",
+                    "leg",
+                    (leg.foot_radius, leg.foot_radius, leg.foot_radius),
+                    ends[-1],
+                    np.eye(3),
+                    from_model=False,
+                )
+            )
     if not any(shape.part == "base" for shape in shapes):
         shapes.append(_base_box(np.array([places[leg.joint_ids[0]].translation for leg in robot.legs.values()])))
     return shapes
@@ -88,11 +97,9 @@ def _primitive(geometry: Any) -> Iterator[tuple[Any, tuple[float, float, float]]
     if kind == "box":
         x, y, z = (float(half) for half in geometry.halfSide)
         yield kind, (x, y, z)
-    elif kind == "sphere":
-        yield kind, (float(geometry.radius),) * 3
-    elif kind in ("cylinder", "capsule"):
+    elif kind in ("sphere", "cylinder", "capsule"):
         radius = float(geometry.radius)
-        yield kind, (radius, radius, float(geometry.halfLength))
+        yield kind, (radius, radius, radius if kind == "sphere" else float(geometry.halfLength))
 
 
 def _joint_places(robot: RobotModel, joint_position: FloatArray) -> dict[int, pin.SE3]:

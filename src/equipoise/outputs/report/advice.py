@@ -11,12 +11,12 @@ from equipoise.errors import EquipoiseError
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.parameters import COMPONENTS
 from equipoise.estimation.posterior import Posterior, body_jacobian
-from equipoise.experiments.plan import Candidates, Durations, Plan, describe, make_plan
+from equipoise.experiments.plan import Candidates, Durations, Plan, Visit, describe, make_plan
 from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
 from equipoise.outputs.report.blocks import Block, items, table, text
 from equipoise.outputs.terminal import ROWS
 from equipoise.result import Calibration
-from equipoise.robot.model import RobotModel
+from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 
 FloatArray = NDArray[np.float64]
@@ -57,7 +57,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     unknowns = posterior.unknowns
     stance = nominal_stance(robot)
     to_body = body_jacobian(unknowns, posterior.x, unknowns.robot_body)
-    known = np.linalg.inv(posterior.covariance)
+    known = np.asarray(np.linalg.inv(posterior.covariance), dtype=float)
     found = robot.with_base(posterior.base_body.to_pinocchio())
     candidates = Candidates.of(found, stance, posterior.robot_body.com, unknowns.priors)
     time = max(sum(trial.duration for trial in result.trials), 5 * Durations.of(stance).lift)
@@ -72,11 +72,9 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     if not weighed:
         intervals["both"] = np.minimum(both.deviation, np.minimum(with_scale, now))
     goals = PreciseSettings().goals.vector(np.abs(more.body), stance)
-    order = np.argsort(-now / goals)
-    weakest = [COMPONENTS[index] for index in order[:_WEAKEST] if now[index] > goals[index]]
-    return Outlook(
-        {name: _NORMAL_95 * deviation for name, deviation in intervals.items()}, _in_words(more), weakest
-    )
+    over = {name: float(ratio) for name, ratio in zip(COMPONENTS, now / goals, strict=True) if ratio > 1}
+    weakest = sorted(over, key=lambda name: -over[name])[:_WEAKEST]
+    return Outlook({name: _NORMAL_95 * deviation for name, deviation in intervals.items()}, _in_words(more), weakest)
 
 
 def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
@@ -85,19 +83,23 @@ def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
     jacobian = unknowns.inertial_jacobian(posterior.x)
     row = jacobian[0] + LegChains(robot).mass.ravel() @ jacobian[10:]
     row = row / (_SCALE * posterior.robot_body.mass)
-    return np.outer(row, row)
+    return np.asarray(np.outer(row, row), dtype=float)
 
 
 def _in_words(plan: Plan) -> list[str]:
     """The postures that would be visited first, with their lifts."""
     return [
-        f"posture {describe(visit.posture)}: "
-        + (
-            ", ".join(f"lift on {lift.diagonal} {'turning ' + lift.turn if lift.turn else 'passive'}" for lift in visit.lifts)
-            or "a move over planted feet"
-        )
+        f"posture {describe(visit.posture)}: {_lifts(visit) or 'a move over planted feet'}".replace(" -", " \u2212")
         for visit in plan.visits[:_SHOWN_MOTIONS]
     ]
+
+
+def _lifts(visit: Visit) -> str:
+    said: list[str] = []
+    for diagonal in DIAGONALS:
+        turns = [lift.turn or "none" for lift in visit.lifts if lift.diagonal == diagonal]
+        said += [f"lifts on {diagonal} with turns about {', '.join(turns)}"] if turns else []
+    return "; ".join(said)
 
 
 def _further(seen: Outlook, result: Calibration) -> list[Block]:
@@ -116,7 +118,10 @@ def _further(seen: Outlook, result: Calibration) -> list[Block]:
     best = _best_step(seen, poor or seen.weakest)
     columns = ["", *(f"|{name}, \u00b1" for name in seen.intervals)]
     rows = [
-        [label, *(f"{deviation[index] * factor:{form[:1]}{int(form[1]) + 1}f}" for deviation in seen.intervals.values())]
+        [
+            label,
+            *(f"{deviation[index] * factor:{form[:1]}{int(form[1]) + 1}f}" for deviation in seen.intervals.values()),
+        ]
         for index, (_, label, factor, form) in enumerate(ROWS)
     ]
     more = [name for name in seen.intervals if name.endswith("more")]
@@ -138,7 +143,9 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
         if name not in ("now", "both")
     }
     name = min(ratios, key=lambda one: ratios[one])
-    how = {"with a scale": "a scale (give --mass)"}.get(name, f"{name.removesuffix(' more')} more of robot time (--budget)")
+    how = {"with a scale": "a scale (give --mass)"}.get(
+        name, f"{name.removesuffix(' more')} more of robot time (--budget)"
+    )
     if ratios[name] > 0.95:
         return "Neither a scale nor as much robot time again would change that much."
     return f"What would help most is {how}: these intervals would shrink to {ratios[name]:.0%} on average."
@@ -153,8 +160,8 @@ def _ahead(robot: RobotModel) -> list[Block]:
     ]
     return [
         text(
-            f"This method gives no intervals, and does not find everything. --method precise would, in {plan.robot_time:.0f} s "
-            f"of robot time, with {plan.lifts} lifts in {len(plan.visits)} postures:"
+            f"This method gives no intervals, and does not find everything. --method precise would, in "
+            f"{plan.robot_time:.0f} s of robot time, with {plan.lifts} lifts in {len(plan.visits)} postures:"
         ),
         table(["", "95 %"], rows, "Predicted for ordinary sensors and a scale"),
     ]

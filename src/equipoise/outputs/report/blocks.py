@@ -5,6 +5,7 @@ Colours are names of the style sheet's variables ("--accent"), so that a figure 
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -70,11 +71,11 @@ def section(name: str, title: str, blocks: Sequence[Block | None]) -> Block | No
     return {"id": name, "title": title, "blocks": there} if there else None
 
 
+def plain(words: str) -> str:
+    """For Plotly, which reads tags in its texts: no word of a user's is one."""
+    return html.escape(words, quote=False)
+
+
 def short(values: Iterable[float], digits: int = 4) -> list[float | None]:
     """Rounded to so many digits, since a page must stay small; what is no number becomes None."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values]
-
-
-def known(values: Mapping[str, Any], order: Sequence[str]) -> list[tuple[str, Any]]:
-    """What is there, in an order."""
-    return [(name, values[name]) for name in order if name in values]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.errors import SettingsError
-from equipoise.outputs.report.blocks import SERIES, Block, Cell, axes, figure, section, short, table, text
+from equipoise.outputs.report.blocks import SERIES, Block, Cell, axes, figure, plain, section, short, table, text
 from equipoise.outputs.report.contents import SCHEMA, alerts
 from equipoise.outputs.report.numbers import Number, numbers, tell
 from equipoise.outputs.report.provenance import facts
@@ -31,9 +31,12 @@ def comparison_contents(results: dict[str, Calibration]) -> Block:
     robots = list(dict.fromkeys(result.robot for result in results.values()))
     labels = list(dict.fromkeys(label for table_of in shown.values() for label in table_of))
     first = next(iter(results))
+    common = [label for label in labels if sum(label in table_of for table_of in shown.values()) > 1]
     differences = [_differences(labels, shown, first, name) for name in list(results)[1:]]
     sections = [
-        section("overlay", "Parameters", [{"type": "figures", "figures": [_overlay(label, shown) for label in labels]}]),
+        section(
+            "overlay", "Parameters", [{"type": "figures", "figures": [_overlay(label, shown) for label in common]}]
+        ),
         section("differences", "Differences", [text(_SHARED), *differences]),
         section("provenance", "Provenance", [_provenance(results)]),
     ]
@@ -54,7 +57,9 @@ def comparison_contents(results: dict[str, Calibration]) -> Block:
 
 def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> Block:
     rows: list[list[Cell]] = [[label, *(_told(table_of.get(label)) for table_of in shown.values())] for label in labels]
-    return table(["", *(f"|{name}" for name in shown)], rows, "What each run found, with 95 % intervals", kind="numbers")
+    return table(
+        ["", *(f"|{name}" for name in shown)], rows, "What each run found, with 95 % intervals", kind="numbers"
+    )
 
 
 def _told(one: Number | None) -> Cell:
@@ -68,10 +73,10 @@ def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Block:
     """One parameter of all runs, intervals beside each other, with truths and models."""
     data: list[Block] = []
     names = [name for name in shown if label in shown[name]]
-    for series, name in enumerate(names):
-        one = shown[name][label]
+    for name in names:
+        one, series = shown[name][label], list(shown).index(name)
         data.append({
-            "type": "scatter", "mode": "markers", "x": short([one.value], 6), "y": [name], "showlegend": False,
+            "type": "scatter", "mode": "markers", "x": short([one.value], 6), "y": [plain(name)], "showlegend": False,
             "error_x": {"type": "data", "array": short([one.half or 0.0]), "width": 6, "thickness": 2},
             "marker": {"color": SERIES[series % 4], "symbol": _SYMBOLS[series % 4], "size": 9},
             "hovertemplate": f"%{{x:{one.form}}}<extra></extra>",
@@ -81,7 +86,7 @@ def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Block:
         if there:
             data.append({
                 "type": "scatter", "mode": "markers", "name": kind, "x": short([value for _, value in there], 6),
-                "y": [name for name, _ in there], "hovertemplate": f"{kind}: %{{x}}<extra></extra>",
+                "y": [plain(name) for name, _ in there], "hovertemplate": f"{kind}: %{{x}}<extra></extra>",
                 "marker": {"symbol": symbol, "color": colour, "size": 12, "line": {"width": 2, "color": colour}},
             })  # fmt: skip
     layout = axes(label, "")

@@ -15,6 +15,7 @@ from equipoise.outputs.report.sensors import sensor_blocks
 from equipoise.outputs.report.sway import sway_blocks
 from equipoise.outputs.report.top_view import top_view
 from equipoise.outputs.report.trials import bracket_figure, error_figure, tilt_figures, trial_table
+from equipoise.outputs.terminal import ROWS
 from equipoise.result import Calibration
 
 SCHEMA = "equipoise.report/1"
@@ -43,7 +44,7 @@ def run_contents(result: Calibration) -> Block:
         "subtitle": _subtitle(result),
         "lead": _lead(result),
         "alerts": alerts(result),
-        "numbers": numbers_table(numbers(result), f"{result.robot}: {BODIES['composite']}"),
+        "numbers": numbers_table(numbers(result), _heading("composite")),
         "top_view": top_view({result.robot: result}),
         "sections": [one for one in sections if one is not None],
     }
@@ -61,7 +62,8 @@ def _subtitle(result: Calibration) -> str:
     passed = sum(check.passed for check in result.checks)
     parts = [f"method {result.method}", f"{lifts} lifts in {time:.0f} s of robot time" if lifts else f"{time:.0f} s"]
     parts += [f"{passed} of {len(result.checks)} checks passed"] if result.checks else []
-    parts += [str(result.provenance[name]) for name in ("platform", "time") if name in result.provenance]
+    parts += [str(result.provenance["platform"])] if "platform" in result.provenance else []
+    parts += [str(result.provenance["time"])[:16].replace("T", " ")] if "time" in result.provenance else []
     return " \u00b7 ".join(parts)
 
 
@@ -82,15 +84,23 @@ def _lead(result: Calibration) -> str:
         names = ("forward", "left", "up")[: len(shifts)]
         along = ", ".join(f"{tell(shift, '+.1f')} mm {name}" for shift, name in zip(shifts, names, strict=True))
         said.append(f"Its centre of mass is {np.linalg.norm(shifts):.1f} mm from where the file has it ({along}).")
+    missing = [label for name, label, *_ in ROWS if result.composite.by_name()[name] is None]
+    if missing:
+        names = ", ".join(label.split(" [")[0] for label in missing)
+        said.append(f"The method {result.method} does not find the whole robot's {names}.")
     return " ".join(said)
 
 
 def _other_bodies(result: Calibration) -> list[Block]:
     return [
-        numbers_table(shown, f"{what[0].upper()}{what[1:]}")
-        for body, what in BODIES.items()
+        numbers_table(shown, _heading(body))
+        for body in BODIES
         if body != "composite" and (shown := numbers(result, body))
     ]
+
+
+def _heading(body: str) -> str:
+    return BODIES[body][0].upper() + BODIES[body][1:]
 
 
 def _checks(result: Calibration) -> Block | None:

@@ -61,7 +61,7 @@ def numbers(result: Calibration, body: str = "composite") -> list[Number]:
     found = estimate.by_name()
     truth = {} if result.truth is None else BodyEstimate.known(getattr(result.truth, body)).by_name()
     model = BodyEstimate.known(getattr(result.nominal, body)).by_name()
-    intervals = result.uncertainty[body].intervals if body in result.uncertainty else {}
+    intervals: Mapping[str, Interval] = result.uncertainty[body].intervals if body in result.uncertainty else {}
     shown = [
         _number(label, form, factor, value, intervals.get(name), truth.get(name), model.get(name))
         for name, label, factor, form in ROWS
@@ -99,7 +99,7 @@ def numbers_table(shown: list[Number], caption: str) -> Block:
     """With a bar for each interval; columns that would be empty are left out."""
     columns = ["", "|estimate"]
     columns += ["95 %"] if any(one.half is not None for one in shown) else []
-    columns += ["interval, model, truth" if any(one.truth is not None for one in shown) else "interval, model"]
+    columns += ["interval"]
     columns += ["verdict"] if any(one.verdict for one in shown) else []
     columns += ["|truth", "|error"] if any(one.truth is not None for one in shown) else []
     columns += ["|model", "|change"]

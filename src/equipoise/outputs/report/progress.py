@@ -26,12 +26,14 @@ def progress_figures(result: Calibration) -> Block | None:
     half = _NORMAL_95 * deviation
     body = components(posterior.robot_body)
     caption = "By what each motion told, added up in the order in which they were done."
-    com = [line(time, 1000 * half[:, k], COMPONENTS[k].replace("_", " "), k - 1) for k in (1, 2, 3)]
+    com = [line(time, 1000 * half[:, k], f"CoM {COMPONENTS[k][-1]}", k - 1) for k in (1, 2, 3)]
     inertia = [line(time, 100 * half[:, k] / body[k], COMPONENTS[k], k - 4) for k in (4, 5, 6)]
     return {
         "type": "figures",
         "figures": [
-            figure("How the centre of mass became known", caption, com, _log(axes("robot time [s]", "95 % \u00b1 [mm]"))),
+            figure(
+                "How the centre of mass became known", caption, com, _log(axes("robot time [s]", "95 % \u00b1 [mm]"))
+            ),
             figure("How the moments became known", caption, inertia, _log(axes("robot time [s]", "95 % \u00b1 [%]"))),
         ],
     }
@@ -49,5 +51,5 @@ def deviations_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray
 
 
 def _log(layout: Block) -> Block:
-    layout["yaxis"].update({"type": "log", "dtick": 1, "minor": {"ticks": "outside"}})
+    layout["yaxis"].update({"type": "log", "dtick": "D2"})
     return layout

@@ -16,14 +16,20 @@ def facts(result: Calibration) -> dict[str, str]:
     """Version, model, stance, seed, time, platform, by name."""
     model = {f"model {name.replace('_', ' ')}": str(value) for name, value in result.model.items()}
     repairs = () if result.robot_model is None else result.robot_model.source.repairs
-    about = {"robot": result.robot, "method": result.method, **({"feet": result.feet} if result.method == "paper" else {})}
+    about = {
+        "robot": result.robot,
+        "method": result.method,
+        **({"feet": result.feet} if result.method == "paper" else {}),
+    }
     repaired = {"model repairs": "; ".join(repairs)} if repairs else {}
     return {**about, **dict(_flat(result.provenance)), **model, **repaired}
 
 
 def provenance_blocks(result: Calibration) -> list[Block]:
     """Facts, settings and the stance as tables."""
-    settings = dict(_flat({name: value for name, value in result.settings.items() if name not in _others(result.method)}))
+    settings = dict(
+        _flat({name: value for name, value in result.settings.items() if name not in _others(result.method)})
+    )
     stance = [[name, tell(q, ".4f"), tell(float(np.degrees(q)), ".2f")] for name, q in result.joint_position.items()]
     return [
         table(["what", "value"], [list(row) for row in facts(result).items()], "Where this comes from"),
@@ -34,7 +40,9 @@ def provenance_blocks(result: Calibration) -> list[Block]:
 
 def _others(method: str) -> tuple[str, ...]:
     """Settings of other methods."""
-    return {"precise": ("com_search", "feet"), "paper": ("precise",)}.get(method, ("com_search", "sway", "precise", "feet"))
+    return {"precise": ("com_search", "feet"), "paper": ("precise",)}.get(
+        method, ("com_search", "sway", "precise", "feet")
+    )
 
 
 def _flat(table_of: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equipoise.outputs.report.blocks import SERIES, Block, axes, figure, short
+from equipoise.outputs.report.blocks import SERIES, Block, axes, figure, plain, short
 from equipoise.outputs.report.planes import support_planes
 from equipoise.result import Calibration
 
@@ -33,8 +33,9 @@ def _misfits(result: Calibration) -> list[Block]:
         misfits = short(trial.misfit or 0.0 for _, trial in mine)
         bars.append({
             "type": "bar", "name": name, "x": [number for number, _ in mine], "y": misfits,
-            "text": [f"{trial.about}; {trial.note}" if trial.note else trial.about for _, trial in mine], "textposition": "none",
-            "hovertemplate": "motion %{x}: %{y:.2f}<br>%{text}<extra></extra>", "marker": {**colour, "pattern": {"shape": shapes}},
+            "text": [plain("; ".join(filter(None, (trial.about, trial.note)))) for _, trial in mine], "textposition": "none",
+            "hovertemplate": "motion %{x}: %{y:.2f}<br>%{text}<extra></extra>",
+            "marker": {**colour, "pattern": {"shape": shapes}},
         })  # fmt: skip
         spreads.append({
             "type": "histogram", "name": name, "x": misfits, "xbins": {"start": 0, "size": 0.2},
@@ -68,7 +69,10 @@ def _plane_misses(result: Calibration) -> list[Block]:
     data = [{"type": "histogram", "x": short(misses), "marker": {"color": SERIES[0]}, "nbinsx": 24, "name": "lifts"}]
     return [
         figure(
-            "How far the support planes pass by the CoM", caption, data, axes("distance, CoM ahead positive [mm]", "lifts")
+            "How far the support planes pass by the CoM",
+            caption,
+            data,
+            axes("distance, CoM ahead positive [mm]", "lifts"),
         )
     ]
 
@@ -80,7 +84,8 @@ def _tilt_by_offset(result: Calibration) -> list[Block]:
         mine = [trial for trial in result.trials if trial.about == diagonal and trial.tilt is not None]
         data.append({
             "type": "scatter", "mode": "markers", "name": f"lifts on {diagonal}",
-            "x": short(1000 * (trial.offset or 0.0) for trial in mine), "y": short(np.degrees(trial.tilt or 0.0) for trial in mine),
+            "x": short(1000 * (trial.offset or 0.0) for trial in mine),
+            "y": short(np.degrees(trial.tilt or 0.0) for trial in mine),
             "marker": {"color": SERIES[series], "symbol": ("circle", "diamond")[series % 2], "size": 9},
         })  # fmt: skip
         data.append({
@@ -88,4 +93,6 @@ def _tilt_by_offset(result: Calibration) -> list[Block]:
             "y": [-1, 1], "line": {"color": SERIES[series], "dash": ("solid", "dash")[series % 2], "width": 1},
         })  # fmt: skip
     caption = "Behind the centre of mass the robot tips forward, ahead of it backward."
-    return [figure("Tilt by offset", caption, data, axes("offset of the support line [mm]", "tilt [deg]"))] if data else []
+    return (
+        [figure("Tilt by offset", caption, data, axes("offset of the support line [mm]", "tilt [deg]"))] if data else []
+    )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.outputs.report.blocks import SERIES, Block, figure
-from equipoise.outputs.report.meshes import ellipsoid, merged, mesh_of
+from equipoise.outputs.report.meshes import Mesh, ellipsoid, merged, mesh_of
 from equipoise.outputs.report.planes import support_planes
 from equipoise.result import Calibration
 from equipoise.robot.kinematics import foot_positions
@@ -42,17 +42,23 @@ def scene(result: Calibration) -> Block | None:
         "around the CoM": [False, False] + [True] * (everywhere - 2 + len(near)) + [False] * len(far) + [True] * count,
     }  # fmt: skip
     reach = _reach(result, com)
-    corner = np.abs(np.concatenate([feet, com[None]])).max(axis=0) + 0.3 * size
-    low, high = feet[:, 2].min() - 0.1 * size, 0.6 * size
     ranges = {
-        "whole robot": _scene([(-corner[0], corner[0]), (-corner[1], corner[1]), (low, high)]),
+        "whole robot": _scene(_extent([*data[:2], *planes[:2]], 0.05 * size)),
         "around the CoM": _scene([(value - reach, value + reach) for value in com]),
     }
     views = [{"label": name, "visible": shown[name], "layout": {"scene": ranges[name]}} for name in shown]
-    layout = {"scene": ranges["whole robot"], "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
-    source = "" if all(s.from_model for s in shapes) else " Links without a primitive shape in the model file are stand-ins."
+    layout = {
+        "scene": ranges["whole robot"],
+        "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
+        "legend": {"y": 1, "yanchor": "top"},
+    }
+    source = (
+        "" if all(s.from_model for s in shapes) else " Links without a primitive shape in the model file are stand-ins."
+    )
     caption = f"The robot at its nominal stance; drag to turn, scroll to zoom. {said}{source}"
-    return figure("Support planes and centre of mass", caption, data, layout, height=560, views=views, wide=True, webgl=True)
+    return figure(
+        "Support planes and centre of mass", caption, data, layout, height=560, views=views, wide=True, webgl=True
+    )
 
 
 def _com(result: Calibration) -> FloatArray:
@@ -68,7 +74,10 @@ def _body(shapes: list[Shape], part: str, opacity: float) -> Block:
 
 
 def _marks(result: Calibration, com: FloatArray) -> list[Block]:
-    places = [("CoM found", com, SERIES[0], "circle"), ("model file", result.nominal.composite.com, "--muted", "square")]
+    places = [
+        ("CoM found", com, SERIES[0], "circle"),
+        ("model file", result.nominal.composite.com, "--muted", "square"),
+    ]
     if result.truth is not None:
         places.append(("truth", result.truth.composite.com, SERIES[1], "cross"))
     return [
@@ -89,12 +98,16 @@ def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list
     covariance = np.array(result.uncertainty["composite"].covariance)[1:4, 1:4]
     values, vectors = np.linalg.eigh(covariance)
     half_axes = _SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
-    times = max(1.0, float(np.round(_SEEN * size / half_axes.max(), -1)))
+    times = max(1.0, 10.0 * round(_SEEN * size / float(half_axes.max()) / 10))
     look = {"color": SERIES[0], "opacity": 0.45, "showlegend": True, "hoverinfo": "name", "flatshading": False}
     near = {**ellipsoid(com, half_axes, vectors), "name": "95 % of the CoM", **look}
     far = {**ellipsoid(com, times * half_axes, vectors), "name": f"95 % of the CoM, {times:.0f} times as large", **look}
     axes = " x ".join(f"{1000 * half:.2f}" for half in half_axes[::-1])
-    return [near], [far], f"The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large."
+    return (
+        [near],
+        [far],
+        f"The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large.",
+    )
 
 
 def _planes(result: Calibration, com: FloatArray, size: float) -> list[Block]:
@@ -102,7 +115,8 @@ def _planes(result: Calibration, com: FloatArray, size: float) -> list[Block]:
     found = support_planes(result)
     if result.support_lines:
         firsts = [
-            (name, SupportPlane(np.array(line.point), np.array(line.normal))) for name, line in result.support_lines.items()
+            (name, SupportPlane(np.array(line.point), np.array(line.normal)))
+            for name, line in result.support_lines.items()
         ]
     else:
         firsts = [next(((d, plane) for d, plane in found if d == diagonal), None) for diagonal in DIAGONALS]
@@ -121,7 +135,7 @@ def _planes(result: Calibration, com: FloatArray, size: float) -> list[Block]:
 
 def _plane(planes: list[SupportPlane], com: FloatArray, size: float, name: str, series: int, opacity: float) -> Block:
     """Squares of the planes, each about the point of it that is nearest to the CoM."""
-    meshes: list[tuple[FloatArray, FloatArray]] = []
+    meshes: list[Mesh] = []
     for plane in planes:
         middle = com - plane.distance_to(com) * plane.normal
         along = np.cross(plane.normal, [0.0, 0.0, 1.0])
@@ -141,10 +155,20 @@ def _reach(result: Calibration, com: FloatArray) -> float:
     return max(0.003, *(one for one in far if one < 0.03), far[-1] if result.truth is not None else 0.0)
 
 
+def _extent(meshes: list[Block], margin: float) -> list[tuple[float, float]]:
+    """From the least to the greatest x, y and z of meshes [m], and a margin."""
+    places = [np.concatenate([mesh[axis] for mesh in meshes]) / 1000 for axis in "xyz"]
+    return [(float(place.min()) - margin, float(place.max()) + margin) for place in places]
+
+
 def _scene(ranges: list[tuple[float, float]]) -> Block:
     titles = ("x forward [mm]", "y left [mm]", "z up [mm]")
     named = {
-        f"{axis}axis": {"title": {"text": title}, "range": [round(1000 * float(v), 2) for v in limits]}
+        f"{axis}axis": {"title": {"text": title}, "range": [round(1000 * float(v), 2) for v in limits], "nticks": 6}
         for axis, title, limits in zip("xyz", titles, ranges, strict=True)
     }
-    return {**named, "aspectmode": "data", "camera": {"eye": {"x": 1.2, "y": 1.5, "z": 0.7}}}
+    return {
+        **named,
+        "aspectmode": "data",
+        "camera": {"eye": {"x": 1.2, "y": 1.4, "z": 0.6}, "center": {"x": 0, "y": 0, "z": -0.12}},
+    }

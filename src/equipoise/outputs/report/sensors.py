@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equipoise.outputs.report.blocks import SERIES, Block, axes, figure, short, table
+from equipoise.outputs.report.blocks import SERIES, Block, axes, figure, plain, short, table
 from equipoise.outputs.report.numbers import tell
 from equipoise.result import Calibration
 
@@ -20,17 +20,21 @@ def sensor_blocks(result: Calibration) -> list[Block]:
          f"\u00b1 {1.96 * finding.deviation:.2g}", "worth fixing" if finding.notable else ""]
         for finding in result.sensors
     ]  # fmt: skip
-    found = table(["what", "|value (SI)", "95 %", ""], rows, f"All {len(rows)} sensor errors, the surest first", folded=True)
+    found = table(
+        ["what", "|value (SI)", "95 %", ""], rows, f"All {len(rows)} sensor errors, the surest first", folded=True
+    )
     return [*_angles(result), found]
 
 
 def _angles(result: Calibration) -> list[Block]:
-    angles = [finding for finding in result.sensors if finding.name.endswith(" zero") or finding.name.startswith("IMU ")]
+    angles = [
+        finding for finding in result.sensors if finding.name.endswith(" zero") or finding.name.startswith("IMU ")
+    ]
     shown = sorted(angles, key=lambda finding: -abs(finding.value))[:_SHOWN][::-1]
     if not shown:
         return []
     data = [{
-        "type": "bar", "orientation": "h", "y": [finding.name.replace("_", " ") for finding in shown],
+        "type": "bar", "orientation": "h", "y": [plain(finding.name.replace("_", " ")) for finding in shown],
         "x": short(np.degrees([finding.value for finding in shown])),
         "error_x": {"type": "data", "array": short(1.96 * np.degrees([finding.deviation for finding in shown])),
                     "color": "--ink", "thickness": 1.2, "width": 3},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from equipoise.estimation.paper import AXES, AxisFit
 from equipoise.outputs.report.blocks import Block, axes, figure, items, line
 from equipoise.result import Calibration
@@ -9,7 +11,7 @@ from equipoise.result import Calibration
 
 def sway_blocks(result: Calibration) -> list[Block]:
     """Two figures for each axis, and the reasons for those without an estimate."""
-    fits = {} if result.evidence is None else result.evidence.fits
+    fits: Mapping[str, AxisFit] = {} if result.evidence is None else result.evidence.fits
     figures = [one for axis in AXES if axis in fits for one in _figures(fits[axis])]
     notes = [f"{axis}: {sway.note}" for axis, sway in result.sways.items() if sway.note]
     same = {sway.note for sway in result.sways.values()}

@@ -62,7 +62,9 @@ def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[Recording, str | 
         data.append(line(time, np.degrees(angle), kind, kinds.index(kind), line=style, opacity=0.8, **group))
     if not data:
         return None
-    caption = f"Tilt of the centre of mass about the line {diagonal}, from unloading two feet until they come down again."
+    caption = (
+        f"Tilt of the centre of mass about the line {diagonal}, from unloading two feet until they come down again."
+    )
     return figure(f"Lifts on {diagonal}", caption, data, axes("time [s]", "tilt, forward positive [deg]"))
 
 
@@ -83,7 +85,8 @@ def bracket_figure(result: Calibration) -> Block | None:
         data.append({
             "type": "scatter", "mode": "markers", "name": f"tried {diagonal}", "legendgroup": diagonal,
             "x": [index + 1 for index in range(len(lifts))], "y": short(1000 * (lift.offset or 0.0) for lift in lifts),
-            "marker": {"symbol": [_SYMBOLS[lift.verdict or "balanced"] for lift in lifts], "size": 10, "color": SERIES[series]},
+            "marker": {"symbol": [_SYMBOLS[lift.verdict or "balanced"] for lift in lifts], "size": 10,
+                       "color": SERIES[series]},
             "text": [lift.verdict or "" for lift in lifts], "hovertemplate": "lift %{x}: %{y:.1f} mm, %{text}<extra></extra>",
         })  # fmt: skip
     caption = (
@@ -138,7 +141,7 @@ def trial_table(result: Calibration) -> Block | None:
         return None
     columns: dict[str, Callable[[Trial], str]] = {
         "kind": lambda trial: trial.kind,
-        "about": lambda trial: trial.about.replace("_", "\u2013"),
+        "about": lambda trial: trial.about,
         "|offset [mm]": lambda trial: _or_nothing(trial.offset, 1000, "+.1f"),
         "|lift height [mm]": lambda trial: _or_nothing(trial.lift_height, 1000, ".0f"),
         "|tilt [deg]": lambda trial: _or_nothing(trial.tilt, 57.29578, "+.2f"),

@@ -38,7 +38,8 @@ function layoutOf(block, style, width) {
     height: block.height || 320, ...(width ? { width } : { autosize: true }),
     margin: { l: 56, r: 12, t: 12, b: 44 }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", uirevision: "kept",
     font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: colour("--ink") },
-    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, hoverlabel: { font: { size: 12 } }, bargap: 0.15, ...layout,
+    hoverlabel: { font: { size: 12 } }, bargap: 0.15, ...layout,
+    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, ...layout.legend },
   };
 }
 
@@ -85,7 +86,6 @@ function figureOf(block) {
   if (block.webgl) made.append(figure.printed = element("img", { class: "printed", alt: block.caption }));
   made.append(element("figcaption", {}, block.caption));
   figures.push(figure);
-  nearWindow.observe(plot);
   return made;
 }
 

@@ -52,7 +52,9 @@ function show() {
   document.getElementById("sections").append(...contents.sections.map(sectionOf));
 }
 
+// Called at the end of the file: Plotly's text is not complete before.
 function whenReady() {
+  for (const figure of figures) nearWindow.observe(figure.plot);
   document.getElementById("theme").addEventListener("click", () => {
     picked = chosenTheme() === "dark" ? "light" : "dark";
     stored(picked);

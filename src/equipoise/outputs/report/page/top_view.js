@@ -37,7 +37,7 @@ function words(x, y, text, attributes = {}) {
 function overview(data) {
   const points = [...data.feet.map((foot) => foot.at), ...data.outline, ...data.legs.flat()];
   const far = [0, 1].map((axis) => Math.max(...points.map((point) => Math.abs(point[axis]))) * 1.12);
-  const width = 240, height = 340, view = panel(width, height, [0, 0], Math.min((width / 2 - 8) / far[1], (height / 2 - 24) / far[0]));
+  const width = 220, height = 340, view = panel(width, height, [0, 0], Math.min((width / 2 - 8) / far[1], (height / 2 - 24) / far[0]));
   const { svg, at, scale } = view;
   for (const leg of data.legs) svg.append(polygon(view, leg, { fill: "var(--robot)", "fill-opacity": 0.3 }));
   svg.append(polygon(view, data.outline, { fill: "var(--raised)", stroke: "var(--robot)", "stroke-width": 1 }));
@@ -48,7 +48,7 @@ function overview(data) {
     svg.append(words(x + (x < width / 2 ? -1 : 1) * (r + 4), y + 4, foot.name,
       { class: "foot-name", "text-anchor": x < width / 2 ? "end" : "start" }));
   }
-  for (const one of data.marks) svg.append(mark(one.kind, ...at(one.at), 3.5, colourOf(data, one)));
+  for (const one of data.marks.filter((other) => other.kind === "found")) svg.append(mark("found", ...at(one.at), 3.5, colourOf(data, one)));
   const [left, top] = at([data.zoom.centre[0] + data.zoom.half, data.zoom.centre[1] + data.zoom.half]);
   const side = 2 * data.zoom.half * scale;
   svg.append(drawn("rect", { x: left, y: top, width: side, height: side, fill: "none", stroke: "var(--ink)", "stroke-width": 1 }));
@@ -94,6 +94,7 @@ function closeUp(data) {
         transform: `rotate(${-one.ellipse.angle} ${x} ${y})`, fill: colour, "fill-opacity": 0.22, stroke: colour, "stroke-width": 1.5 }));
     }
     inside.append(mark(one.kind, x, y, one.kind === "found" ? 3.5 : 5, colour));
+    if (found.length > 1) inside.append(words(x + 8, y - 8, one.label));
   }
   svg.append(inside, drawn("rect", { x: edge, y: 0.5, width: inner - 0.5, height: inner - 0.5, fill: "none", stroke: "var(--muted)" }));
   svg.append(words(edge + inner / 2, size - 6, "y, left [mm]", { "text-anchor": "middle" }));
@@ -116,7 +117,7 @@ function topView(data) {
   for (const line of data.lines) {
     const stroke = { x1: 0, x2: 18, y1: 7, y2: 7, stroke: DIAGONAL_COLOURS[line.diagonal], "stroke-width": 2, "stroke-dasharray": DIAGONAL_DASHES[line.diagonal] };
     const told = line.feet ? "line through the feet" : "support line found";
-    add(sample(drawn("line", stroke)), `${told} ${line.diagonal.replace("_", "\u2013")}`, data.planes.length ? "thin: its lifts" : "");
+    add(sample(drawn("line", stroke)), `${told} ${line.diagonal}`, data.planes.length ? "thin: its lifts" : "");
   }
   const pictures = data.feet ? [overview(data), closeUp(data)] : [closeUp(data)];
   pictures[0].setAttribute("aria-label", data.caption);
