@@ -1,3 +1,5 @@
+"""Covers what equipoise uses of SciPy."""
+
 import numpy as np
 from numpy.typing import NDArray
 

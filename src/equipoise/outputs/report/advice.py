@@ -11,7 +11,7 @@ from equipoise.errors import EquipoiseError
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.parameters import COMPONENTS
 from equipoise.estimation.posterior import Posterior, body_jacobian
-from equipoise.experiments.plan import Candidates, Durations, Plan, Visit, describe, make_plan
+from equipoise.experiments.plan import Candidates, Plan, Visit, describe, make_plan
 from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
 from equipoise.outputs.report.blocks import Block, items, table, text
 from equipoise.outputs.terminal import ROWS
@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 _SCALE = 0.005  # of the mass: an ordinary scale
 _NORMAL_95 = 1.96
+_MORE = 60.0  # [s] of robot time on an A1
 _SHOWN_MOTIONS = 4
 _WEAKEST = 3  # parameters, over what a calibration is meant to reach
 
@@ -49,7 +50,7 @@ def advice_blocks(result: Calibration) -> list[Block]:
 
 
 def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Outlook:
-    """What a scale, as much robot time again, or both would make of the intervals.
+    """What a scale, a minute more of robot time, or both would make of the intervals.
 
     Raises:
         EquipoiseError: nothing can be planned for the robot.
@@ -60,7 +61,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     known = np.asarray(np.linalg.inv(posterior.covariance), dtype=float)
     found = robot.with_base(posterior.base_body.to_pinocchio())
     candidates = Candidates.of(found, stance, posterior.robot_body.com, unknowns.priors)
-    time = max(sum(trial.duration for trial in result.trials), 5 * Durations.of(stance).lift)
+    time = _MORE * stance.clock
     more = make_plan(candidates, time, known=known, searched=True)
     scale = _scale_information(posterior, robot)
     both = make_plan(candidates, time, known=known + scale, searched=True)
@@ -147,7 +148,7 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
         name, f"{name.removesuffix(' more')} more of robot time (--budget)"
     )
     if ratios[name] > 0.95:
-        return "Neither a scale nor as much robot time again would change that much."
+        return "Neither a scale nor a minute more of robot time would change that much."
     return f"What would help most is {how}: these intervals would shrink to {ratios[name]:.0%} on average."
 
 

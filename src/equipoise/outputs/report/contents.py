@@ -7,6 +7,7 @@ import numpy as np
 from equipoise.outputs.report.advice import advice_blocks
 from equipoise.outputs.report.blocks import Block, section, table
 from equipoise.outputs.report.numbers import BODIES, numbers, numbers_table, tell
+from equipoise.outputs.report.planes import support_planes
 from equipoise.outputs.report.progress import progress_figures
 from equipoise.outputs.report.provenance import provenance_blocks
 from equipoise.outputs.report.residuals import residual_figures
@@ -23,15 +24,16 @@ SCHEMA = "equipoise.report/1"
 
 def run_contents(result: Calibration) -> Block:
     """The page as JSON values; what the result does not know is left out."""
+    planes = support_planes(result)
     closing = [one for one in (bracket_figure(result), error_figure(result)) if one is not None]
     sections = [
         section("trials", "Trials", [
             {"type": "figures", "figures": closing} if closing else None, progress_figures(result), tilt_figures(result),
             trial_table(result),
         ]),
-        section("scene", "In space", [scene(result)]),
+        section("scene", "In space", [scene(result, planes)]),
         section("sways", "Sways", sway_blocks(result)),
-        section("residuals", "Residuals", [residual_figures(result)]),
+        section("residuals", "Residuals", [residual_figures(result, planes)]),
         section("sensors", "Sensors", sensor_blocks(result)),
         section("help", "What would help", advice_blocks(result)),
         section("bodies", "Other bodies", _other_bodies(result)),
@@ -45,7 +47,7 @@ def run_contents(result: Calibration) -> Block:
         "lead": _lead(result),
         "alerts": alerts(result),
         "numbers": numbers_table(numbers(result), _heading("composite")),
-        "top_view": top_view({result.robot: result}),
+        "top_view": top_view({result.robot: result}, planes),
         "sections": [one for one in sections if one is not None],
     }
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from equipoise.estimation.support_planes import centre_shift
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.result import Calibration
 
+Planes = Sequence[tuple[str, SupportPlane]]
+"""By diagonal, in the order of the lifts."""
 
-def support_planes(result: Calibration) -> list[tuple[str, SupportPlane]]:
-    """By diagonal, in order: the planes that the paper's lifts stood on, or those that the precise ones put the CoM in.
+
+def support_planes(result: Calibration) -> Planes:
+    """The planes that the paper's lifts stood on, or those that the precise ones put the CoM in.
 
     Empty for a result from a JSON file.
     """

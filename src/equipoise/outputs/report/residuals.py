@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.outputs.report.blocks import SERIES, Block, axes, figure, plain, short
-from equipoise.outputs.report.planes import support_planes
+from equipoise.outputs.report.planes import Planes
 from equipoise.result import Calibration
 
 _KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"))
 _OUT = "x"
 
 
-def residual_figures(result: Calibration) -> Block | None:
+def residual_figures(result: Calibration, planes: Planes) -> Block | None:
     """What there is of them for the method."""
-    figures = [*_misfits(result), *_plane_misses(result), *_tilt_by_offset(result)]
+    figures = [*_misfits(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
     return {"type": "figures", "figures": figures} if figures else None
 
 
@@ -53,13 +53,13 @@ def _misfits(result: Calibration) -> list[Block]:
     ]  # fmt: skip
 
 
-def _plane_misses(result: Calibration) -> list[Block]:
+def _plane_misses(result: Calibration, planes: Planes) -> list[Block]:
     """How far each lift's support plane passes by the CoM found, without any sensor bias taken into account."""
     com = result.composite.com_in_base
     x, y, z = com
     if x is None or y is None or z is None:
         return []
-    misses = [1000 * plane.distance_to(np.array([x, y, z])) for _, plane in support_planes(result)]
+    misses = [1000 * plane.distance_to(np.array([x, y, z])) for _, plane in planes]
     if not misses:
         return []
     caption = (

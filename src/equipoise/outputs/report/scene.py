@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.outputs.report.blocks import SERIES, Block, figure
 from equipoise.outputs.report.meshes import Mesh, ellipsoid, merged, mesh_of
-from equipoise.outputs.report.planes import support_planes
+from equipoise.outputs.report.planes import Planes
 from equipoise.result import Calibration
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS
@@ -20,8 +20,8 @@ _SPATIAL_95 = 2.7955  # standard deviations that hold 95 % of a normal distribut
 _SEEN = 0.12  # size at which the ellipsoid is drawn beside the robot, over the hip height
 
 
-def scene(result: Calibration) -> Block | None:
-    """The interactive scene; None without the robot's model."""
+def scene(result: Calibration, found: Planes) -> Block | None:
+    """The interactive scene, with the planes of all lifts; None without the robot's model."""
     robot = result.robot_model
     if robot is None:
         return None
@@ -33,7 +33,7 @@ def scene(result: Calibration) -> Block | None:
     data = [_body(shapes, "base", 0.25), _body(shapes, "leg", 0.55), *_marks(result, com)]
     everywhere = len(data)
     near, far, said = _ellipsoids(result, com, size)
-    planes = _planes(result, com, size)
+    planes = _planes(result, found, com, size)
     data += [*near, *far, *planes]
     count = len(planes)
     shown = {
@@ -110,9 +110,8 @@ def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list
     )
 
 
-def _planes(result: Calibration, com: FloatArray, size: float) -> list[Block]:
+def _planes(result: Calibration, found: Planes, com: FloatArray, size: float) -> list[Block]:
     """Two of them first, one for each diagonal; then all others."""
-    found = support_planes(result)
     if result.support_lines:
         firsts = [
             (name, SupportPlane(np.array(line.point), np.array(line.normal)))

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from equipoise.estimation.tilt import SupportPlane
 from equipoise.outputs.report.blocks import Block
-from equipoise.outputs.report.planes import support_planes
+from equipoise.outputs.report.planes import Planes
 from equipoise.result import Calibration
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
@@ -22,11 +22,12 @@ _PLANAR_95 = 2.4477  # standard deviations that hold 95 % of a normal distributi
 _SMALLEST_ZOOM, _WIDEST_ZOOM = 3.0, 60.0  # [mm] from the middle to the edge
 
 
-def top_view(results: dict[str, Calibration]) -> Block | None:
+def top_view(results: dict[str, Calibration], planes: Planes = ()) -> Block | None:
     """What is seen from above: of one result with model and truth, or of several over each other.
 
     Args:
         results: by the name to show.
+        planes: of all lifts, if there is one result.
 
     Returns:
         None if none knows where its CoM is in the plane.
@@ -43,7 +44,7 @@ def top_view(results: dict[str, Calibration]) -> Block | None:
         "type": "top_view",
         **(_robot(first) or {}),
         "lines": _lines(first),
-        "planes": _cuts(first) if single else [],
+        "planes": _cuts(first, planes),
         "marks": marks,
         "zoom": zoom,
         "caption": _caption(marks, single),
@@ -144,13 +145,13 @@ def _through_feet(robot: RobotModel, result: Calibration, diagonal: str) -> Bloc
     return {"diagonal": diagonal, "at": _xy((a + b) / 2), "along": [round(float(v), 6) for v in along], "feet": True}
 
 
-def _cuts(result: Calibration) -> list[Block]:
+def _cuts(result: Calibration, planes: Planes) -> list[Block]:
     """The support planes of all lifts, cut at the height of the CoM."""
     z = result.composite.com_in_base[2]
     height = float(result.nominal.composite.com[2]) if z is None else z
     return [
         {"diagonal": diagonal, **cut(plane, height)}
-        for diagonal, plane in support_planes(result)
+        for diagonal, plane in planes
         if np.linalg.norm(plane.normal[:2]) > 0.1
     ]
 

@@ -111,8 +111,7 @@ function topView(data) {
   const add = (symbol, label, place) => key.append(element("li", {}, symbol, element("span", {}, label), element("span", {}, place)));
   const sample = (...children) => drawn("svg", { viewBox: "0 0 18 14", "aria-hidden": "true" }, ...children);
   for (const one of data.marks) {
-    const label = one.kind === "found" ? `centre of mass, ${one.label}` + (one.ellipse ? ", 95 % ellipse" : "") : `centre of mass, ${one.label}`;
-    add(sample(mark(one.kind, 9, 7, 4, colourOf(data, one))), label, millimetres(one.at));
+    add(sample(mark(one.kind, 9, 7, 4, colourOf(data, one))), `CoM, ${one.label}${one.ellipse ? ", 95 % ellipse" : ""}`, millimetres(one.at));
   }
   for (const line of data.lines) {
     const stroke = { x1: 0, x2: 18, y1: 7, y2: 7, stroke: DIAGONAL_COLOURS[line.diagonal], "stroke-width": 2, "stroke-dasharray": DIAGONAL_DASHES[line.diagonal] };
