@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-report bench-ros2 bench-udp docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -40,7 +40,7 @@ robots: $(ROBOTS_STAMP)
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
-bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp
+bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-report bench-ros2 bench-udp
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
@@ -87,6 +87,10 @@ bench-link: $(DEV_STAMP)
 # Ten minutes on one core.
 bench-logs: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/logs.py
+
+# A minute; needs Chromium for the browser's part, and says so where it is missing.
+bench-report: $(DEV_STAMP)
+	$(BIN)/python benchmarks/report.py
 
 # Calibrations over the links of ROS 2 and of UDP, in the robots' own time: a quarter of an hour each.
 bench-ros2 bench-udp: bench-%: $(DEV_STAMP)

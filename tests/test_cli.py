@@ -13,7 +13,17 @@ import pytest
 from equipoise import RunFolder
 from equipoise.cli import main
 
-QUICK = ["--method", "paper", "--quiet", "--no-pictures", "--tolerance", "0.02", "--sway-duration", "1.0"]
+QUICK = [
+    "--method",
+    "paper",
+    "--quiet",
+    "--no-pictures",
+    "--no-report",
+    "--tolerance",
+    "0.02",
+    "--sway-duration",
+    "1.0",
+]
 COMMAND = [sys.executable, "-m", "equipoise"]
 
 

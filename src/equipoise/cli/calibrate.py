@@ -221,7 +221,7 @@ def _repeated(
 ) -> None:
     """Several runs on one robot, and how much they differ."""
     from equipoise.outputs.repeatability_terminal import print_repeatability
-    from equipoise.outputs.report.page import save_comparison, save_report
+    from equipoise.outputs.report.page import REPORT, save_comparison, save_report
     from equipoise.repeatability import repeatability, to_dict
 
     results: dict[str, Calibration] = {}
@@ -244,7 +244,7 @@ def _repeated(
         print(json_module.dumps(table, indent=2))
     else:
         print_repeatability(session.robot.name, repeated, count)
-        print(f"saved: {out}")
+        print(f"saved: {out}" + (f"\nsee {out / REPORT}" if report else ""))
 
 
 def _show(result: Calibration, folder: RunFolder, report: bool, pictures: bool, json: bool, verbose: bool) -> None:

@@ -72,7 +72,7 @@ const drawAll = () => Promise.all(figures.map((figure) => draw(figure)));
 const nearWindow = new IntersectionObserver((entries) => {
   for (const entry of entries) {
     const figure = figures.find((one) => one.plot === entry.target);
-    if (entry.isIntersecting && figure && !figure.drawn) setTimeout(() => draw(figure));  // what is there is painted first
+    if (entry.isIntersecting && figure && !figure.drawn) setTimeout(() => draw(figure), 50);  // what is there is painted first
   }
 }, { rootMargin: "300px" });
 
