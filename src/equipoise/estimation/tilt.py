@@ -147,9 +147,9 @@ def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: i
     before, height = _lean(robot, rest.joint_position, rest.up_in_base, diagonal)
     shown = np.unique(np.linspace(0, len(joints.time) - 1, points).astype(int))
     angles: list[float] = []
-    for time, position in zip(joints.time[shown], joints.position[shown], strict=True):
-        until = min(int(np.searchsorted(imu.time, time)), len(turned) - 1)
-        up = rest.up_in_base - np.cross(turned[until], rest.up_in_base)
+    turned_until = np.minimum(np.searchsorted(imu.time, joints.time[shown]), len(turned) - 1)
+    for so_far, position in zip(turned[turned_until], joints.position[shown], strict=True):
+        up = rest.up_in_base - np.cross(so_far, rest.up_in_base)
         angles.append((_lean(robot, position, up / np.linalg.norm(up), diagonal)[0] - before) / height)
     return joints.time[shown] - joints.time[0], np.array(angles)
 

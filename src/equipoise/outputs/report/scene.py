@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.estimation.tilt import SupportPlane
 from equipoise.outputs.report.blocks import SERIES, Block, figure
-from equipoise.outputs.report.meshes import Mesh, ellipsoid, merged, mesh_of
+from equipoise.outputs.report.meshes import ellipsoid, merged, mesh_of
 from equipoise.outputs.report.planes import Planes
+from equipoise.outputs.report.scene_planes import outlines, surfaces
 from equipoise.result import Calibration
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.model import DIAGONALS
 from equipoise.robot.shapes import Shape, robot_shapes
 
 FloatArray = NDArray[np.float64]
@@ -30,35 +29,36 @@ def scene(result: Calibration, found: Planes) -> Block | None:
     size = float(-feet[:, 2].mean())
     shapes = robot_shapes(robot, position)
     com = _com(result)
-    data = [_body(shapes, "base", 0.25), _body(shapes, "leg", 0.55), *_marks(result, com)]
-    everywhere = len(data)
     near, far, said = _ellipsoids(result, com, size)
-    planes = _planes(result, found, com, size)
-    data += [*near, *far, *planes]
-    count = len(planes)
-    shown = {
-        "whole robot": [True] * everywhere + [False] * len(near) + [True] * len(far) + [True] * min(count, 2)
-        + ["legendonly"] * max(0, count - 2),
-        "around the CoM": [False, False] + [True] * (everywhere - 2 + len(near)) + [False] * len(far) + [True] * count,
-    }  # fmt: skip
     reach = _reach(result, com)
-    ranges = {
-        "whole robot": _scene(_extent([*data[:2], *planes[:2]], 0.05 * size)),
+    robot_and_planes = [
+        _body(shapes, "base", 0.25), _body(shapes, "leg", 0.55),
+        *surfaces(result, found, com, (0.8 * size, size, 0.5 * size)),
+    ]  # fmt: skip
+    whole = [*robot_and_planes, *far]
+    close = [*near, *surfaces(result, found, com, (reach, reach, reach)), *outlines(found, com, reach)]
+    marks = _marks(result, com)
+    looks = {
+        "whole robot": _scene(_extent(robot_and_planes, 0.05 * size)),
         "around the CoM": _scene([(value - reach, value + reach) for value in com]),
     }
-    views = [{"label": name, "visible": shown[name], "layout": {"scene": ranges[name]}} for name in shown]
+    views = [
+        {
+            "label": name, "layout": {"scene": look},
+            "visible": [*([first] * len(whole)), *([True] * len(marks)), *([not first] * len(close))],
+        }
+        for (name, look), first in zip(looks.items(), (True, False), strict=True)
+    ]  # fmt: skip
     layout = {
-        "scene": ranges["whole robot"],
+        "scene": looks["whole robot"],
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
         "legend": {"y": 1, "yanchor": "top"},
     }
-    source = (
-        "" if all(s.from_model for s in shapes) else " Links without a primitive shape in the model file are stand-ins."
-    )
+    own = all(shape.from_model for shape in shapes)
+    source = "" if own else " Links without a primitive shape in the model file are stand-ins."
     caption = f"The robot at its nominal stance; drag to turn, scroll to zoom. {said}{source}"
-    return figure(
-        "Support planes and centre of mass", caption, data, layout, height=560, views=views, wide=True, webgl=True
-    )
+    data = [*whole, *marks, *close]
+    return figure("Support planes and centre of mass", caption, data, layout, height=560, views=views, webgl=True)
 
 
 def _com(result: Calibration) -> FloatArray:
@@ -106,45 +106,8 @@ def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list
     return (
         [near],
         [far],
-        f"The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large.",
+        f"The ellipsoid holds the CoM with 95 %: half axes {axes} mm, drawn {times:.0f} times as large beside the robot.",
     )
-
-
-def _planes(result: Calibration, found: Planes, com: FloatArray, size: float) -> list[Block]:
-    """Two of them first, one for each diagonal; then all others."""
-    if result.support_lines:
-        firsts = [
-            (name, SupportPlane(np.array(line.point), np.array(line.normal)))
-            for name, line in result.support_lines.items()
-        ]
-    else:
-        firsts = [next(((d, plane) for d, plane in found if d == diagonal), None) for diagonal in DIAGONALS]
-    chosen = [one for one in firsts if one is not None]
-    word = "found" if result.support_lines else "first lift"
-    traces = [
-        _plane([plane], com, size, f"plane {diagonal}, {word}", list(DIAGONALS).index(diagonal), 0.3)
-        for diagonal, plane in chosen
-    ]
-    for index, diagonal in enumerate(DIAGONALS):
-        others = [plane for d, plane in found if d == diagonal]
-        if others and len(traces) >= len(chosen):
-            traces.append(_plane(others, com, size, f"all {len(others)} lifts on {diagonal}", index, 0.08))
-    return traces
-
-
-def _plane(planes: list[SupportPlane], com: FloatArray, size: float, name: str, series: int, opacity: float) -> Block:
-    """Squares of the planes, each about the point of it that is nearest to the CoM."""
-    meshes: list[Mesh] = []
-    for plane in planes:
-        middle = com - plane.distance_to(com) * plane.normal
-        along = np.cross(plane.normal, [0.0, 0.0, 1.0])
-        along /= np.linalg.norm(along)
-        up = np.cross(along, plane.normal)
-        up = up if up[2] > 0 else -up
-        corners = [middle + 0.8 * size * a * along + size * b * up for a, b in ((-1, -1), (1, -1), (1, 0.5), (-1, 0.5))]
-        meshes.append((np.array(corners), np.array([[0, 1, 2], [0, 2, 3]])))
-    return {**merged(meshes), "name": name, "color": SERIES[2 + series % 2], "opacity": opacity, "showlegend": True,
-            "hoverinfo": "name"}  # fmt: skip
 
 
 def _reach(result: Calibration, com: FloatArray) -> float:

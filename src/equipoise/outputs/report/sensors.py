@@ -45,4 +45,4 @@ def _angles(result: Calibration) -> list[Block]:
     layout = axes("off by [deg], 95 %", "")
     layout["yaxis"]["automargin"] = True
     caption = "Errors of joint zeros and of the IMU's mounting, the largest. Hatched: sure, and worth fixing."
-    return [figure("Joint zeros and IMU mounting", caption, data, layout, height=90 + 24 * len(shown), wide=True)]
+    return [figure("Joint zeros and IMU mounting", caption, data, layout, height=90 + 24 * len(shown))]
