@@ -10,7 +10,10 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload bench-guard docs-check lock clean
+BENCHES := $(addprefix bench-,accuracy balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
+  guard report)
+
+.PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -40,7 +43,7 @@ robots: $(ROBOTS_STAMP)
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
-bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload bench-guard
+bench: $(BENCHES)
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
@@ -95,6 +98,10 @@ bench-guard: $(ROBOTS_STAMP)
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/payload.py
+
+# A minute; needs Chromium for the browser's part, and says so where it is missing.
+bench-report: $(DEV_STAMP)
+	$(BIN)/python benchmarks/report.py
 
 # Calibrations over the links of ROS 2 and of UDP, in the robots' own time: a quarter of an hour each.
 bench-ros2 bench-udp: bench-%: $(DEV_STAMP)

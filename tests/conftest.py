@@ -4,6 +4,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from browser import why_no_browser
 from hypothesis import settings
 from robots import load_text, quadruped_urdf
 
@@ -19,6 +20,13 @@ from equipoise.robot.inertial import composite_parameters
 # A loaded machine is slow now and then, and the same commit passes or fails always.
 settings.register_profile("equipoise", deadline=None, derandomize=True)
 settings.load_profile("equipoise")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Pages that were not tried look like pages that work."""
+    reason = why_no_browser()
+    if reason is not None:
+        terminalreporter.write_line(f"WARNING: {reason}", yellow=True)
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,17 @@ import pytest
 from equipoise import RunFolder
 from equipoise.cli import VERBS, main
 
-QUICK = ["--method", "paper", "--quiet", "--no-pictures", "--tolerance", "0.02", "--sway-duration", "1.0"]
+QUICK = [
+    "--method",
+    "paper",
+    "--quiet",
+    "--no-pictures",
+    "--no-report",
+    "--tolerance",
+    "0.02",
+    "--sway-duration",
+    "1.0",
+]
 COMMAND = [sys.executable, "-m", "equipoise"]
 
 

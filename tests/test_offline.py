@@ -209,6 +209,8 @@ def test_a_bag_of_somebody_else_from_the_command_line(bag, precise_run, tmp_path
         "leg and place", "other joints, not used: arm", "lifts", "move", "method precise", "identified", "saved: ",
     ):  # fmt: skip
         assert part in shown, part
+    assert f"see {tmp_path / 'found.html'}" in shown
+    assert "In space" in (tmp_path / "found.html").read_text(encoding="utf-8")
     saved = json.loads(out.read_text())
     assert saved["provenance"]["log"] == str(bag)
     truth = precise_run.truth.composite

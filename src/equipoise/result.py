@@ -18,10 +18,13 @@ from numpy.typing import NDArray
 
 from equipoise._version import __version__
 from equipoise.errors import NotEstimatedError, OutputError, RecordingError
+from equipoise.estimation.evidence import Motion
 from equipoise.estimation.findings import Check, SensorFinding
 from equipoise.estimation.paper import AXES, AxisFit
 from equipoise.estimation.parameters import COMPONENTS
+from equipoise.estimation.posterior import Posterior
 from equipoise.estimation.tilt import SupportPlane
+from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 
@@ -212,11 +215,17 @@ class Evidence:
         trial_planes: support plane of every lift trial, in order.
         fits: by axis.
         feet_in_base: (4, 3) of the nominal stance [m].
+        recordings: all that were estimated from, in order.
+        motions: what was read from each; `precise` only.
+        posterior: the estimate with its information by motion; `precise` only.
     """
 
     trial_planes: tuple[SupportPlane, ...]
     fits: Mapping[str, AxisFit]
     feet_in_base: FloatArray
+    recordings: tuple[Recording, ...] = ()
+    motions: tuple[Motion, ...] = ()
+    posterior: Posterior | None = None
 
 
 @dataclass(frozen=True, eq=False)

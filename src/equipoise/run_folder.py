@@ -6,6 +6,7 @@ recording.mcap      everything that was sensed and sent, written as it happens
 metadata.yaml       what rosbag2 wants to know of that, once the run is over
 truth.json          simulation only
 calibration.json    the result
+report.html         all of it on a page
 """
 
 from __future__ import annotations

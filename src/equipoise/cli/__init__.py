@@ -22,6 +22,7 @@ from equipoise.cli.export import export
 from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
 from equipoise.cli.overview import completion, print_overview
+from equipoise.cli.report import report
 from equipoise.cli.reproduce import reproduce
 from equipoise.cli.robot import doctor, platforms, record
 from equipoise.errors import EquipoiseError, OutputError
@@ -31,6 +32,7 @@ VERBS = {
     calibrate: "find mass, centre of mass and inertia; simulated or on the robot",
     plan: "what 'calibrate' would do, and how accurate it would be",
     estimate: "estimate again from a run, or from a log that is not ours",
+    report: "a page to read and to show: a run, or several compared",
     export: "write the result into the file that your controller reads",
     delta: "what was added between two calibrations",
     doctor: "look at a robot without moving it",

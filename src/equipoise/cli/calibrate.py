@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _DEFAULT_ROBOT = "unitree_a1"
 _FLAGS_OF_SIMULATORS = ("noise", "payload", "start", "seed", "noise_seed")
 _FLAGS_OF_ROBOTS = ("set", "settings", "yes")
-_FLAGS_OF_RESUME = ("resume", "yes", "pictures", "json", "quiet", "verbose", "debug")
+_FLAGS_OF_RESUME = ("resume", "yes", "report", "pictures", "json", "quiet", "verbose", "debug")
 
 _FLAGS_OF_METHOD = {
     "precise": ("budget", "mass", "mass_sd", "sway"),
@@ -83,6 +83,7 @@ def calibrate(
     description: Described = RobotDescription(),  # noqa: B008
     out: File = None,
     resume: Annotated[Path | None, arg(metavar="RUN", help_behavior_hint="")] = None,
+    report: bool = True,
     pictures: bool = True,
     json: bool = False,
     quiet: bool = False,
@@ -129,6 +130,7 @@ def calibrate(
         description_file: TOML file with a robot description; flags win over it.
         out: Run folder; default runs/ROBOT-TIME.
         resume: Go on with the run in this folder behind its last complete trial, as it began: no other settings may be given.
+        report: The page report.html is written into the run folder unless this is given.
         pictures: PNG pictures are drawn unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
         quiet: No progress.
@@ -138,7 +140,7 @@ def calibrate(
     given = locals()
     if resume is not None:
         _refuse_flags_beside_resume(given)
-        _show(*_resumed(resume, yes, quiet or json), pictures, json, verbose)
+        _show(*_resumed(resume, yes, quiet or json), report, pictures, json, verbose)
         return
     _refuse_flags_of_other_methods(method, given)
     _refuse_flags_of_other_platforms(platform, given)
@@ -177,9 +179,9 @@ def calibrate(
         _say_what(robot, place, plan, out)
     with Session(place, model) as session:
         if repeat == 1:
-            _show(*_run(session, out, plan, facts, quiet or json), pictures, json, verbose)
+            _show(*_run(session, out, plan, facts, quiet or json), report, pictures, json, verbose)
         else:
-            _repeated(session, out, plan, facts, repeat, quiet or json, json)
+            _repeated(session, out, plan, facts, repeat, report, quiet or json, json)
 
 
 def _say_what(robot: str | None, place: Place, plan: CalibrationSettings, out: Path) -> None:
@@ -225,33 +227,39 @@ def _repeated(
     plan: CalibrationSettings,
     facts: Mapping[str, Any],
     count: int,
+    report: bool,
     quiet: bool,
     json: bool,
 ) -> None:
     """Several runs on one robot, and how much they differ."""
     from equipoise.outputs.repeatability_terminal import print_repeatability
+    from equipoise.outputs.report.page import REPORT, save_comparison, save_report
     from equipoise.repeatability import repeatability, to_dict
 
-    results: list[Calibration] = []
+    results: dict[str, Calibration] = {}
     for number in range(count):
         if not quiet:
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
-        result, _ = _run(session, out / f"{number + 1:02d}", plan, {**facts, "repetition": number}, quiet)
-        results.append(result)
-    repeated = repeatability(results)
+        result, folder = _run(session, out / f"{number + 1:02d}", plan, {**facts, "repetition": number}, quiet)
+        results[folder.path.name] = result
+        if report:
+            save_report(result, folder.path)
+    repeated = repeatability(list(results.values()))
     table = to_dict(repeated, count)
     try:
         (out / "repeatability.json").write_text(json_module.dumps(table, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"cannot write into {str(out)!r}: {error.strerror}") from error
+    if report:
+        save_comparison(results, out)
     if json:
         print(json_module.dumps(table, indent=2))
     else:
         print_repeatability(session.robot.name, repeated, count)
-        print(f"saved: {out}")
+        print(f"saved: {out}" + (f"\nsee {out / REPORT}" if report else ""))
 
 
-def _show(result: Calibration, folder: RunFolder, pictures: bool, json: bool, verbose: bool) -> None:
+def _show(result: Calibration, folder: RunFolder, report: bool, pictures: bool, json: bool, verbose: bool) -> None:
     from equipoise.outputs.terminal import print_calibration
 
     files = [folder.path / "calibration.json"]
@@ -259,6 +267,10 @@ def _show(result: Calibration, folder: RunFolder, pictures: bool, json: bool, ve
         from equipoise.outputs.pictures import save_pictures
 
         files += save_pictures(result, folder.path)
+    if report:
+        from equipoise.outputs.report.page import save_report
+
+        files.append(save_report(result, folder.path))
     if json:
         print(result.to_json(), end="")
     else:

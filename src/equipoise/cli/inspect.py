@@ -67,6 +67,7 @@ def estimate(
     description_file: File = None,
     description: Described = RobotDescription(),  # noqa: B008
     out: File = None,
+    report: bool = True,
     json: bool = False,
     quiet: bool = False,
     verbose: Verbose = False,
@@ -92,7 +93,8 @@ def estimate(
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
         description_file: Of the log's robot: TOML file with a robot description; flags win over it.
-        out: JSON file to save the result of a log in; a run has its calibration.json.
+        out: JSON file to save the result of a log in, and the page of the same name beside it; a run has its own.
+        report: The page is written unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
         quiet: No warnings about the model file.
         verbose: Show every piece of a log, and how long each stage of the estimate took.
@@ -104,11 +106,11 @@ def estimate(
     )  # fmt: skip
     if robot is None:
         given.refuse()
-        _estimate_run(log, feet, mass, mass_sd, json, verbose)
+        _estimate_run(log, feet, mass, mass_sd, report, json, verbose)
     elif feet is not None:
         raise SettingsError("--feet belongs to runs of --method paper; a log is estimated by the method 'precise'")
     else:
-        _estimate_log(log, robot, given, mass, mass_sd, json, verbose)
+        _estimate_log(log, robot, given, mass, mass_sd, report, json, verbose)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,9 +138,10 @@ class _LogFlags:
 
 
 def _estimate_run(
-    path: Path, feet: Literal["measured", "commanded"] | None, mass: float | None, mass_sd: float | None, json: bool,
-    verbose: bool,
+    path: Path, feet: Literal["measured", "commanded"] | None, mass: float | None, mass_sd: float | None, report: bool,
+    json: bool, verbose: bool,
 ) -> None:  # fmt: skip
+    from equipoise.cli.report import try_to_save
     from equipoise.outputs.terminal import print_calibration
     from equipoise.recordings.logs.reader import is_log
     from equipoise.run_folder import RunFolder
@@ -153,16 +156,19 @@ def _estimate_run(
     if mass is not None or mass_sd is not None:
         precise = dataclasses.replace(precise, mass=mass or precise.mass, mass_sd=mass_sd)
     result = folder.estimate(dataclasses.replace(settings, feet=feet or settings.feet, precise=precise))
+    files = try_to_save(result, path) if report else []
     if json:
         print(result.to_json(), end="")
     else:
-        print_calibration(result, [], verbose)
+        print_calibration(result, files, verbose)
 
 
 def _estimate_log(
-    path: Path, robot: str, given: _LogFlags, mass: float | None, mass_sd: float | None, json: bool, verbose: bool
-) -> None:
+    path: Path, robot: str, given: _LogFlags, mass: float | None, mass_sd: float | None, report: bool, json: bool,
+    verbose: bool,
+) -> None:  # fmt: skip
     from equipoise.calibration import CalibrationSettings
+    from equipoise.cli.report import try_to_save
     from equipoise.experiments.precise_routine import PreciseSettings
     from equipoise.offline import estimate_log
     from equipoise.outputs.log_terminal import print_log_report
@@ -181,14 +187,15 @@ def _estimate_log(
             print_log_report(error.report, verbose)
         raise
     result = found.result.with_provenance(log=str(path), **log.about)
+    files: list[Path] = []
     if given.out is not None:
         result.save(given.out)
+        files = [given.out, *(try_to_save(result, given.out.with_suffix(".html")) if report else [])]
     if json:
         print(json_module.dumps({**result.to_dict(), "log": found.report.to_dict()}, indent=2))
     else:
         print_log_report(found.report, verbose)
-        print_calibration(result, [], verbose)
-        print("" if given.out is None else f"saved: {given.out}\n", end="")
+        print_calibration(result, files, verbose)
 
 
 def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:

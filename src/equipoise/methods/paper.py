@@ -110,7 +110,7 @@ def estimate(
             *_weight_warning(robot, recordings),
             *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
         ),
-        evidence=Evidence(tuple(lift.plane for lift in lifts), fits, stance.feet_in_base),
+        evidence=Evidence(tuple(lift.plane for lift in lifts), fits, stance.feet_in_base, tuple(recordings)),
     )
 
 

@@ -123,7 +123,7 @@ def estimate(
         settings=dataclasses.asdict(settings),
         nominal=nominal_inertia(robot, stance.joint_position),
         warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-        evidence=Evidence((), fits, stance.feet_in_base),
+        evidence=Evidence((), fits, stance.feet_in_base, tuple(recordings), evidence.motions, posterior),
         timings=timings,
     )
 

@@ -19,6 +19,7 @@ from equipoise.result import BodyEstimate, Calibration
 from equipoise.robot.audit import Audit
 from equipoise.robot.catalog import CatalogRow
 from equipoise.robot.model import DIAGONALS
+from equipoise.run_folder import RESULT
 
 
 class TrialProgress:
@@ -72,7 +73,18 @@ def print_calibration(result: Calibration, files: Sequence[Path], verbose: bool 
             console.print(f"{stage}: {seconds:.2f} s")
     if files:
         console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
-        console.print(f"estimate again: equipoise estimate {escape(str(files[0].parent))}", soft_wrap=True)
+        for line in _next_steps(files):
+            console.print(escape(line), soft_wrap=True)
+
+
+def _next_steps(files: Sequence[Path]) -> list[str]:
+    """What to do with files that were saved."""
+    said = [f"see {file}" for file in files if file.suffix == ".html"]
+    run = files[0].parent
+    if (run / RESULT).exists():
+        said.append(f"export with: equipoise export {run} --to urdf")
+        said += [f"estimate again: equipoise estimate {run}"] if (run / RESULT) in files else []
+    return said
 
 
 # Name in intervals, label, factor from SI units, format.

@@ -29,18 +29,7 @@ def joint_axis(model: pin.Model, joint: int) -> FloatArray:
 
 def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Spheres]:
     """The cleaned file in Pinocchio, floating, and the spheres among its collision shapes."""
-    try:
-        if source.format == "urdf":
-            model = pin.buildModelFromXML(source.xml, pin.JointModelFreeFlyer())
-            geometry = pin.buildGeomFromUrdfString(model, source.xml, pin.GeometryType.COLLISION)
-        else:
-            with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder) / "model.xml"
-                file.write_text(source.xml, encoding="utf-8")
-                model = pin.buildModelFromMJCF(str(file))
-                geometry = pin.buildGeomFromMJCF(model, str(file), pin.GeometryType.COLLISION)
-    except (ValueError, RuntimeError, IndexError) as error:
-        raise ModelError(f"robot model {str(source.path)!r} cannot be read by Pinocchio: {error}") from error
+    model, geometry = read_shapes(source)
     spheres: Spheres = {}
     for shape in geometry.geometryObjects:
         if type(shape.geometry).__name__ == "Sphere":
@@ -49,6 +38,21 @@ def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Spheres]:
                 (placement, float(shape.geometry.radius))
             )
     return model, spheres
+
+
+def read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
+    """The cleaned file in Pinocchio, floating, and its collision shapes."""
+    try:
+        if source.format == "urdf":
+            model = pin.buildModelFromXML(source.xml, pin.JointModelFreeFlyer())
+            return model, pin.buildGeomFromUrdfString(model, source.xml, pin.GeometryType.COLLISION)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "model.xml"
+            file.write_text(source.xml, encoding="utf-8")
+            model = pin.buildModelFromMJCF(str(file))
+            return model, pin.buildGeomFromMJCF(model, str(file), pin.GeometryType.COLLISION)
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise ModelError(f"robot model {str(source.path)!r} cannot be read by Pinocchio: {error}") from error
 
 
 def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:

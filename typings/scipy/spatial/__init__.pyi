@@ -1,1 +1,10 @@
 """Covers what equipoise uses of SciPy."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import transform as transform
+
+class ConvexHull:
+    vertices: NDArray[np.int_]
+    def __init__(self, points: NDArray[np.float64]) -> None: ...

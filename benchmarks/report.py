@@ -1,0 +1,105 @@
+"""How long a report takes to write and to show: `make bench-report`. Writes benchmarks/results/report.md.
+
+A simulated A1 with ordinary sensors and a payload, by the precise and the paper's method, and both compared. Chromium
+draws without a graphics card (WebGL in software), so that a desktop is faster.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
+from equipoise.outputs.report.page import save_comparison, save_report
+
+RESULTS = Path(__file__).parent / "results"
+TIMES = 5
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+# Milliseconds since the navigation began: the first frame with text, and the end of drawing everything.
+FIRST = """() => new Promise((done) => {
+  const told = () => performance.getEntriesByName('first-contentful-paint')[0]?.startTime;
+  const wait = () => (told() ? done(told()) : requestAnimationFrame(wait)); wait(); })"""
+ALL = "() => { const start = performance.now(); return drawAll().then(() => performance.now() - start); }"
+
+
+def results() -> dict[str, Calibration]:
+    """A calibration by each method."""
+    robot = load_robot("unitree_a1")
+    found = {}
+    for method in ("precise", "paper"):
+        with simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
+            result = calibrate(simulation.platform, robot, CalibrationSettings(method))
+        found[method] = result.with_truth(simulation.truth)
+    return found
+
+
+def written(save: Callable[[Path], Path], path: Path) -> tuple[float, float]:
+    """Median time to write a page [s], and its size [MB]."""
+    times = []
+    for _ in range(TIMES):
+        start = time.perf_counter()
+        save(path)
+        times.append(time.perf_counter() - start)
+    return statistics.median(times), path.stat().st_size / 1e6
+
+
+def shown(pages: list[Path]) -> list[tuple[float, float] | None]:
+    """Median times until the first screen is there, and to draw all figures [s]; None without a browser."""
+    executable = next(filter(None, map(shutil.which, NAMES)), None)
+    if executable is None:
+        print(f"none of {', '.join(NAMES)} is installed: nothing is shown")
+        return [None] * len(pages)
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - it is there only where a browser is tried
+
+    found = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
+        for path in pages:
+            firsts, wholes = [], []
+            for _ in range(TIMES):
+                page = browser.new_page(viewport={"width": 1280, "height": 800})
+                page.goto(path.as_uri())
+                firsts.append(page.evaluate(FIRST) / 1000)
+                wholes.append(page.evaluate(ALL) / 1000)
+                page.close()
+            found.append((statistics.median(firsts), statistics.median(wholes)))
+        browser.close()
+    return found
+
+
+def main() -> None:
+    """All pages."""
+    found = results()
+    with tempfile.TemporaryDirectory() as folder:
+        saves = {name: lambda path, result=result: save_report(result, path) for name, result in found.items()}
+        saves["both compared"] = lambda path: save_comparison(found, path)
+        paths = [Path(folder) / f"{name}.html" for name in saves]
+        writing = [written(save, path) for save, path in zip(saves.values(), paths, strict=True)]
+        showing = shown(paths)
+    lines = [
+        "# How long a report takes",
+        "",
+        f"`make bench-report`; medians of {TIMES}, on {os.cpu_count()} cores. Chromium without a graphics card. The first "
+        "screen is there when the numbers and the picture from above are painted; figures below are drawn as they come near.",
+        "",
+        "| page | written in [s] | size [MB] | first screen [s] | all figures drawn [s] |",
+        "|---|---|---|---|---|",
+    ]
+    for name, (seconds, size), seen in zip(saves, writing, showing, strict=True):
+        first, whole = ("-", "-") if seen is None else (f"{seen[0]:.2f}", f"{seen[1]:.2f}")
+        lines.append(f"| {name} | {seconds:.2f} | {size:.1f} | {first} | {whole} |")
+    (RESULTS / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""`equipoise report`: the page of a run, and the page that compares runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import json as json_module
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from equipoise.cli.flags import File
+from equipoise.errors import OutputError, SettingsError
+
+if TYPE_CHECKING:
+    from equipoise.result import Calibration
+
+_COMPARISON = "comparison.html"
+Runs = Annotated[
+    Positional[tuple[Path, ...]],
+    arg(metavar="RUN", help="Run folders, the folder of a --repeat, or JSON results of 'estimate LOG --out'."),
+]
+
+
+def report(runs: Runs, *, out: File = None, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
+    """Write a run's report.html anew, or one page that compares two or more runs.
+
+    The page is one file that needs nothing else, no network either: send it, print it, keep it. docs/report.md says how to
+    read it. Runs may be of one robot or of several.
+
+    Example: equipoise report runs/go2
+             equipoise report runs/before runs/after --out before-after.html
+
+    Args:
+        out: File to write; default report.html in the run's folder, or comparison.html here.
+        json: Print one JSON object with the file's path and nothing else on stdout.
+        quiet: Print nothing.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.outputs.report.page import REPORT, save_comparison, save_report
+
+    paths = [run for given in runs for run in _runs(given)]
+    if not paths:
+        raise SettingsError("no run was named; give a run folder, as runs/unitree_a1-20260101-120000")
+    if len(paths) == 1:
+        beside = paths[0].with_suffix(".html") if paths[0].is_file() else paths[0] / REPORT
+        file = save_report(_estimated(paths[0]), out or beside)
+    else:
+        repeated = len(runs) == 1
+        file = save_comparison(_named(paths), out or (runs[0] / REPORT if repeated else Path(_COMPARISON)))
+    if json:
+        told = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in paths]}
+        print(json_module.dumps(told, indent=2))
+    elif not quiet:
+        print(f"saved: {file}")
+
+
+def _runs(path: Path) -> list[Path]:
+    """A run itself, or the runs in a folder of a --repeat."""
+    inside = sorted(run.parent for run in path.glob("*/run.json")) if path.is_dir() else []
+    return [path] if (path / "run.json").exists() or not inside else inside
+
+
+def _estimated(path: Path) -> Calibration:
+    """With everything that its recordings tell, where there are any."""
+    from equipoise.result import Calibration
+    from equipoise.run_folder import RunFolder
+
+    return Calibration.load(path) if path.is_file() else RunFolder.open(path).estimate()
+
+
+def _named(paths: list[Path]) -> dict[str, Calibration]:
+    """Results by the shortest end of their paths that tells them apart."""
+    parts = [path.resolve().parts for path in paths]
+    for count in range(1, max(len(part) for part in parts) + 1):
+        names = ["/".join(part[-count:]) for part in parts]
+        if len(set(names)) == len(names):
+            return {name: _found(path) for name, path in zip(names, paths, strict=True)}
+    again = next(str(path) for path in paths if [other.resolve() for other in paths].count(path.resolve()) > 1)
+    raise SettingsError(f"{again!r} is named twice; compare it with another run")
+
+
+def _found(path: Path) -> Calibration:
+    """What a run came to; it is estimated if that is not on disk."""
+    from equipoise.result import Calibration
+    from equipoise.run_folder import RESULT, RunFolder
+
+    if path.is_file():
+        return Calibration.load(path)
+    folder = RunFolder.open(path)
+    if not folder.complete:
+        return folder.estimate()
+    return dataclasses.replace(Calibration.load(path / RESULT), robot_model=folder.robot())
+
+
+def try_to_save(result: Calibration, path: Path) -> list[Path]:
+    """Write the page beside a result that was asked for itself: a folder that cannot be written costs the page alone."""
+    from equipoise.outputs.report.page import save_report
+
+    try:
+        return [save_report(result, path)]
+    except OutputError as error:
+        print(f"warning: {error}", file=sys.stderr)
+        return []

@@ -1,0 +1,117 @@
+"""`equipoise report`, and the pages that other verbs write."""
+
+import json
+import shutil
+
+import pytest
+
+from equipoise.cli import main
+
+QUICK = ["calibrate", "--method", "static", "--quiet", "--no-pictures"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "one"
+    assert main([*QUICK, "--out", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def copy(run, tmp_path):
+    """A run to write into."""
+    return shutil.copytree(run, tmp_path / "copy")
+
+
+def fails(capsys, code, *arguments):
+    assert main(["report", *map(str, arguments)]) == code
+    captured = capsys.readouterr()
+    (line,) = [line for line in captured.err.splitlines() if line.startswith("error: ")]
+    return line
+
+
+def test_calibrate_writes_the_page_and_says_what_next(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert main([*QUICK, "--out", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    assert (folder / "report.html").stat().st_size > 1e6
+    assert f"see {folder / 'report.html'}\nexport with: equipoise export {folder} --to urdf\n" in printed
+
+
+def test_calibrate_writes_none_if_told_so(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert main([*QUICK, "--no-report", "--out", str(folder)]) == 0
+    assert not (folder / "report.html").exists()
+    assert "see " not in capsys.readouterr().out
+
+
+def test_estimate_writes_it_anew(copy, capsys):
+    (copy / "report.html").unlink()
+    assert main(["estimate", str(copy), "--no-report"]) == 0
+    assert not (copy / "report.html").exists()
+    assert main(["estimate", str(copy)]) == 0
+    assert (copy / "report.html").exists()
+    assert f"see {copy / 'report.html'}" in capsys.readouterr().out
+
+
+def test_estimate_gives_its_numbers_also_where_the_page_cannot_be_written(copy, capsys):
+    (copy / "report.html").unlink()
+    (copy / "report.html").mkdir()
+    (copy / "report.html" / "report.html").mkdir()
+    assert main(["estimate", str(copy), "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["method"] == "static"
+    assert captured.err.startswith("warning: cannot write the report")
+
+
+def test_report_writes_a_runs_page_anew(copy, capsys):
+    (copy / "report.html").unlink()
+    assert main(["report", str(copy)]) == 0
+    assert capsys.readouterr().out == f"saved: {copy / 'report.html'}\n"
+    assert (copy / "report.html").exists()
+
+
+def test_several_runs_are_compared_on_one_page(run, copy, tmp_path, capsys):
+    out = tmp_path / "both.html"
+    assert main(["report", str(run), str(copy), "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"schema": "equipoise.report/1", "report": str(out), "runs": [str(run), str(copy)]}
+    assert '"2 runs compared"' in out.read_text(encoding="utf-8")
+
+
+def test_a_comparison_goes_where_the_user_is(run, copy, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", str(run), str(copy), "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    assert (tmp_path / "comparison.html").exists()
+
+
+def test_repeated_runs_have_a_page_each_and_one_that_compares_them(tmp_path, capsys):
+    folder = tmp_path / "repeated"
+    assert main([*QUICK, "--repeat", "2", "--out", str(folder)]) == 0
+    for page in ("report.html", "01/report.html", "02/report.html"):
+        assert (folder / page).exists()
+    assert f"see {folder / 'report.html'}" in capsys.readouterr().out
+    (folder / "report.html").unlink()
+    assert main(["report", str(folder)]) == 0
+    assert (folder / "report.html").exists()
+
+
+def test_a_json_result_has_its_page_beside_it(run, tmp_path, capsys):
+    result = shutil.copy(run / "calibration.json", tmp_path / "found.json")
+    assert main(["report", str(result)]) == 0
+    assert capsys.readouterr().out == f"saved: {tmp_path / 'found.html'}\n"
+    assert main(["report", str(result), str(run), "--out", str(tmp_path / "both.html")]) == 0
+
+
+def test_errors_say_what_to_do(run, tmp_path, capsys):
+    assert "no run was named; give a run folder" in fails(capsys, 2)
+    assert f"{str(run)!r} is named twice" in fails(capsys, 2, run, run)
+    assert "is no run of equipoise" in fails(capsys, 5, tmp_path / "nowhere")
+    (tmp_path / "file").write_text("in the way", encoding="utf-8")
+    assert "cannot write the report" in fails(capsys, 6, run, "--out", tmp_path / "file" / "page.html")
+
+
+def test_the_help_shows_an_example(capsys):
+    assert main(["report", "--help"]) == 0
+    assert "equipoise report" in capsys.readouterr().out.split("Example:")[1]

@@ -1,0 +1,1 @@
+"""Covers what equipoise uses of Plotly."""
