@@ -59,18 +59,19 @@ def draw_bisection() -> Figure:
 
 def _draw_crossing(axes, result) -> None:
     found = 1000 * np.array(result.composite.com_in_base[:2], dtype=float)
+    height = result.nominal.composite.com[2]  # support planes lean a little: this is where they are cut
     for diagonal, colour in _COLOURS.items():
         line = result.support_lines[diagonal]
-        normal, point = np.array(line.normal[:2]), 1000 * np.array(line.point[:2])
-        along = np.array([-normal[1], normal[0]]) / np.linalg.norm(normal)
-        middle = found - normal * float((found - point) @ normal) / float(normal @ normal)
-        ends = middle + np.outer([-30, 30], along)
+        flat, lean = np.array(line.normal[:2]), line.normal[2] * (height - line.point[2])
+        point = 1000 * (np.array(line.point[:2]) - flat * lean / float(flat @ flat))
+        along = np.array([-flat[1], flat[0]]) / np.linalg.norm(flat)
+        ends = point + along * float((found - point) @ along) + np.outer([-30, 30], along)
         axes.plot(ends[:, 1], ends[:, 0], color=colour)
-    truth = 1000 * result.truth.composite.com[:2]
-    model = 1000 * result.nominal.composite.com[:2]
-    for at, word, colour, shift in ((truth, "truth", INK, (12, -15)), (model, "model file", MUTED, (-8, -13))):
+    truth, model = 1000 * result.truth.composite.com[:2], 1000 * result.nominal.composite.com[:2]
+    for at, word, colour, shift in ((truth, "truth", INK, (-9, 0)), (model, "model file", MUTED, (9, 0))):
         axes.plot(at[1], at[0], "x", color=colour, markersize=8, mew=2, zorder=10)
-        axes.annotate(word, (at[1], at[0]), shift, textcoords="offset points", color=colour, fontsize=9, ha="center")
+        axes.annotate(word, (at[1], at[0]), shift, textcoords="offset points", color=colour, fontsize=9, va="center",
+                      ha="right" if shift[0] < 0 else "left")  # fmt: skip
     draw_com(axes, found[1], found[0], 0.55)
     axes.set_aspect("equal")
     half = 9.0
@@ -149,7 +150,7 @@ def draw_sensors() -> Figure:
     axes.set_xticks(places, [name.replace("_joint", "").replace("_", "\n") for name in names])
     axes.set_ylabel("encoder zero off by [deg]")
     axes.grid(axis="y")
-    axes.legend(loc="upper right", ncols=2)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
 
 
@@ -161,8 +162,8 @@ def draw_plan() -> Figure:
     times = [plan.robot_time for plan in plans]
     figure = new_figure(7.6, 2.8)
     shown = (
-        ("CoM [mm]", ((1, "x", ORANGE), (2, "y", BLUE), (3, "z", GREEN)), lambda plan, k: 1000 * plan.deviation[k]),
-        ("moments [%]", ((4, "Ixx", ORANGE), (5, "Iyy", BLUE), (6, "Izz", GREEN)),
+        ("centre of mass [mm]", ((1, "x", ORANGE), (2, "y", BLUE), (3, "z", GREEN)), lambda plan, k: 1000 * plan.deviation[k]),
+        ("moments of inertia [%]", ((4, "Ixx", ORANGE), (5, "Iyy", BLUE), (6, "Izz", GREEN)),
          lambda plan, k: 100 * plan.deviation[k] / plan.body[k]),
     )  # fmt: skip
     for axes, (title, curves, value) in zip(figure.subplots(1, 2), shown, strict=True):
@@ -170,7 +171,7 @@ def draw_plan() -> Figure:
             axes.plot(times, [value(plan, index) for plan in plans], color=colour, marker="o", markersize=3.5, label=word)
         axes.set_ylim(0, None)
         axes.set_xlabel("robot time [s]")
-        axes.set_title(f"expected standard deviation: {title}")
+        axes.set_title(f"{title}, 1 sd")
         axes.grid(axis="y")
         axes.legend(ncols=3)
     return figure
