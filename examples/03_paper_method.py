@@ -1,6 +1,8 @@
 """The paper's routine: two bisections for the planar CoM, three sways for moments of inertia.
 
     python examples/03_paper_method.py
+
+docs/examples.md shows what this prints.
 """
 
 from equipoise import CalibrationSettings, ComSearchSettings, calibrate, load_robot, simulate

@@ -9,6 +9,8 @@ import csv
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, simulate
 from equipoise.offline import estimate_log
 from equipoise.recordings.logs.reader import read_log
@@ -26,9 +28,9 @@ with file.open("w", newline="") as stream:
     signals = [f"{signal}.{joint}" for signal in ("position", "velocity", "torque") for joint in robot.joint_names]
     writer.writerow(["time", *signals, *(f"{sensor}.{axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")])
     for one in recordings:
-        both = zip(one.joints.time, one.joints.position, one.joints.velocity, one.joints.torque,
-                   one.imu.angular_velocity, one.imu.acceleration)  # fmt: skip
-        writer.writerows([time, *(number for values in row for number in values)] for time, *row in both)
+        joints, imu = one.joints, one.imu  # sampled together in simulation
+        signals = (joints.position, joints.velocity, joints.torque, imu.angular_velocity, imu.acceleration)
+        writer.writerows(np.column_stack([joints.time, *signals]).tolist())
 
 found = estimate_log(robot, read_log(file, robot), CalibrationSettings())
 print(f"{sum(trial.kind == 'lift' for trial in found.result.trials)} lifts found in {file}")

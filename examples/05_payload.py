@@ -1,6 +1,6 @@
 """What was added to a robot between two runs: both are estimated together, so that the sensors' errors cancel.
 
-    python examples/05_payload.py [RUN_BEFORE RUN_AFTER]
+python examples/05_payload.py [RUN_BEFORE RUN_AFTER]
 """
 
 import sys

@@ -17,7 +17,9 @@ import tyro
 from documents import PAGES, ROOT, assert_shown, blocks, commands
 
 from equipoise import RobotDescription, cli
+from equipoise.errors import MissingDependencyError
 from equipoise.recordings.logs.joint_names import read_joint_map
+from equipoise.robot.catalog import CATALOG
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -133,8 +135,6 @@ def test_python_on_the_pages_runs(block, workspace, monkeypatch):
     monkeypatch.chdir(workspace)
     if "go2" in block.code:
         pytest.importorskip("pyarrow")
-        from equipoise.robot.catalog import CATALOG, MissingDependencyError
-
         try:
             CATALOG["go2"].find()
         except MissingDependencyError as error:

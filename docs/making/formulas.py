@@ -5,13 +5,12 @@ Matplotlib's mathtext sets them; it knows most of what a formula needs, without 
 
 import html
 import re
-from functools import lru_cache
+from functools import cache
 
+import matplotlib
 from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
 from matplotlib.textpath import TextToPath
-
-import matplotlib
 
 matplotlib.rcParams["mathtext.fontset"] = "stix"
 _EM = TextToPath.FONT_SCALE
@@ -26,7 +25,7 @@ _TAG = re.compile(r"\\tag\{(.+?)\}")
 
 
 def with_formulas(markdown: str) -> str:
-    """A page with $...$ and $$...$$ set. \\tag{2} numbers a formula."""
+    r"""A page with $...$ and $$...$$ set. \tag{2} numbers a formula."""
     return _FORMULA.sub(_replaced, markdown)
 
 
@@ -41,7 +40,7 @@ def _replaced(match: re.Match[str]) -> str:
     return f'<div class="formula"><div>{"".join(map(_svg, lines))}</div>{number}</div>'
 
 
-@lru_cache(maxsize=None)
+@cache
 def _svg(tex: str) -> str:
     tex = " ".join(tex.split())
     font = FontProperties(size=_EM)

@@ -3,6 +3,7 @@
 Documents are written so that they read well in the repository too: links are those of the repository.
 """
 
+import html
 import posixpath
 import re
 import sys
@@ -63,9 +64,13 @@ def _linked(target: str, uri: str, here: str) -> str:
 
 def _inlined(caption: str, file: Path) -> str:
     """A picture in the page itself, so that its colours follow the page's."""
-    svg = re.sub(r"<\?xml.*?\?>|<!DOCTYPE.*?>|<metadata>.*?</metadata>", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
+    svg = re.sub(r"<\?xml.*?\?>|<!DOCTYPE.*?>", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
     svg = " ".join(svg.split())
     # Names within a picture must not meet those of another one.
     for name in set(re.findall(r'id="([^"]+)"', svg)):
         svg = re.sub(rf'(id="|#){re.escape(name)}(?=["\)])', rf"\g<1>{file.stem}-{name}", svg)
-    return f'<figure class="picture picture-{file.stem}" aria-label="{caption}">{svg}<figcaption>{caption}</figcaption></figure>'
+    words = html.escape(caption, quote=True)
+    return (
+        f'<figure class="picture picture-{file.stem}" role="img" aria-label="{words}">{svg}'
+        f"<figcaption>{words}</figcaption></figure>"
+    )

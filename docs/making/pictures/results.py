@@ -24,7 +24,9 @@ def draw_methods() -> Figure:
     rows = [row for row in _lines("accuracy.jsonl") if row["robot"] == "unitree_a1" and row["source"] == "realistic"]
     for place, (method, colour) in enumerate(_METHODS.items()):
         errors = np.array([1000 * np.hypot(*row["error"][1:3]) for row in rows if row["method"] == method])
-        axes.plot(errors, place + rng.uniform(-0.24, 0.24, len(errors)), "o", color=colour, markersize=3.4, alpha=0.5, mew=0)
+        axes.plot(
+            errors, place + rng.uniform(-0.24, 0.24, len(errors)), "o", color=colour, markersize=3.4, alpha=0.5, mew=0
+        )
         rms = float(np.sqrt(np.mean(errors**2)))
         axes.plot([rms, rms], [place - 0.36, place + 0.36], color=INK, linewidth=2)
         axes.annotate(f"{rms:.2g} mm rms, n = {len(errors)}", (rms, place + 0.36), (4, 2), textcoords="offset points",
@@ -48,9 +50,15 @@ def draw_balance() -> Figure:
     rows = [row for row in _lines("balance.jsonl") if row["kind"] == "known"]
     axes.axvspan(-5, 5, color=FAINT, alpha=0.45, linewidth=0)
     axes.annotate("the paper's 5 mm", (0, 1.04), ha="center", fontsize=9, color=MUTED, va="bottom")
-    for robot, colour, dash in (("unitree_a1", ORANGE, "-"), ("go2", BLUE, (0, (5, 2))), ("solo12", GREEN, (0, (1, 1.6)))):
+    for robot, colour, dash in (
+        ("unitree_a1", ORANGE, "-"),
+        ("go2", BLUE, (0, (5, 2))),
+        ("solo12", GREEN, (0, (1, 1.6))),
+    ):
         errors = sorted({row["error"] for row in rows if row["robot"] == robot})
-        share = [np.mean([row["balanced"] for row in rows if row["robot"] == robot and row["error"] == e]) for e in errors]
+        share = [
+            np.mean([row["balanced"] for row in rows if row["robot"] == robot and row["error"] == e]) for e in errors
+        ]
         axes.plot(errors, share, color=colour, linestyle=dash, marker="o", markersize=3.5, label=robot)
     axes.set_xlim(-16, 16)
     axes.set_ylim(-0.05, 1.15)

@@ -168,7 +168,9 @@ def draw_plan() -> Figure:
     )  # fmt: skip
     for axes, (title, curves, value) in zip(figure.subplots(1, 2), shown, strict=True):
         for index, word, colour in curves:
-            axes.plot(times, [value(plan, index) for plan in plans], color=colour, marker="o", markersize=3.5, label=word)
+            axes.plot(
+                times, [value(plan, index) for plan in plans], color=colour, marker="o", markersize=3.5, label=word
+            )
         axes.set_ylim(0, None)
         axes.set_xlabel("robot time [s]")
         axes.set_title(f"{title}, 1 sd")
@@ -183,7 +185,9 @@ def draw_payload() -> Figure:
     after, second, _ = _run("precise", _PAYLOAD)
     delta = find_delta(_robot(), first, second)
     names = ("mass", "com_x", "com_y", "com_z")
-    apart = [np.hypot(*(run.uncertainty["composite"].intervals[name].deviation for run in (before, after))) for name in names]
+    apart = [
+        np.hypot(*(run.uncertainty["composite"].intervals[name].deviation for run in (before, after))) for name in names
+    ]
     together = [delta.change_intervals[name].deviation for name in names]
     figure = new_figure(7.6, 2.5)
     mass, com = figure.subplots(1, 2, width_ratios=[1, 3])

@@ -52,7 +52,7 @@ def draw_lift() -> Figure:
     axes.add_patch(FancyArrowPatch(start, end, connectionstyle="arc3,rad=-0.3", arrowstyle="-|>", mutation_scale=16,
                                    color=ORANGE, linewidth=2, zorder=9))  # fmt: skip
     _label(axes, turned(ends[0], *_VIEW)[0], (5, 5), "support line", BLUE, "left")
-    _label(axes, end, (7, -4), "it tips to where\nits mass is", ORANGE, "left")
+    _label(axes, end, (17, 1), "it tips to where\nits mass is", ORANGE, "left")
     axes.margins(0.02)
     return figure
 
@@ -123,7 +123,9 @@ def draw_planes() -> Figure:
                                             ((-15.0, 0.0, 15.0), "leaning: one point is left"))):  # fmt: skip
         axes = bare(figure.add_subplot(1, 2, 1 + place))
         axes.set_title(title, color=INK)
-        axes.add_patch(Polygon([[-1, -0.28], [1, -0.28], [1, 0.28], [-1, 0.28]], facecolor="none", edgecolor=INK, linewidth=1.4))
+        axes.add_patch(
+            Polygon([[-1, -0.28], [1, -0.28], [1, 0.28], [-1, 0.28]], facecolor="none", edgecolor=INK, linewidth=1.4)
+        )
         com = np.array([0.22, 0.06])
         for degrees in leans:
             up = np.array([np.sin(np.radians(degrees)), np.cos(np.radians(degrees))])

@@ -62,7 +62,8 @@ def save(figure: Figure, name: str) -> Path:
         " ".join(f"--picture-{word}: {colours.get(colour, colour)};" for colour, word in _NAMES.items())
         for colours in ({}, _DARK)
     )
-    style = f":root {{ {light} }} @media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }} text {{ font-family: system-ui, sans-serif; }}"
+    style = f":root {{ {light} }} @media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}"
+    style += " text { font-family: system-ui, sans-serif; }"
     svg = re.sub(r"(<svg [^>]*>)", rf"\1<style>{style}</style>", svg, count=1)
     svg = "\n".join(line.rstrip() for line in svg.splitlines() if line.strip()) + "\n"
     FOLDER.mkdir(exist_ok=True)
