@@ -41,7 +41,7 @@ docs-pictures: $(DEV_STAMP)
 
 # Every command and snippet in the documents; the examples.
 docs-check: $(DEV_STAMP)
-	$(BIN)/python -m pytest tests/test_readme.py tests/test_documents.py tests/test_examples.py
+	$(BIN)/python -m pytest tests/test_readme.py tests/test_documents.py tests/test_site.py
 
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)

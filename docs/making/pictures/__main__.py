@@ -17,5 +17,6 @@ PICTURES = {
     )
 }  # fmt: skip
 
-for name in sys.argv[1:] or PICTURES:
-    print(save(PICTURES[name](), name))
+if __name__ == "__main__":
+    for name in sys.argv[1:] or PICTURES:
+        print(save(PICTURES[name](), name))
