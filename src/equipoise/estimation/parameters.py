@@ -68,8 +68,8 @@ class Unknowns:
 
     Attributes:
         size: of the vector.
-        base, links, joint_zero, imu_tilt, accelerometer_bias, clock_offset, foot_radius, floor_slope, floor_warp,
-        torque_gain, coulomb, viscous, armature: slices.
+        base, links, joint_zero, imu_tilt, accelerometer_bias, clock_offset, foot_radius: slices.
+        floor_slope, floor_warp, torque_gain, coulomb, viscous, armature: slices.
         biases: slice of all that the kinematics depend on.
         scale: (size,) what one unit is; one for the base.
         torque_scale: the robot's m g h over an A1's.

@@ -1,0 +1,76 @@
+"""What MkDocs cannot do by itself: pages that live elsewhere in the repository, tables out of results, formulas, pictures.
+
+Documents are written so that they read well in the repository too: links are those of the repository.
+"""
+
+import html
+import posixpath
+import re
+import sys
+from pathlib import Path
+
+from mkdocs.structure.files import File
+
+sys.path.insert(0, str(Path(__file__).parent))
+from formulas import with_formulas
+
+ROOT = Path(__file__).parents[2]
+_SHOWN = ("CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/results/**/*.md", "benchmarks/results/**/*.png")
+_LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
+_PICTURE = re.compile(r"!\[([^\]]*)\]\((\S+?\.svg)\)")
+_ROWS = re.compile(r"^<!-- rows of (\S+), table (\d+): (.+) -->$", re.MULTILINE)
+
+
+def on_files(files, config):
+    """Add what is shown and lives outside of docs/."""
+    for pattern in _SHOWN:
+        for path in sorted(ROOT.glob(pattern)):
+            uri = path.relative_to(ROOT).as_posix()
+            files.append(File.generated(config, uri, abs_src_path=str(path)))
+    return files
+
+
+def on_page_markdown(markdown, page, config, files):
+    """The page as MkDocs wants it."""
+    markdown = _ROWS.sub(lambda found: rows(ROOT / found[1], int(found[2]), found[3]), markdown)
+    here = posixpath.dirname(_in_repository(page.file.src_uri))
+    markdown = _PICTURE.sub(lambda found: _inlined(found[1], ROOT / posixpath.normpath(f"{here}/{found[2]}")), markdown)
+    markdown = _LINK.sub(lambda found: _linked(found[1], page.file.src_uri, here), markdown)
+    return with_formulas(markdown)
+
+
+def rows(file: Path, number: int, wanted: str) -> str:
+    """Rows of the n-th table of a result whose first cells match a regular expression, with the table's head."""
+    tables = re.findall(r"(?:^\|.*\n)+", file.read_text(encoding="utf-8"), re.MULTILINE)
+    head, rule, *body = tables[number - 1].splitlines()
+    chosen = [row for row in body if re.match(wanted, row.strip("| "))]
+    if not chosen:
+        raise ValueError(f"{file}: table {number} has no row like {wanted!r}")
+    return "\n".join([head, rule, *chosen])
+
+
+def _in_repository(uri: str) -> str:
+    """Path in the repository of a page of the site."""
+    return uri if (ROOT / uri).exists() else f"docs/{uri}"
+
+
+def _linked(target: str, uri: str, here: str) -> str:
+    """A link of the repository as one of the site."""
+    path = posixpath.normpath(posixpath.join(here, target))
+    if path == "README.md":
+        path = "docs/index.md"
+    return posixpath.relpath(path.removeprefix("docs/"), posixpath.dirname(uri) or ".")
+
+
+def _inlined(caption: str, file: Path) -> str:
+    """A picture in the page itself, so that its colours follow the page's."""
+    svg = re.sub(r"<\?xml.*?\?>|<!DOCTYPE.*?>", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
+    svg = " ".join(svg.split())
+    # Names within a picture must not meet those of another one.
+    for name in set(re.findall(r'id="([^"]+)"', svg)):
+        svg = re.sub(rf'(id="|#){re.escape(name)}(?=["\)])', rf"\g<1>{file.stem}-{name}", svg)
+    words = html.escape(caption, quote=True)
+    return (
+        f'<figure class="picture picture-{file.stem}" role="img" aria-label="{words}">{svg}'
+        f"<figcaption>{words}</figcaption></figure>"
+    )

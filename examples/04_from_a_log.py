@@ -1,0 +1,38 @@
+"""Estimate from a log that another program wrote: here a CSV file, made on the spot from a run's recordings.
+
+    python examples/04_from_a_log.py [RUN_FOLDER]
+
+Columns are those of docs/logs.md. In the file nothing says what the robot was doing: lifts and moves are found in it.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, simulate
+from equipoise.offline import estimate_log
+from equipoise.recordings.logs.reader import read_log
+
+robot, recordings = load_robot("unitree_a1"), []
+if len(sys.argv) > 1:
+    recordings = RunFolder.open(sys.argv[1]).recordings()
+else:
+    with simulate(robot, noise="realistic", seed=3) as simulation:
+        calibrate(simulation.platform, robot, keep=recordings.append)
+
+file = Path("a1_log.csv")
+with file.open("w", newline="") as stream:
+    writer = csv.writer(stream)
+    signals = [f"{signal}.{joint}" for signal in ("position", "velocity", "torque") for joint in robot.joint_names]
+    writer.writerow(["time", *signals, *(f"{sensor}.{axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")])
+    for one in recordings:
+        joints, imu = one.joints, one.imu  # sampled together in simulation
+        signals = (joints.position, joints.velocity, joints.torque, imu.angular_velocity, imu.acceleration)
+        writer.writerows(np.column_stack([joints.time, *signals]).tolist())
+
+found = estimate_log(robot, read_log(file, robot), CalibrationSettings())
+print(f"{sum(trial.kind == 'lift' for trial in found.result.trials)} lifts found in {file}")
+for name, interval in found.result.uncertainty["composite"].intervals.items():
+    print(f"{name:5} {interval.lower:8.4f} to {interval.upper:8.4f}  {interval.verdict}")

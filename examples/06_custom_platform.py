@@ -1,0 +1,38 @@
+"""A platform of one's own: anything with these methods and properties can be calibrated.
+
+    python examples/06_custom_platform.py
+
+This one stands between the routine and a simulated robot and counts what passes; yours talks to a robot.
+"""
+
+from equipoise import CalibrationSettings, calibrate, load_robot, simulate
+
+
+class CountingPlatform:
+    """Passes everything on."""
+
+    def __init__(self, inner):
+        self.inner, self.commands, self.longest = inner, 0, 0.0
+        self.control_period, self.joint_names, self.accepts = inner.control_period, inner.joint_names, inner.accepts
+
+    def read(self):
+        return self.inner.read()
+
+    def step(self, command):
+        self.commands += 1
+        return self.inner.step(command)
+
+    def play(self, trajectory, stop=None):
+        self.commands += len(trajectory.position)
+        self.longest = max(self.longest, len(trajectory.position) * self.control_period)
+        return self.inner.play(trajectory, stop)
+
+    def close(self):
+        self.inner.close()
+
+
+robot = load_robot("unitree_a1")
+with simulate(robot, noise="realistic", seed=1) as simulation:
+    platform = CountingPlatform(simulation.platform)
+    result = calibrate(platform, robot, CalibrationSettings("static"))
+print(f"{platform.commands} commands, {platform.longest:.1f} s at most at once; about {result.composite.mass:.1f} kg")

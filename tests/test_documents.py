@@ -1,0 +1,217 @@
+"""Every command and snippet on every page is what the programs take, and does what the page says."""
+
+import functools
+import io
+import os
+import re
+import shutil
+import subprocess
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
+from pathlib import Path
+
+import documents
+import pytest
+import tyro
+from documents import PAGES, ROOT, assert_shown, blocks, commands
+
+from equipoise import RobotDescription, cli
+from equipoise.errors import MissingDependencyError
+from equipoise.recordings.logs.joint_names import read_joint_map
+from equipoise.robot.catalog import CATALOG
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+# Pages whose commands need no robot, no network and little time are run, on runs that were made by their own commands.
+RUN_PAGES = ("docs/get-started.md", "docs/home-built.md", "docs/method/", "docs/comparison.md", "docs/examples.md")
+SECONDS = ("audit", "plan", "robots", "platforms", "estimate", "delta")
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+
+
+def spoken(command):
+    return f"{command[0]}: {' '.join(command[1])}"
+
+
+@pytest.mark.parametrize("command", commands("equipoise"), ids=spoken)
+def test_the_command_line_takes_every_command(command, monkeypatch, capsys):
+    monkeypatch.setattr(cli, "VERBS", tuple(map(parsed_only, cli.VERBS)))
+    assert cli.main(command[1]) == 0, capsys.readouterr().err
+
+
+def parsed_only(verb):
+    """The verb's flags without what it does."""
+
+    @functools.wraps(verb)
+    def parsed(*_, **__):
+        return None
+
+    return parsed
+
+
+@pytest.mark.parametrize("command", commands("make"), ids=spoken)
+def test_make_has_every_target(command):
+    for target in (word for word in command[1] if "=" not in word):
+        assert re.search(rf"^([\w-]+ )*{target}( [\w-]+)*:", MAKEFILE, re.MULTILINE), target
+
+
+@pytest.mark.parametrize("command", commands("pip"), ids=spoken)
+def test_pip_knows_every_extra(command):
+    for word in command[1]:
+        if match := re.fullmatch(r"(?:equipoise|\.)\[(.+)\]", word):
+            assert set(match[1].split(",")) <= set(EXTRAS)
+
+
+@pytest.mark.parametrize("command", commands("python"), ids=spoken)
+def test_python_finds_every_program(command):
+    kind, *rest = command[1]
+    if kind != "-m":
+        assert (ROOT / kind).is_file()
+    elif rest[0].startswith("equipoise.peers."):
+        options = import_module(rest[0]).Options
+        assert tyro.cli(options, args=rest[1:])
+    else:
+        assert rest[0] in ("venv", "pip")
+
+
+def test_words_in_the_text_name_verbs_that_there_are():
+    verbs = {verb.__name__.replace("_", "-") for verb in cli.VERBS} | {"--help", "--version"}
+    for page in PAGES:
+        for verb in re.findall(r"`equipoise ([\w-]+)[^`]*`", page.read_text(encoding="utf-8")):
+            assert verb in verbs, f"{page.name}: equipoise {verb}"
+
+
+@pytest.fixture(scope="session")
+def workspace(tmp_path_factory, a1_urdf):
+    """A folder in which the pages' commands can be run: two runs of a short budget, and somebody's robot."""
+    folder = tmp_path_factory.mktemp("documents")
+    (folder / "my_robot.urdf").write_text(a1_urdf, encoding="utf-8")
+    (folder / "my_robot.toml").write_text(described(ROOT / "docs" / "home-built.md"), encoding="utf-8")
+    for command in commands("equipoise"):
+        if command[0] == "docs/examples.md" and command[1][0] == "calibrate":
+            assert run_in(folder, *command[1], "--no-pictures")[0] == 0
+    for name in ("first", "a1"):  # as other pages call it
+        shutil.copytree(folder / "runs" / "loaded", folder / "runs" / name)
+    return folder
+
+
+def described(page):
+    return next(block.code for block in blocks(page) if block.language == "toml")
+
+
+def run_in(folder, *arguments):
+    """Exit code and what was printed."""
+    before, printed = Path.cwd(), io.StringIO()
+    os.chdir(folder)
+    try:
+        with redirect_stdout(printed), redirect_stderr(printed):
+            return cli.main(arguments), printed.getvalue()
+    finally:
+        os.chdir(before)
+
+
+def runs_here(command):
+    page, arguments, _ = command
+    mine = page.startswith(RUN_PAGES) and "--platform" not in arguments
+    return mine and (arguments[0] in SECONDS or "--dry-run" in arguments)
+
+
+@pytest.mark.parametrize("command", [c for c in commands("equipoise") if runs_here(c)], ids=spoken)
+def test_commands_that_take_seconds_work(command, workspace):
+    code, printed = run_in(workspace, *command[1])
+    assert code == 0, printed
+
+
+def python_blocks():
+    pages = [page for page in PAGES if page.name not in ("README.md", "CONTRIBUTING.md")]  # the README has its own test
+    code = [block for page in pages for block in blocks(page) if block.language == "python"]
+    return [block for block in code if "import" in block.code]  # others are pieces of files that people have
+
+
+@pytest.mark.parametrize("block", python_blocks(), ids=lambda block: block.page)
+def test_python_on_the_pages_runs(block, workspace, monkeypatch):
+    monkeypatch.chdir(workspace)
+    if "go2" in block.code:
+        pytest.importorskip("pyarrow")
+        try:
+            CATALOG["go2"].find()
+        except MissingDependencyError as error:
+            pytest.skip(str(error))
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        exec(compile(block.code, block.page, "exec"), {"__name__": "page"})
+    if block.shown is not None:
+        assert_shown(printed.getvalue(), block.shown, abs=0.6, rel=0.1)
+
+
+@pytest.mark.parametrize("command", [c for c in commands("python") if c[1][0].startswith("examples/")], ids=spoken)
+def test_examples_print_what_their_page_shows(command, workspace):
+    _, (script, *arguments), shown = command
+    done = subprocess.run(
+        [sys.executable, ROOT / script, *arguments], cwd=workspace, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert_shown(done.stdout, shown, abs=0.35, rel=0.25)
+
+
+def test_every_example_is_on_its_page_and_short():
+    scripts = sorted((ROOT / "examples").glob("*.py"))
+    shown = {command[1][0] for command in commands("python")}
+    assert len(scripts) == 6
+    for script in scripts:
+        assert f"examples/{script.name}" in shown
+        assert len(script.read_text(encoding="utf-8").splitlines()) < 40
+
+
+def test_the_notebook_runs(workspace):
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    kernels = pytest.importorskip("jupyter_client.kernelspec")
+    if "python3" not in kernels.KernelSpecManager().find_kernel_specs():
+        pytest.skip("no Jupyter kernel 'python3' is installed: the notebook is NOT tested (pip install ipykernel)")
+    notebook = nbformat.read(ROOT / "examples" / "calibrate.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": workspace}}).execute()
+    pictures = [o for cell in notebook.cells for o in cell.get("outputs", []) if "image/png" in o.get("data", {})]
+    assert len(pictures) == 2
+    assert not any("outputs" in cell and cell.outputs for cell in nbformat.read(
+        ROOT / "examples" / "calibrate.ipynb", as_version=4).cells)  # fmt: skip
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_tables_of_settings_are_toml(page, tmp_path):
+    for block in blocks(page):
+        if block.language != "toml":
+            continue
+        table = tomllib.loads(block.code)
+        if page.name == "logs.md":
+            (tmp_path / "map.toml").write_text(block.code, encoding="utf-8")
+            assert read_joint_map(tmp_path / "map.toml") == table
+        else:
+            assert RobotDescription.from_dict(table)
+
+
+def test_the_front_page_shows_the_readmes_result():
+    shown = [
+        next(block.code for block in blocks(page) if block.code.startswith("unitree_a1: method precise"))
+        for page in (ROOT / "README.md", ROOT / "docs" / "index.md")
+    ]
+    assert shown[0] == shown[1]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_lead_somewhere_in_the_repository(page):
+    text = re.sub(r"^```.*?^```|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for link in re.findall(r"\]\((?!https?:|#|mailto:)([^)#\s]+)", text):
+        assert (page.parent / link).exists(), link
+
+
+def test_blocks_are_found_with_what_they_show(tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text("words\n\n    make it  # so\n\n```python\nprint(1)\n```\n\n```\n1\n```\n", encoding="utf-8")
+    monkeypatch.setattr(documents, "ROOT", tmp_path)
+    assert [(b.language, b.code, b.shown) for b in blocks(page)] == [
+        ("", "make it  # so\n", None), ("python", "print(1)\n", "1\n"), ("", "1\n", None),
+    ]  # fmt: skip

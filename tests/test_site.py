@@ -1,0 +1,78 @@
+"""What the site is made with: formulas, tables out of results, links of the repository, pictures."""
+
+import re
+import runpy
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mkdocs", reason="the site needs 'equipoise[docs]'")
+ROOT = Path(__file__).parents[1]
+MAKING = ROOT / "docs" / "making"
+sys.path.insert(0, str(MAKING))
+formulas, hooks = import_module("formulas"), import_module("hooks")
+
+PICTURES = sorted((ROOT / "docs" / "pictures").glob("*.svg"))
+
+
+def test_a_formula_is_a_picture_of_the_texts_colour_with_its_source_for_those_who_cannot_see_it():
+    set_ = formulas.with_formulas(r"with $x_m < 2$ metres")
+    assert 'aria-label="x_m &lt; 2"' in set_
+    assert "currentColor" in set_
+    assert set_.startswith("with <svg")
+
+
+def test_a_formula_on_its_own_has_its_number():
+    assert '<span class="formula-number">(2)</span>' in formulas.with_formulas(r"$$ I \dot{\omega} = \tau \tag{2} $$")
+
+
+@pytest.mark.parametrize("code", ["`$x$`", "```\n$x$\n```", "    echo $x and $y"])
+def test_code_is_left_as_it_is(code):
+    assert formulas.with_formulas(code) == code
+
+
+def test_rows_of_a_result_come_with_their_head(tmp_path):
+    result = tmp_path / "result.md"
+    result.write_text("| a | b |\n|---|---|\n| one | 1 |\n| two | 2 |\n", encoding="utf-8")
+    assert hooks.rows(result, 1, "two") == "| a | b |\n|---|---|\n| two | 2 |"
+    with pytest.raises(ValueError, match="has no row like 'three'"):
+        hooks.rows(result, 1, "three")
+
+
+@pytest.mark.parametrize(
+    ("target", "page", "link"),
+    [
+        ("../benchmarks/results/logs.md", "logs.md", "benchmarks/results/logs.md"),
+        ("../../benchmarks/results/logs.md", "method/paper.md", "../benchmarks/results/logs.md"),
+        ("accuracy_paper.md", "benchmarks/results/peers.md", "accuracy_paper.md"),
+        ("../CONTRIBUTING.md", "home-built.md", "CONTRIBUTING.md"),
+        ("../README.md", "logs.md", "index.md"),
+    ],
+)
+def test_links_of_the_repository_are_links_of_the_site(target, page, link):
+    here = str((ROOT / hooks._in_repository(page)).parent.relative_to(ROOT))
+    assert hooks._linked(target, page, here) == link
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.stem)
+def test_a_picture_is_small_needs_nothing_and_is_shown(picture):
+    svg = picture.read_text(encoding="utf-8")
+    assert len(svg) < 100_000
+    assert not re.search(r"(?:href|src)=\"http|url\(http|@import", svg)
+    pages = (page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
+    assert any(f"pictures/{picture.name})" in page for page in pages)
+
+
+def test_every_picture_is_made_by_a_command():
+    made = runpy.run_path(str(MAKING / "pictures" / "__main__.py"))
+    assert set(made["PICTURES"]) == {path.stem for path in PICTURES}
+
+
+def test_nothing_comes_from_elsewhere():
+    style = (ROOT / "docs" / "assets" / "equipoise.css").read_text(encoding="utf-8")
+    settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert "font: false" in settings
+    assert "extra_javascript" not in settings
+    assert not re.search(r"url\(|@import", style)
