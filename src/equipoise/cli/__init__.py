@@ -21,11 +21,12 @@ from equipoise.cli.inspect import audit, estimate, plan, robots
 from equipoise.cli.monte_carlo import monte_carlo
 from equipoise.cli.reproduce import reproduce
 from equipoise.cli.robot import doctor, platforms, record
+from equipoise.cli.view import view
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
 VERBS = (
-    calibrate, plan, estimate, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
+    calibrate, plan, estimate, view, doctor, record, balance, monte_carlo, reproduce, robots, platforms, audit,
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as json_module
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from inspect import signature
 from pathlib import Path
@@ -28,18 +29,20 @@ from equipoise.cli.flags import (
     seconds,
 )
 from equipoise.cli.session import Place, Session, confirm
+from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
 from equipoise.errors import OutputError, SettingsError
 from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
     from equipoise.calibration import CalibrationSettings
+    from equipoise.recordings.run_log_reader import LogContent
     from equipoise.result import Calibration
     from equipoise.run_folder import RunFolder
 
 _DEFAULT_ROBOT = "unitree_a1"
 _FLAGS_OF_SIMULATORS = ("noise", "payload", "start", "seed")
 _FLAGS_OF_ROBOTS = ("set", "settings", "yes")
-_FLAGS_OF_RESUME = ("resume", "yes", "pictures", "json", "quiet", "verbose", "debug")
+_FLAGS_OF_RESUME = ("resume", "yes", "view", "view_port", "rerun", "pictures", "json", "quiet", "verbose", "debug")
 
 _FLAGS_OF_METHOD = {
     "precise": ("budget", "mass", "mass_sd", "sway"),
@@ -82,6 +85,9 @@ def calibrate(
     description: Described = RobotDescription(),  # noqa: B008
     out: File = None,
     resume: Annotated[Path | None, arg(metavar="RUN", help_behavior_hint="")] = None,
+    view: bool = False,
+    view_port: ViewPort = DEFAULT_PORT,
+    rerun: RerunFile = None,
     pictures: bool = True,
     json: bool = False,
     quiet: bool = False,
@@ -127,6 +133,10 @@ def calibrate(
         description_file: TOML file with a robot description; flags win over it.
         out: Run folder; default runs/ROBOT-TIME.
         resume: Go on with the run in this folder behind its last complete trial, as it began: no other settings may be given.
+        view: Open a page for the browser with the robot moving and the estimate closing in. At a terminal it stays until
+            Enter or Ctrl-C; 'equipoise view RUN' shows any run again. The control loop does not wait for it.
+        view_port: Of the page, which is for this computer alone: docs/view.md says how to look from another one.
+        rerun: Write the same for Rerun when the run is over.
         pictures: PNG pictures are drawn unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
         quiet: No progress.
@@ -134,9 +144,11 @@ def calibrate(
         debug: Show a traceback if something goes wrong.
     """
     given = locals()
+    watch = Watch(view, view_port, rerun)
+    shown = _Shown(pictures, json, verbose)
     if resume is not None:
         _refuse_flags_beside_resume(given)
-        _show(*_resumed(resume, yes, quiet or json), pictures, json, verbose)
+        _resumed(resume, yes, quiet or json, watch, shown)
         return
     _refuse_flags_of_other_methods(method, given)
     _refuse_flags_of_other_platforms(platform, given)
@@ -167,44 +179,57 @@ def calibrate(
 
         print_rehearsal(rehearse(model, plan), platform)
         return
+    if repeat > 1 and rerun is not None:
+        raise SettingsError(
+            "--rerun writes one run; with --repeat use 'equipoise view RUN --rerun FILE.rrd' afterwards"
+        )
+    watch.check()
     confirm(place, model, plan, yes)
     now = datetime.now(timezone.utc)
     out = out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
     facts = {"time": now.isoformat(timespec="seconds")}
     with Session(place, model) as session:
         if repeat == 1:
-            _show(*_run(session, out, plan, facts, quiet or json), pictures, json, verbose)
+            folder = _begun(session, out, plan, facts)
+            with watch.over(folder, quiet or json):
+                shown.show(_run(session, folder, plan, quiet or json), folder)
         else:
-            _repeated(session, out, plan, facts, repeat, quiet or json, json)
+            _repeated(session, out, plan, facts, repeat, quiet or json, json, watch)
+
+
+def _begun(session: Session, out: Path, plan: CalibrationSettings, facts: Mapping[str, Any]) -> RunFolder:
+    """The folder of a run that is about to be made."""
+    from equipoise.run_folder import RunFolder
+
+    return RunFolder.create(out, session.robot, plan, {**facts, **session.facts})
 
 
 def _run(
-    session: Session, out: Path, plan: CalibrationSettings, facts: Mapping[str, Any], quiet: bool
-) -> tuple[Calibration, RunFolder]:
+    session: Session, folder: RunFolder, plan: CalibrationSettings, quiet: bool, content: LogContent | None = None
+) -> Calibration:
     """One run, its result on disk."""
-    from equipoise.run_folder import RunFolder
-
-    folder = RunFolder.create(out, session.robot, plan, {**facts, **session.facts})
-    result = session.run(folder, plan, quiet)
+    result = session.run(folder, plan, quiet, content)
     folder.save(result)
-    return result, folder
+    return result
 
 
-def _resumed(path: Path, yes: bool, quiet: bool) -> tuple[Calibration, RunFolder]:
-    """The result of a run that is gone on with, and its folder."""
+def _resumed(path: Path, yes: bool, quiet: bool, watch: Watch, shown: _Shown) -> None:
+    """Go on with a run, and show its result."""
     from equipoise.run_folder import RunFolder
 
     folder = RunFolder.open(path)
+    watch.check()
     if folder.complete:
         print(f"the run in {path} is complete; this is what its recordings say", file=sys.stderr)
-        return folder.estimate(), folder
+        with watch.over(folder, quiet):
+            shown.show(folder.estimate(), folder)
+        return
     model, plan, place = folder.robot(), folder.settings(), Place.of(folder)
     confirm(place, model, plan, yes)
     with Session(place, model) as session:
         folder, content = RunFolder.resume(path, repeats=place.simulated)
-        result = session.run(folder, plan, quiet, content)
-    folder.save(result)
-    return result, folder
+        with watch.over(folder, quiet):
+            shown.show(_run(session, folder, plan, quiet, content), folder)
 
 
 def _repeated(
@@ -215,6 +240,7 @@ def _repeated(
     count: int,
     quiet: bool,
     json: bool,
+    watch: Watch,
 ) -> None:
     """Several runs on one robot, and how much they differ."""
     from equipoise.outputs.repeatability_terminal import print_repeatability
@@ -224,8 +250,9 @@ def _repeated(
     for number in range(count):
         if not quiet:
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
-        result, _ = _run(session, out / f"{number + 1:02d}", plan, {**facts, "repetition": number}, quiet)
-        results.append(result)
+        folder = _begun(session, out / f"{number + 1:02d}", plan, {**facts, "repetition": number})
+        with watch.over(folder, quiet, stays=number + 1 == count):
+            results.append(_run(session, folder, plan, quiet))
     repeated = repeatability(results)
     table = to_dict(repeated, count)
     try:
@@ -239,18 +266,27 @@ def _repeated(
         print(f"saved: {out}")
 
 
-def _show(result: Calibration, folder: RunFolder, pictures: bool, json: bool, verbose: bool) -> None:
-    from equipoise.outputs.terminal import print_calibration
+@dataclass(frozen=True)
+class _Shown:
+    """How a result is shown."""
 
-    files = [folder.path / "calibration.json"]
-    if pictures:
-        from equipoise.outputs.pictures import save_pictures
+    pictures: bool
+    json: bool
+    verbose: bool
 
-        files += save_pictures(result, folder.path)
-    if json:
-        print(result.to_json(), end="")
-    else:
-        print_calibration(result, files, verbose)
+    def show(self, result: Calibration, folder: RunFolder) -> None:
+        """Draw and print it."""
+        from equipoise.outputs.terminal import print_calibration
+
+        files = [folder.path / "calibration.json"]
+        if self.pictures:
+            from equipoise.outputs.pictures import save_pictures
+
+            files += save_pictures(result, folder.path)
+        if self.json:
+            print(result.to_json(), end="")
+        else:
+            print_calibration(result, files, self.verbose)
 
 
 def _refuse_flags_beside_resume(given: Mapping[str, object]) -> None:

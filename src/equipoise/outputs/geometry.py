@@ -44,6 +44,14 @@ class Mesh:
     vertices: FloatArray
     faces: IntArray
 
+    def normals(self) -> FloatArray:
+        """(n, 3) unit normals at the vertices: of the faces around each, by their areas."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        normals = np.zeros_like(self.vertices)
+        for corner in range(3):
+            np.add.at(normals, self.faces[:, corner], np.cross(b - a, c - a))
+        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:

@@ -1,7 +1,8 @@
 """Where the base is, sample by sample, from the encoders and the IMU alone: good for pictures.
 
-Attitude: the gyroscope, held to gravity by the accelerometer, its bias learnt whenever nothing moves. Heading: over four planted
-feet the legs say how the base turns, without drift. Place: feet that are lowest along gravity stand and roll on a level floor.
+Attitude: the gyroscope, held to gravity by the accelerometer, its bias learnt whenever nothing moves. Heading: over four
+planted feet the legs say how the base turns, without drift. Place: feet that are lowest along gravity stand and roll on a
+level floor; those that carry most count most, by the joint torques, for feet that carry little slip.
 """
 
 from __future__ import annotations
@@ -54,7 +55,9 @@ class BaseTracker:
     def __init__(self, robot: RobotModel, stance: Stance) -> None:
         self._robot, self._legs = robot, LegChains(robot)
         self._size, self._clock = stance.size, stance.clock
-        self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = None  # time, joints, turning, feet in base
+        self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = (
+            None  # time, joints, turning, feet in base
+        )
         self._rotation, self._position = np.eye(3), np.zeros(3)
         self._bias, self._rested = np.zeros(3), 0.0
         self._memory: list[tuple[float, FloatArray]] = []  # times and joints of the last window
@@ -149,7 +152,8 @@ class BaseTracker:
     def _standing(self, feet: FloatArray) -> FloatArray:
         """(4,) from one, on the floor, to nearly zero, in the air: soft, so that nothing jumps."""
         height = feet @ self._rotation[2] - self._legs.foot_radius
-        return np.exp(-(((height - height.min()) / (_STANDING * self._size)) ** 2)) + 1e-9
+        rise = (height - height.min()) / (_STANDING * self._size)
+        return np.asarray(np.exp(-(rise**2)) + 1e-9, dtype=float)
 
     def _still(self, sample: tuple[float, FloatArray, FloatArray, FloatArray]) -> bool:
         time, position, turning, _ = sample

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import EquipoiseError
-from equipoise.estimation.evidence import Motion, read_evidence
+from equipoise.estimation.evidence import Evidence, read_evidence
 from equipoise.estimation.paper import between, commanded_plane, find_intersection
 from equipoise.estimation.posterior import estimate_posterior
 from equipoise.estimation.support_planes import centre_shift
@@ -28,6 +29,7 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 Bracket = tuple[float, float]
+Answer = TypeVar("Answer")
 
 NORMAL_95 = 1.96
 
@@ -70,103 +72,103 @@ class ComEstimate:
     brackets: dict[str, Bracket]
 
 
-def estimate_after(
-    robot: RobotModel, stance: Stance, settings: CalibrationSettings, recordings: Sequence[Recording], rounds: int = 2
-) -> ComEstimate | None:
-    """What these recordings say; None if that is nothing yet.
+class _Precise:
+    """The precise method's reading of trials."""
 
-    Args:
-        rounds: precise: how often noise levels are renewed; a result has two.
-    """
-    try:
-        if settings.method == "paper":
-            return _by_brackets(robot, stance, settings, recordings)
-        return _by_posterior(robot, stance, settings, recordings, rounds)
-    except (EquipoiseError, np.linalg.LinAlgError):  # the result will say what is wrong; a picture goes on
-        return None
+    def __init__(
+        self, robot: RobotModel, stance: Stance, settings: CalibrationSettings, recordings: Sequence[Recording]
+    ) -> None:
+        self._robot, self._stance, self._settings = robot, stance, settings.precise
+        self._motions = read_evidence(robot, stance, recordings).motions
 
-
-def lift_planes(
-    robot: RobotModel, stance: Stance, settings: CalibrationSettings, recordings: Sequence[Recording], first: int = 0
-) -> list[LiftPlane]:
-    """Planes of the lifts among recordings, which are the trials from a first one on."""
-    if settings.method == "paper":
+    def planes(self) -> list[LiftPlane]:
+        """With everything else by the model."""
+        com = composite_parameters(self._robot, self._stance.joint_position).com
+        shifts = [(motion, centre_shift(self._robot, motion.lift)) for motion in self._motions if motion.lift]
         return [
-            LiftPlane(first + index, diagonal, plane.point, plane.normal, verdict)
-            for index, diagonal, _, plane, verdict in _tried(robot, stance, recordings)
+            LiftPlane(motion.index, str(motion.about["diagonal"]), com + shift.distance * shift.normal, shift.normal)
+            for motion, shift in shifts
         ]
-    com = composite_parameters(robot, stance.joint_position).com
-    planes: list[LiftPlane] = []
-    try:
-        motions = read_evidence(robot, stance, recordings).motions
-    except EquipoiseError:
-        return []
-    for motion in motions:
-        if motion.lift is not None:
-            shift = centre_shift(robot, motion.lift)
-            point = com + shift.distance * shift.normal
-            planes.append(LiftPlane(first + motion.index, motion.lift.diagonal, point, shift.normal))
-    return planes
+
+    def estimate(self, trials: int) -> ComEstimate:
+        """The posterior of the first trials."""
+        motions, settings = self._motions[:trials], self._settings
+        posterior = estimate_posterior(
+            self._robot, self._stance, Evidence(motions), settings.priors, settings.scale,
+            lifts_needed=any(motion.lift for motion in motions),
+        )  # fmt: skip
+        covariance = posterior.robot_covariance[1:4, 1:4]
+        return ComEstimate(trials, posterior.robot_body.com, NORMAL_95 * np.sqrt(np.diag(covariance)), covariance, {})
 
 
-def _by_posterior(
-    robot: RobotModel, stance: Stance, settings: CalibrationSettings, recordings: Sequence[Recording], rounds: int
-) -> ComEstimate:
-    precise = settings.precise
-    evidence = read_evidence(robot, stance, recordings)
-    lifts = any(_has_lift(motion) for motion in evidence.motions)
-    posterior = estimate_posterior(robot, stance, evidence, precise.priors, precise.scale, rounds, lifts_needed=lifts)
-    covariance = posterior.robot_covariance[1:4, 1:4]
-    half = NORMAL_95 * np.sqrt(np.diag(covariance))
-    return ComEstimate(len(recordings), posterior.robot_body.com, half, covariance, {})
+@dataclass(frozen=True, eq=False)
+class _Lift:
+    """A complete lift of a bisection."""
+
+    index: int
+    recording: Recording
+    plane: SupportPlane
+    verdict: str
+
+    @property
+    def diagonal(self) -> str:
+        return str(self.recording.trial["diagonal"])
 
 
-def _has_lift(motion: Motion) -> bool:
-    return motion.lift is not None
+class _Paper:
+    """The paper's reading of trials: which side of the support line the CoM is on."""
 
+    def __init__(
+        self, robot: RobotModel, stance: Stance, settings: CalibrationSettings, recordings: Sequence[Recording]
+    ) -> None:
+        self._robot, self._stance, self._settings = robot, stance, settings.com_search
+        self._lifts = [
+            _Lift(index, recording, *self._read(recording))
+            for index, recording in enumerate(recordings)
+            if recording.trial.get("kind") == "lift" and recording.has_phase("lower")
+        ]
 
-def _tried(
-    robot: RobotModel, stance: Stance, recordings: Sequence[Recording]
-) -> list[tuple[int, str, Recording, SupportPlane, str]]:
-    """Index, diagonal, recording, plane and verdict of every complete lift of a bisection."""
-    found: list[tuple[int, str, Recording, SupportPlane, str]] = []
-    for index, recording in enumerate(recordings):
-        about = recording.trial
-        if about.get("kind") == "lift" and recording.has_phase("lower"):
-            diagonal = str(about["diagonal"])
-            verdict = tilt_of(robot, recording, diagonal, float(about["tilt_threshold"])).verdict
-            plane = support_plane_of(robot, recording, diagonal, stance.joint_position)
-            found.append((index, diagonal, recording, plane, verdict))
-    return found
+    def planes(self) -> list[LiftPlane]:
+        """As the robot's own sensors place them."""
+        return [
+            LiftPlane(lift.index, lift.diagonal, lift.plane.point, lift.plane.normal, lift.verdict)
+            for lift in self._lifts
+        ]
 
+    def estimate(self, trials: int) -> ComEstimate:
+        """The crossing of the brackets' middles, and how far the crossings of their ends are from it."""
+        ends = self._brackets([lift for lift in self._lifts if lift.index < trials])
+        height = float(composite_parameters(self._robot, self._stance.joint_position).com[2])
+        planes = [[plane for _, plane in of_diagonal.values()] for of_diagonal in ends.values()]
+        com = find_intersection([between(pair) for pair in planes], height)
+        corners = [find_intersection(corner, height) for corner in itertools.product(*planes)]
+        half = np.abs(np.array(corners) - com).max(axis=0)
+        brackets = {name: (pair["forward"][0], pair["backward"][0]) for name, pair in ends.items()}
+        return ComEstimate(trials, np.append(com, height), np.append(half, np.nan), None, brackets)
 
-def _by_brackets(
-    robot: RobotModel, stance: Stance, settings: CalibrationSettings, recordings: Sequence[Recording]
-) -> ComEstimate:
-    """The crossing of the brackets' middles, and how far the crossings of their ends are from it."""
-    searching = settings.com_search
-    highest = lift_heights(searching.lift(stance))[-1]
-    lower, upper = searching.bounds(stance)
-    ends = {
-        diagonal: {
-            verdict: (offset, commanded_plane(shifted_feet(stance, offset), diagonal))
-            for verdict, offset in (("forward", lower), ("backward", upper))
+    def _read(self, recording: Recording) -> tuple[SupportPlane, str]:
+        about, robot = recording.trial, self._robot
+        plane = support_plane_of(robot, recording, str(about["diagonal"]), self._stance.joint_position)
+        return plane, tilt_of(robot, recording, str(about["diagonal"]), float(about["tilt_threshold"])).verdict
+
+    def _brackets(self, lifts: Sequence[_Lift]) -> dict[str, dict[str, tuple[float, SupportPlane]]]:
+        """Offset and plane of the last lift to tip either way, by diagonal; before there is one, where the search begins."""
+        feet, bounds = self._stance, self._settings.bounds(self._stance)
+        ends = {
+            diagonal: {
+                verdict: (offset, commanded_plane(shifted_feet(feet, offset), diagonal))
+                for verdict, offset in zip(("forward", "backward"), bounds, strict=True)
+            }
+            for diagonal in DIAGONALS
         }
-        for diagonal in DIAGONALS
-    }
-    for _, diagonal, recording, plane, verdict in _tried(robot, stance, recordings):
-        end = float(recording.trial["offset"]), plane
-        if verdict != "balanced":
-            ends[diagonal][verdict] = end
-        elif float(recording.trial["lift_height"]) > 0.999 * highest:
-            ends[diagonal] = dict.fromkeys(ends[diagonal], end)
-    height = float(composite_parameters(robot, stance.joint_position).com[2])
-    planes = [[plane for _, plane in of_diagonal.values()] for of_diagonal in ends.values()]
-    com = find_intersection([between(pair) for pair in planes], height)
-    corners = [find_intersection(corner, height) for corner in itertools.product(*planes)]
-    half = np.abs(np.array(corners) - com).max(axis=0)
-    brackets = {name: (pair["forward"][0], pair["backward"][0]) for name, pair in ends.items()}
-    return ComEstimate(len(recordings), np.append(com, height), np.append(half, np.nan), None, brackets)
+        highest = lift_heights(self._settings.lift(self._stance))[-1]
+        for lift in lifts:
+            end = float(lift.recording.trial["offset"]), lift.plane
+            if lift.verdict != "balanced":
+                ends[lift.diagonal][lift.verdict] = end
+            elif float(lift.recording.trial["lift_height"]) > 0.999 * highest:  # else it is tried again, higher
+                ends[lift.diagonal] = dict.fromkeys(ends[lift.diagonal], end)
+        return ends
 
 
 class ClosingIn:
@@ -179,7 +181,7 @@ class ClosingIn:
         self._robot, self._stance, self._settings = robot, stance, settings
         self._recordings: list[Recording] = []
         self._estimates: dict[int, ComEstimate | None] = {}
-        self._planes: list[LiftPlane] = []
+        self._planes: tuple[LiftPlane, ...] = ()
         self._since = 0  # how often everything began anew
         self._wake, self._over = threading.Condition(), False
         self._thread = threading.Thread(target=self._work, name="estimates", daemon=True)
@@ -189,17 +191,15 @@ class ClosingIn:
         """More trials are complete; anew: those before are void."""
         with self._wake:
             if anew:
-                self._recordings, self._estimates, self._planes = [], {}, []
+                self._recordings, self._estimates, self._planes = [], {}, ()
                 self._since += 1
-            first = len(self._recordings)
-            self._recordings += recordings
-            self._planes += lift_planes(self._robot, self._stance, self._settings, recordings, first)
+            self._recordings = [*self._recordings, *recordings]
             self._wake.notify()
 
     @property
     def planes(self) -> tuple[LiftPlane, ...]:
         """Of all complete lifts, in order."""
-        return tuple(self._planes)
+        return self._planes
 
     @property
     def settled(self) -> bool:
@@ -232,18 +232,34 @@ class ClosingIn:
         self.close()
 
     def _work(self) -> None:
+        reading, read = None, -1
         while True:
             with self._wake:
                 self._wake.wait_for(lambda: self._over or len(self._estimates) < len(self._recordings))
                 if self._over:
                     return
-                recordings, since = self._recordings[:], self._since
+                recordings, since = self._recordings, self._since
                 count = _next(len(recordings), self._estimates)
-            rounds = 2 if count == len(recordings) else 1  # what is shown of the past needs no result's care
-            estimate = estimate_after(self._robot, self._stance, self._settings, recordings[:count], rounds)
+            if count == len(recordings) != read:
+                reading, read = self._read(recordings), count
+            estimate = _known(lambda reading=reading, count=count: reading.estimate(count)) if reading else None
             with self._wake:
                 if since == self._since:
                     self._estimates[count] = estimate
+
+    def _read(self, recordings: Sequence[Recording]) -> _Precise | _Paper | None:
+        kind = _Paper if self._settings.method == "paper" else _Precise
+        reading = _known(lambda: kind(self._robot, self._stance, self._settings, recordings))
+        self._planes = tuple(_known(reading.planes) or ()) if reading is not None else ()
+        return reading
+
+
+def _known(ask: Callable[[], Answer]) -> Answer | None:
+    """An answer, or None where the recordings do not give one: the run's result will say why, a picture goes on."""
+    try:
+        return ask()
+    except (EquipoiseError, np.linalg.LinAlgError):
+        return None
 
 
 def _next(count: int, known: dict[int, ComEstimate | None]) -> int:

@@ -59,7 +59,7 @@ class EvenSteps:
         count = int((min(joint_time[-1], imu_time[-1]) - self._edge) / STEP + 1e-6)
         if count < 1:
             return None
-        edges = self._edge + STEP * np.arange(count + 1)
+        edges: FloatArray = np.asarray(self._edge + STEP * np.arange(count + 1), dtype=float)
         integral = np.asarray(cumulative_trapezoid(sensed, imu_time, axis=0, initial=0), dtype=float)
         means = np.diff(_at(edges, imu_time, integral), axis=0) / STEP
         position, torque = np.hsplit(_at(edges[1:], joint_time, values), 2)
@@ -82,4 +82,4 @@ def _since(start: float, stream: tuple[FloatArray, FloatArray]) -> tuple[FloatAr
 
 def _at(time: FloatArray, sampled: FloatArray, values: FloatArray) -> FloatArray:
     """(n, k) columns of values at n times: linear in between."""
-    return np.column_stack([np.interp(time, sampled, column) for column in values.T])
+    return np.column_stack([np.interp(time, sampled, values[:, column]) for column in range(values.shape[1])])

@@ -14,9 +14,12 @@ from equipoise.outputs.viewing.closing_in import ClosingIn, ComEstimate, LiftPla
 from equipoise.outputs.viewing.film import Film, TrialMark
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
+_STANDS = 0.1  # of what a foot counts as on the floor: slopes and leaning IMUs raise some by millimetres
+_LINE_LENGTH = 0.16  # [m] on an A1, to either side
 _CHI_95 = float(np.sqrt(7.815))  # radius of the ellipsoid that holds 95 % in three dimensions, in standard deviations
 
 
@@ -87,7 +90,7 @@ class Camera:
             moments.rotation[index],
             moments.position[index],
             contacts,
-            moments.standing[index] > 0.5,
+            moments.standing[index] > _STANDS,
             self._com(index, estimate),
             line,
             None if tilt is None or not len(tilt[1]) else float(tilt[1][-1]),
@@ -95,7 +98,7 @@ class Camera:
             phase,
             complete,
             estimate,
-            tuple(plane for plane in self.closing_in.planes if plane.trial < complete),
+            tuple(plane for plane in self.closing_in.planes if plane.trial < complete) if estimate else (),
         )
 
     def tilts(self, trial: TrialMark, until: float) -> tuple[FloatArray, FloatArray] | None:
@@ -147,6 +150,20 @@ def ellipsoid(estimate: ComEstimate | None) -> tuple[FloatArray, FloatArray] | N
     values, vectors = np.linalg.eigh(estimate.covariance)
     vectors[:, 0] *= np.sign(np.linalg.det(vectors))
     return vectors, _CHI_95 * np.sqrt(np.maximum(values, 0.0))
+
+
+def plane_lines(frame: Frame, stance: Stance) -> FloatArray:
+    """(n, 2, 3) a piece of each lift's plane nearest to the newest CoM, level, in base axes from there [m]."""
+    if frame.estimate is None:
+        return np.empty((0, 2, 3))
+    lines: list[FloatArray] = []
+    for plane in frame.planes:
+        along = np.cross(plane.normal, [0, 0, 1.0])
+        along *= _LINE_LENGTH * stance.size / float(np.linalg.norm(along))
+        across = plane.normal * [1, 1, 0]
+        near = across * float(plane.normal @ (plane.point - frame.estimate.com)) / float(across @ across)
+        lines.append(np.array([near - along, near + along]))
+    return np.array(lines).reshape(-1, 2, 3)
 
 
 def expected_trials(film: Film) -> int | None:

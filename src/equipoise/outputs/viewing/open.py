@@ -1,15 +1,14 @@
-"""What can be looked at: a run, one that is about to begin, or a log; and the loop that shows it."""
+"""What can be looked at: a run, one that is about to begin, or a log."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from equipoise.calibration import CalibrationSettings
-from equipoise.errors import EquipoiseError, RecordingError
+from equipoise.errors import EquipoiseError
 from equipoise.estimation.segments import find_segments, usable
 from equipoise.outputs.viewing.closing_in import ClosingIn
 from equipoise.outputs.viewing.film import Film
@@ -19,10 +18,10 @@ from equipoise.recordings.logs.log import Log
 from equipoise.recordings.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
-from equipoise.run_folder import HEADER, LOG, RunFolder
+from equipoise.run_folder import LOG, RunFolder
 
 _GENTLE = 10  # levels of niceness: the process that moves the robot goes first
-_LOOK = 0.1  # [s] between looks for a run that has not begun
+_LOOK = 0.1  # [s] between looks for estimates
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +66,9 @@ def open_log(path: Path, robot: RobotModel, log: Log) -> Showing:
     )
 
 
-def wait_for_run(path: Path, patience: Callable[[], bool]) -> None:
-    """Wait until a run begins in a folder; raises RecordingError if patience ends first."""
-    while not (path / HEADER).exists():
-        if not patience():
-            raise RecordingError(f"no run has begun in {str(path)!r}")
-        time.sleep(_LOOK)
+def follow_log(path: Path, robot: RobotModel) -> Showing:
+    """A log of ours that belongs to no run, while it is written: that of `equipoise record`."""
+    return Showing(f"equipoise: {robot.name}, {path.name}", robot, CalibrationSettings(), FollowedLog(path))
 
 
 def be_gentle() -> None:

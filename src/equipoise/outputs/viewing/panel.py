@@ -48,7 +48,9 @@ def com_text(frame: Frame) -> str:
         f"{diagonal}: {1000 * lower:+.1f} to {1000 * upper:+.1f} mm"
         for diagonal, (lower, upper) in estimate.brackets.items()
     ]
-    return "\n".join([*table, trials + ("; brackets of the offset:" if brackets else ""), *(f"\n{b}" for b in brackets)])
+    return "\n".join(
+        [*table, trials + ("; brackets of the offset:" if brackets else ""), *(f"\n{b}" for b in brackets)]
+    )
 
 
 def _axes(estimate: ComEstimate) -> list[tuple[str, float, float]]:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.outputs.viewing.closing_in import NORMAL_95, ComEstimate, LiftPlane
+from equipoise.outputs.viewing.colours import COM, VERDICTS, html
 
 FloatArray = NDArray[np.float64]
 
 SIZE = 300  # of the picture, in its own units
 _SPANS = (2, 5, 10, 20, 50, 100)  # [mm] from the middle to an edge
-LINE_COLOURS = {"forward": "#2f7ed8", "backward": "#e8743b", "balanced": "#3aa655", None: "#7a8794"}
-COM_COLOUR = "#d6336c"
+_COM = html(COM)
 
 
 def plan_view(history: Sequence[ComEstimate], planes: Sequence[LiftPlane], nominal: FloatArray) -> str:
@@ -70,7 +70,7 @@ class _View:
         foot = self._centre + normal * (level - normal @ self._centre) / float(normal @ normal)
         along = np.array([-normal[1], normal[0]]) / float(np.linalg.norm(normal)) * 4e-3 * self._span
         (x1, y1), (x2, y2) = self.at(foot - along), self.at(foot + along)
-        colour = LINE_COLOURS[plane.verdict]
+        colour = html(VERDICTS[plane.verdict])
         return (
             f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{colour}" stroke-width="1.2" '
             'stroke-opacity="0.6"/>'
@@ -82,19 +82,21 @@ class _View:
 
     def trail(self, points: Sequence[FloatArray]) -> str:
         path = " ".join("{:.1f},{:.1f}".format(*self.at(point)) for point in points)
-        return f'<polyline points="{path}" fill="none" stroke="{COM_COLOUR}" stroke-opacity="0.5"/>'
+        return f'<polyline points="{path}" fill="none" stroke="{_COM}" stroke-opacity="0.5"/>'
 
     def dot(self, point: FloatArray) -> str:
         x, y = self.at(point)
-        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{COM_COLOUR}"/>'
+        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{_COM}"/>'
 
     def region(self, estimate: ComEstimate) -> str:
         """The interval's ellipse, or the bracket's box."""
         x, y = self.at(estimate.com[:2])
-        fill = f'fill="{COM_COLOUR}" fill-opacity="0.15" stroke="{COM_COLOUR}"'
+        fill = f'fill="{_COM}" fill-opacity="0.15" stroke="{_COM}"'
         if estimate.covariance is None:
             high, wide = 1000 * estimate.half[:2] * self._scale
-            return f'<rect x="{x - wide:.1f}" y="{y - high:.1f}" width="{2 * wide:.1f}" height="{2 * high:.1f}" {fill}/>'
+            return (
+                f'<rect x="{x - wide:.1f}" y="{y - high:.1f}" width="{2 * wide:.1f}" height="{2 * high:.1f}" {fill}/>'
+            )
         values, vectors = np.linalg.eigh(estimate.covariance[:2, :2])
         small, large = 1000 * NORMAL_95 * np.sqrt(np.maximum(values, 0)) * self._scale
         ux, uy = -vectors[1, 1], -vectors[0, 1]  # of the large axis, in the picture

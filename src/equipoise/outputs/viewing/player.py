@@ -5,6 +5,7 @@ from __future__ import annotations
 _LAG = 0.5  # [s] that a page stays behind a log, which is written in pieces of a quarter of a second
 _FASTEST = 5.0  # times real time: a simulation is faster, and nobody could see anything
 _SLOWEST = 0.5
+_PATIENCE = 10.0  # [s] to see what one has missed
 
 
 class Player:
@@ -34,10 +35,9 @@ class Player:
         if not self.playing:
             return
         rate = self.speed
-        if self.live and not complete:
-            rate = min(max((end - before) / _LAG, _SLOWEST), _FASTEST)
-        elif self.live:
-            rate = _FASTEST if end - before > 2 * _FASTEST else 1.0  # what is left of a run that is over
+        if self.live:
+            fastest = max(_FASTEST, (end - before) / _PATIENCE)
+            rate = min(max((end - before) / (_PATIENCE if complete else _LAG), _SLOWEST), fastest)
         self.time = min(before + rate * elapsed, end)
         self.rate = (self.time - before) / elapsed if elapsed > 0 else 0.0
         if complete and self.time >= end:
