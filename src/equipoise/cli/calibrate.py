@@ -170,6 +170,11 @@ def calibrate(
         Payload.parse(payload)
     if repeat < 1:
         raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
+    if repeat > 1 and rerun is not None:
+        raise SettingsError(
+            "--rerun writes one run; with --repeat use 'equipoise view RUN --rerun FILE.rrd' afterwards"
+        )
+    watch.check()
     model = load(robot or _DEFAULT_ROBOT, description_file, description)
     place = Place(platform, given_settings(set, settings), noise, payload, seed, start)
     check(model, plan)

@@ -202,6 +202,11 @@ class ClosingIn:
         return self._planes
 
     @property
+    def count(self) -> int:
+        """After how many trials there is an estimate."""
+        return len(self._estimates)
+
+    @property
     def settled(self) -> bool:
         """Whether there is an estimate after every trial."""
         with self._wake:

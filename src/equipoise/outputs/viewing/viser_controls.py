@@ -45,7 +45,7 @@ class Controls:
             f"{MAGNIFIED:g} times as large. Lines through it: what each lift said."
         )
         self._targets: dict[str, float] = {}
-        self._shown: tuple[Any, ...] = ()
+        self._drawn: tuple[Any, ...] = ()
         self._play.on_click(lambda _: player.toggle(camera.film.span))
         self._time.on_update(self._by_hand(lambda: player.jump(float(self._time.value))))
         self._speed.on_update(self._by_hand(self._take_speed))
@@ -62,12 +62,12 @@ class Controls:
         _set(self._trial, "content", trial_text(frame, expected, complete))
         _set(self._com, "content", com_text(frame))
         _set(self._play, "label", "Pause" if player.playing else "Play")
-        self._live.visible = not complete
-        if self._live.value != player.live:
-            self._live.value = player.live
+        _set(self._live, "visible", not complete)
+        _set(self._live, "value", player.live)
         start, end = film.span
-        self._time.min, self._time.max = round(start, 2), max(round(end, 2), round(start, 2) + 0.01)
-        self._time.value = round(min(frame.time, end), 2)
+        _set(self._time, "min", round(start, 2))
+        _set(self._time, "max", max(round(end, 2), round(start, 2) + 0.01))
+        _set(self._time, "value", round(min(frame.time, end), 2))
         state = "live" if player.live and not complete else "replay"
         pace = f"{player.rate:.1f} times real time" if player.playing else "paused"
         _set(self._note, "content", f"{frame.time:.1f} of {end:.1f} s, {state}, {pace}")
@@ -84,17 +84,17 @@ class Controls:
     def _draw_tilt(self, frame: Frame) -> None:
         tilts = None if frame.trial is None else self._camera.tilts(frame.trial, frame.time)
         if tilts is None or len(tilts[0]) < 2:
-            self._tilt.visible = False
+            _set(self._tilt, "visible", False)
             return
         every = max(1, len(tilts[0]) // _TILT_SAMPLES)
-        self._tilt.visible = True
+        _set(self._tilt, "visible", True)
         self._tilt.data = (tilts[0][::every], np.degrees(tilts[1][::every]))
 
     def _draw_plan(self, frame: Frame) -> None:
         history = self._camera.closing_in.history(frame.complete)
         known = (len(history), history[-1].trials if history else 0, len(frame.planes))
-        if known != self._shown:
-            self._shown = known
+        if known != self._drawn:
+            self._drawn = known
             film = self._camera.film
             nominal = composite_parameters(film.robot, film.stance.joint_position).com
             self._plan.content = plan_view(history, frame.planes, nominal)

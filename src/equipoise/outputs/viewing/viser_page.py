@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import socket
 import time
 from collections.abc import Callable
@@ -48,9 +49,10 @@ def require_port(host: str, port: int) -> None:
         with socket.create_server((host, port)):
             pass
     except OSError as error:
+        why = os.strerror(error.errno or 0)
         raise SettingsError(
-            f"the view cannot be served at {host}:{port}: {error.strerror}; choose another port with --view-port, or 0 for "
-            "any that is free"
+            f"the view cannot be served at {host}:{port}: {why}; choose another port with --view-port, or 0 for any that is "
+            "free"
         ) from error
 
 
@@ -77,7 +79,8 @@ class Page:
         if port not in (0, self.port):  # somebody was faster, and viser took the next one
             self._server.stop()
             require_port(host, port)
-        self._drawn: tuple[Any, ...] = ()
+        self._shown: tuple[Any, ...] = ()  # what the page depends on, when it was drawn last
+        self._drawn: tuple[Any, ...] = ()  # likewise the CoM
         self._build_scene()
         self._controls = Controls(self._server, camera, player, title)
 
@@ -101,6 +104,9 @@ class Page:
         if film.empty:
             self._controls.wait()
             return
+        if (now := self._state(complete)) == self._shown:  # a list that is open must not be drawn anew
+            return
+        self._shown = now
         frame = self._camera.frame(self._player.time)
         with self._server.atomic():
             self._draw_robot(frame)
@@ -108,6 +114,11 @@ class Page:
             self._draw_com(frame)
             self._controls.draw(frame, complete)
         self._server.flush()
+
+    def _state(self, complete: bool) -> tuple[Any, ...]:
+        player, known = self._player, self._camera.closing_in
+        words = (complete, player.playing, player.live, player.speed, round(player.rate, 1))
+        return (player.time, *words, self._camera.film.span, known.count, len(known.planes))
 
     def close(self) -> None:
         """End it."""
@@ -121,7 +132,8 @@ class Page:
 
     def _build_scene(self) -> None:
         scene, size = self._server.scene, self._camera.film.stance.size
-        self._server.gui.configure_theme(show_share_button=False, show_logo=False, control_layout="fixed")
+        self._server.gui.configure_theme(show_share_button=False, show_logo=False)
+        self._server.gui.main_panel.dock_right()
         self._server.initial_camera.position = tuple(np.array([0.5, -0.75, 0.5]) * size)
         self._server.initial_camera.look_at = tuple(np.array([0.0, 0.0, 0.16]) * size)
         scene.configure_default_lights(cast_shadow=True)
