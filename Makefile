@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-view docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
@@ -40,7 +40,7 @@ robots: $(ROBOTS_STAMP)
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
-bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp
+bench: bench-accuracy bench-balance bench-speed bench-monte-carlo bench-paper bench-sources bench-peers bench-engines bench-kill bench-link bench-logs bench-ros2 bench-udp bench-view
 
 # Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
 bench-accuracy: $(ROBOTS_STAMP)
@@ -83,6 +83,11 @@ bench-kill: $(DEV_STAMP)
 bench-link: $(DEV_STAMP)
 	$(PIP) 'cyclonedds>=0.10.2'
 	$(BIN)/python benchmarks/link.py --anew
+
+# Ten minutes; both cores must be idle otherwise.
+bench-view: $(DEV_STAMP)
+	$(PIP) 'cyclonedds>=0.10.2'
+	$(BIN)/python benchmarks/view.py
 
 # Ten minutes on one core.
 bench-logs: $(ROBOTS_STAMP)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,7 +73,9 @@ def follow_log(path: Path, robot: RobotModel) -> Showing:
 
 
 def be_gentle() -> None:
-    """Let other processes go first: one of them may move a robot."""
+    """Let other processes go first: one of them may move a robot, and what it starts inherits its urgency."""
+    with suppress(AttributeError, OSError):  # not every system schedules so
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(_GENTLE)
 
 
