@@ -185,10 +185,10 @@ def report(kept: dict[str, Any]) -> str:
     lines = [
         "# What a page costs the control loop",
         "",
-        f"`make bench-view`; equipoise {equipoise.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores. A "
-        "simulated robot speaks a Go2's messages over DDS on loopback, in a process of its own; the guarded loop sways it at "
-        f"500 Hz and writes its log{_scheduled(kept['realtime'])}. {kept['rounds']} rounds of {kept['seconds']:.0f} s for each case, in turn. How late "
-        "commands leave after their deadlines:",
+        f"`make bench-view`; equipoise {equipoise.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores. "
+        "A simulated robot speaks a Go2's messages over DDS on loopback, in a process of its own; the guarded loop sways it "
+        f"at 500 Hz and writes its log{_scheduled(kept['realtime'])}. {kept['rounds']} rounds of {kept['seconds']:.0f} s for "
+        "each case, in turn. How late commands leave after their deadlines:",
         "",
         *table(kept["cases"]),
         "",

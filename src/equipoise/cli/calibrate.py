@@ -7,7 +7,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -28,6 +27,11 @@ from equipoise.cli.flags import (
     load,
     seconds,
 )
+from equipoise.cli.refusals import (
+    refuse_flags_beside_resume,
+    refuse_flags_of_other_methods,
+    refuse_flags_of_other_platforms,
+)
 from equipoise.cli.session import Place, Session, confirm
 from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
 from equipoise.errors import OutputError, SettingsError
@@ -40,17 +44,6 @@ if TYPE_CHECKING:
     from equipoise.run_folder import RunFolder
 
 _DEFAULT_ROBOT = "unitree_a1"
-_FLAGS_OF_SIMULATORS = ("noise", "payload", "start", "seed")
-_FLAGS_OF_ROBOTS = ("set", "settings", "yes")
-_FLAGS_OF_RESUME = ("resume", "yes", "view", "view_port", "rerun", "pictures", "json", "quiet", "verbose", "debug")
-
-_FLAGS_OF_METHOD = {
-    "precise": ("budget", "mass", "mass_sd", "sway"),
-    "paper": (
-        "feet", "tolerance", "lower", "upper", "t_thres", "lift_height", "speed", "sway_amplitude", "sway_frequency",
-        "sway_duration",
-    ),
-}  # fmt: skip
 
 
 def calibrate(
@@ -147,11 +140,11 @@ def calibrate(
     watch = Watch(view, view_port, rerun)
     shown = _Shown(pictures, json, verbose)
     if resume is not None:
-        _refuse_flags_beside_resume(given)
+        refuse_flags_beside_resume(calibrate, given)
         _resumed(resume, yes, quiet or json, watch, shown)
         return
-    _refuse_flags_of_other_methods(method, given)
-    _refuse_flags_of_other_platforms(platform, given)
+    refuse_flags_of_other_methods(calibrate, method, given)
+    refuse_flags_of_other_platforms(calibrate, platform, given)
     from equipoise.calibration import CalibrationSettings, check
     from equipoise.experiments.precise_routine import PreciseSettings
     from equipoise.experiments.sway import SwaySettings
@@ -292,36 +285,3 @@ class _Shown:
             print(result.to_json(), end="")
         else:
             print_calibration(result, files, self.verbose)
-
-
-def _refuse_flags_beside_resume(given: Mapping[str, object]) -> None:
-    """A run goes on as it began: a flag that would change it would be ignored without a word."""
-    for name, parameter in signature(calibrate).parameters.items():
-        if name not in _FLAGS_OF_RESUME and given[name] != parameter.default:
-            what = "a robot" if name == "robot" else f"--{_flag(name)}"
-            raise SettingsError(f"--resume goes on as the run began; {what} cannot be given with it")
-
-
-def _refuse_flags_of_other_methods(method: str, given: Mapping[str, object]) -> None:
-    """A flag that a method does not know would be ignored without a word."""
-    defaults = signature(calibrate).parameters
-    for owner, names in _FLAGS_OF_METHOD.items():
-        for name in names:
-            if owner != method and given[name] != defaults[name].default:
-                raise SettingsError(f"--{_flag(name)} belongs to --method {owner}; this is --method {method}")
-
-
-def _refuse_flags_of_other_platforms(platform: str, given: Mapping[str, object]) -> None:
-    """A flag that a platform does not know would be ignored without a word."""
-    from equipoise.platforms.catalog import SIMULATED
-
-    simulated = platform in SIMULATED
-    defaults = signature(calibrate).parameters
-    for name in _FLAGS_OF_ROBOTS if simulated else _FLAGS_OF_SIMULATORS:
-        if given[name] != defaults[name].default:
-            kind = "real robots" if simulated else "simulators"
-            raise SettingsError(f"--{_flag(name)} is for {kind}; {platform} is none")
-
-
-def _flag(name: str) -> str:
-    return "no-sway" if name == "sway" else name.replace("_", "-")

@@ -152,8 +152,8 @@ class BaseTracker:
     def _standing(self, feet: FloatArray) -> FloatArray:
         """(4,) from one, on the floor, to nearly zero, in the air: soft, so that nothing jumps."""
         height = feet @ self._rotation[2] - self._legs.foot_radius
-        rise = (height - height.min()) / (_STANDING * self._size)
-        return np.asarray(np.exp(-(rise**2)) + 1e-9, dtype=float)
+        rise: FloatArray = np.asarray(height - height.min(), dtype=float) / (_STANDING * self._size)
+        return np.asarray(np.exp(-np.square(rise)), dtype=float) + 1e-9
 
     def _still(self, sample: tuple[float, FloatArray, FloatArray, FloatArray]) -> bool:
         time, position, turning, _ = sample

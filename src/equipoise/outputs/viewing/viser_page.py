@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import socket
 import time
@@ -73,6 +74,7 @@ class Page:
         viser = require_viser()
         require_port(host, port)
         self._viser, self._camera, self._player = viser, camera, player
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # it tells of every browser that thinks better of it
         with contextlib.redirect_stdout(io.StringIO()):  # where viser announces itself, whatever it is told
             self._server: viser.ViserServer = viser.ViserServer(host, port, label="equipoise", verbose=False)
         self.port: int = self._server.get_port()
