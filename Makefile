@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report)
+  guard report view)
 
 .PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -96,6 +96,11 @@ bench-kill: $(DEV_STAMP)
 bench-link: $(DEV_STAMP)
 	$(PIP) 'cyclonedds>=0.10.2'
 	$(BIN)/python benchmarks/link.py --anew
+
+# Ten minutes; both cores must be idle otherwise.
+bench-view: $(DEV_STAMP)
+	$(PIP) 'cyclonedds>=0.10.2'
+	$(BIN)/python benchmarks/view.py
 
 # Ten minutes on one core.
 bench-logs: $(ROBOTS_STAMP)

@@ -41,7 +41,8 @@ from equipoise.robot.source import ModelSource
 
 SCHEMA = "equipoise.run/2"
 RESULT = "calibration.json"
-_HEADER, _MODEL, _TRUTH, _LOG = "run.json", "model.xml", "truth.json", "recording.mcap"
+LOG = "recording.mcap"
+_HEADER, _MODEL, _TRUTH = "run.json", "model.xml", "truth.json"
 _EARLIER = {
     "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
 }
@@ -93,7 +94,7 @@ class RunFolder:
                 raise OutputError(f"the output folder {str(path)!r} holds {holds}; name a new one with --out")
             path.mkdir(parents=True, exist_ok=True)
             (path / _MODEL).write_text(robot.source.xml, encoding="utf-8")
-            log = RunLog(path / _LOG)
+            log = RunLog(path / LOG)
             (path / _HEADER).with_suffix(".partial").write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
             (path / _HEADER).with_suffix(".partial").replace(path / _HEADER)  # whoever finds a header finds the rest
         except OutputError:
@@ -130,7 +131,7 @@ class RunFolder:
             OutputError: it cannot be written, or another process writes it.
         """
         folder = cls.open(path)
-        folder._log, content = resume_log(folder.path / _LOG, repeats)
+        folder._log, content = resume_log(folder.path / LOG, repeats)
         (folder.path / METADATA).unlink(missing_ok=True)  # of what is about to change
         folder._known = deque(content.recordings)
         return folder, content
@@ -171,7 +172,7 @@ class RunFolder:
 
     def read(self) -> LogContent:
         """All that was logged."""
-        return read_log(self.path / _LOG)
+        return read_log(self.path / LOG)
 
     def close(self) -> None:
         """End the log. May be called twice."""

@@ -31,6 +31,7 @@ class FrameType(int):
 
 class GeometryType(int):
     COLLISION: GeometryType
+    VISUAL: GeometryType
 
 class ReferenceFrame(int): ...
 
@@ -96,6 +97,7 @@ class JointModelFreeFlyer: ...
 
 class GeometryObject:
     parentJoint: int
+    parentFrame: int
     placement: SE3
     geometry: Any  # a shape of coal or, up to Pinocchio 3.3, of hppfcl
 
@@ -131,6 +133,10 @@ class Model:
 
 def buildModelFromXML(urdf: str, root_joint: JointModelFreeFlyer, /) -> Model: ...
 def buildModelFromMJCF(filename: str, /) -> Model: ...
+def buildModelFromUrdf(filename: str, root_joint: JointModelFreeFlyer, /) -> Model: ...
+def buildGeomFromUrdf(
+    model: Model, filename: str, type: GeometryType, /, *, package_dirs: Sequence[str]
+) -> GeometryModel: ...
 def buildGeomFromUrdfString(model: Model, urdf: str, type: GeometryType, /) -> GeometryModel: ...
 def buildGeomFromMJCF(model: Model, filename: str, type: GeometryType, /) -> GeometryModel: ...
 def buildReducedModel(

@@ -25,6 +25,7 @@ from equipoise.cli.overview import completion, print_overview
 from equipoise.cli.report import report
 from equipoise.cli.reproduce import reproduce
 from equipoise.cli.robot import doctor, platforms, record
+from equipoise.cli.view import view
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
@@ -32,6 +33,7 @@ VERBS = {
     calibrate: "find mass, centre of mass and inertia; simulated or on the robot",
     plan: "what 'calibrate' would do, and how accurate it would be",
     estimate: "estimate again from a run, or from a log that is not ours",
+    view: "watch a run in the browser, live or again",
     report: "a page to read and to show: a run, or several compared",
     export: "write the result into the file that your controller reads",
     delta: "what was added between two calibrations",

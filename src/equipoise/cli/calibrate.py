@@ -5,8 +5,8 @@ from __future__ import annotations
 import json as json_module
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import datetime, timezone
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -27,27 +27,23 @@ from equipoise.cli.flags import (
     load,
     seconds,
 )
+from equipoise.cli.refusals import (
+    refuse_flags_beside_resume,
+    refuse_flags_of_other_methods,
+    refuse_flags_of_other_platforms,
+)
 from equipoise.cli.session import Place, Session, confirm
+from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
 from equipoise.errors import OutputError, SettingsError
 from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
     from equipoise.calibration import CalibrationSettings
+    from equipoise.recordings.run_log_reader import LogContent
     from equipoise.result import Calibration
     from equipoise.run_folder import RunFolder
 
 _DEFAULT_ROBOT = "unitree_a1"
-_FLAGS_OF_SIMULATORS = ("noise", "payload", "start", "seed", "noise_seed")
-_FLAGS_OF_ROBOTS = ("set", "settings", "yes")
-_FLAGS_OF_RESUME = ("resume", "yes", "report", "pictures", "json", "quiet", "verbose", "debug")
-
-_FLAGS_OF_METHOD = {
-    "precise": ("budget", "mass", "mass_sd", "sway"),
-    "paper": (
-        "feet", "tolerance", "lower", "upper", "t_thres", "lift_height", "speed", "sway_amplitude", "sway_frequency",
-        "sway_duration",
-    ),
-}  # fmt: skip
 
 
 def calibrate(
@@ -83,6 +79,9 @@ def calibrate(
     description: Described = RobotDescription(),  # noqa: B008
     out: File = None,
     resume: Annotated[Path | None, arg(metavar="RUN", help_behavior_hint="")] = None,
+    view: bool = False,
+    view_port: ViewPort = DEFAULT_PORT,
+    rerun: RerunFile = None,
     report: bool = True,
     pictures: bool = True,
     json: bool = False,
@@ -130,6 +129,10 @@ def calibrate(
         description_file: TOML file with a robot description; flags win over it.
         out: Run folder; default runs/ROBOT-TIME.
         resume: Go on with the run in this folder behind its last complete trial, as it began: no other settings may be given.
+        view: Open a page for the browser with the robot moving and the estimate closing in. At a terminal it stays until
+            Enter or Ctrl-C; 'equipoise view RUN' shows any run again. The control loop does not wait for it.
+        view_port: Of the page, which is for this computer alone: docs/view.md says how to look from another one.
+        rerun: Write the same for Rerun when the run is over.
         report: The page report.html is written into the run folder unless this is given.
         pictures: PNG pictures are drawn unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
@@ -138,12 +141,14 @@ def calibrate(
         debug: Show a traceback if something goes wrong.
     """
     given = locals()
+    watch = Watch(view, view_port, rerun)
+    shown = _Shown(report, pictures, json, verbose)
     if resume is not None:
-        _refuse_flags_beside_resume(given)
-        _show(*_resumed(resume, yes, quiet or json), report, pictures, json, verbose)
+        refuse_flags_beside_resume(calibrate, given)
+        _resumed(resume, yes, quiet or json, watch, shown)
         return
-    _refuse_flags_of_other_methods(method, given)
-    _refuse_flags_of_other_platforms(platform, given)
+    refuse_flags_of_other_methods(calibrate, method, given)
+    refuse_flags_of_other_platforms(calibrate, platform, given)
     from equipoise.calibration import CalibrationSettings, check
     from equipoise.experiments.precise_routine import PreciseSettings
     from equipoise.experiments.sway import SwaySettings
@@ -162,6 +167,11 @@ def calibrate(
         Payload.parse(payload)
     if repeat < 1:
         raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
+    if repeat > 1 and rerun is not None:
+        raise SettingsError(
+            "--rerun writes one run; with --repeat use 'equipoise view RUN --rerun FILE.rrd' afterwards"
+        )
+    watch.check()
     model = load(robot or _DEFAULT_ROBOT, description_file, description)
     place = Place(platform, given_settings(set, settings), noise, payload, seed, start, noise_seed)
     check(model, plan)
@@ -179,9 +189,11 @@ def calibrate(
         _say_what(robot, place, plan, out)
     with Session(place, model) as session:
         if repeat == 1:
-            _show(*_run(session, out, plan, facts, quiet or json), report, pictures, json, verbose)
+            folder = _begun(session, out, plan, facts)
+            with watch.over(folder, quiet or json):
+                shown.show(_run(session, folder, plan, quiet or json), folder)
         else:
-            _repeated(session, out, plan, facts, repeat, report, quiet or json, json)
+            _repeated(session, out, plan, facts, repeat, report, quiet or json, json, watch)
 
 
 def _say_what(robot: str | None, place: Place, plan: CalibrationSettings, out: Path) -> None:
@@ -192,33 +204,39 @@ def _say_what(robot: str | None, place: Place, plan: CalibrationSettings, out: P
     print(f"{whose}, {where}{load}, method {plan.method}, into {out}", file=sys.stderr)
 
 
-def _run(
-    session: Session, out: Path, plan: CalibrationSettings, facts: Mapping[str, Any], quiet: bool
-) -> tuple[Calibration, RunFolder]:
-    """One run, its result on disk."""
+def _begun(session: Session, out: Path, plan: CalibrationSettings, facts: Mapping[str, Any]) -> RunFolder:
+    """The folder of a run that is about to be made."""
     from equipoise.run_folder import RunFolder
 
-    folder = RunFolder.create(out, session.robot, plan, {**facts, **session.facts})
-    result = session.run(folder, plan, quiet)
+    return RunFolder.create(out, session.robot, plan, {**facts, **session.facts})
+
+
+def _run(
+    session: Session, folder: RunFolder, plan: CalibrationSettings, quiet: bool, content: LogContent | None = None
+) -> Calibration:
+    """One run, its result on disk."""
+    result = session.run(folder, plan, quiet, content)
     folder.save(result)
-    return result, folder
+    return result
 
 
-def _resumed(path: Path, yes: bool, quiet: bool) -> tuple[Calibration, RunFolder]:
-    """The result of a run that is gone on with, and its folder."""
+def _resumed(path: Path, yes: bool, quiet: bool, watch: Watch, shown: _Shown) -> None:
+    """Go on with a run, and show its result."""
     from equipoise.run_folder import RunFolder
 
     folder = RunFolder.open(path)
+    watch.check()
     if folder.complete:
         print(f"the run in {path} is complete; this is what its recordings say", file=sys.stderr)
-        return folder.estimate(), folder
+        with watch.over(folder, quiet):
+            shown.show(folder.estimate(), folder)
+        return
     model, plan, place = folder.robot(), folder.settings(), Place.of(folder)
     confirm(place, model, plan, yes)
     with Session(place, model) as session:
         folder, content = RunFolder.resume(path, repeats=place.simulated)
-        result = session.run(folder, plan, quiet, content)
-    folder.save(result)
-    return result, folder
+        with watch.over(folder, quiet):
+            shown.show(_run(session, folder, plan, quiet, content), folder)
 
 
 def _repeated(
@@ -230,6 +248,7 @@ def _repeated(
     report: bool,
     quiet: bool,
     json: bool,
+    watch: Watch,
 ) -> None:
     """Several runs on one robot, and how much they differ."""
     from equipoise.outputs.repeatability_terminal import print_repeatability
@@ -240,7 +259,9 @@ def _repeated(
     for number in range(count):
         if not quiet:
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
-        result, folder = _run(session, out / f"{number + 1:02d}", plan, {**facts, "repetition": number}, quiet)
+        folder = _begun(session, out / f"{number + 1:02d}", plan, {**facts, "repetition": number})
+        with watch.over(folder, quiet, stays=number + 1 == count):
+            result = _run(session, folder, plan, quiet)
         results[folder.path.name] = result
         if report:
             save_report(result, folder.path)
@@ -259,52 +280,29 @@ def _repeated(
         print(f"saved: {out}" + (f"\nsee {out / REPORT}" if report else ""))
 
 
-def _show(result: Calibration, folder: RunFolder, report: bool, pictures: bool, json: bool, verbose: bool) -> None:
-    from equipoise.outputs.terminal import print_calibration
+@dataclass(frozen=True)
+class _Shown:
+    """How a result is shown."""
 
-    files = [folder.path / "calibration.json"]
-    if pictures:
-        from equipoise.outputs.pictures import save_pictures
+    report: bool
+    pictures: bool
+    json: bool
+    verbose: bool
 
-        files += save_pictures(result, folder.path)
-    if report:
-        from equipoise.outputs.report.page import save_report
+    def show(self, result: Calibration, folder: RunFolder) -> None:
+        """Draw and print it."""
+        from equipoise.outputs.terminal import print_calibration
 
-        files.append(save_report(result, folder.path))
-    if json:
-        print(result.to_json(), end="")
-    else:
-        print_calibration(result, files, verbose)
+        files = [folder.path / "calibration.json"]
+        if self.pictures:
+            from equipoise.outputs.pictures import save_pictures
 
+            files += save_pictures(result, folder.path)
+        if self.report:
+            from equipoise.outputs.report.page import save_report
 
-def _refuse_flags_beside_resume(given: Mapping[str, object]) -> None:
-    """A run goes on as it began: a flag that would change it would be ignored without a word."""
-    for name, parameter in signature(calibrate).parameters.items():
-        if name not in _FLAGS_OF_RESUME and given[name] != parameter.default:
-            what = "a robot" if name == "robot" else f"--{_flag(name)}"
-            raise SettingsError(f"--resume goes on as the run began; {what} cannot be given with it")
-
-
-def _refuse_flags_of_other_methods(method: str, given: Mapping[str, object]) -> None:
-    """A flag that a method does not know would be ignored without a word."""
-    defaults = signature(calibrate).parameters
-    for owner, names in _FLAGS_OF_METHOD.items():
-        for name in names:
-            if owner != method and given[name] != defaults[name].default:
-                raise SettingsError(f"--{_flag(name)} belongs to --method {owner}; this is --method {method}")
-
-
-def _refuse_flags_of_other_platforms(platform: str, given: Mapping[str, object]) -> None:
-    """A flag that a platform does not know would be ignored without a word."""
-    from equipoise.platforms.catalog import SIMULATED
-
-    simulated = platform in SIMULATED
-    defaults = signature(calibrate).parameters
-    for name in _FLAGS_OF_ROBOTS if simulated else _FLAGS_OF_SIMULATORS:
-        if given[name] != defaults[name].default:
-            kind = "real robots" if simulated else "simulators"
-            raise SettingsError(f"--{_flag(name)} is for {kind}; {platform} is none")
-
-
-def _flag(name: str) -> str:
-    return "no-sway" if name == "sway" else name.replace("_", "-")
+            files.append(save_report(result, folder.path))
+        if self.json:
+            print(result.to_json(), end="")
+        else:
+            print_calibration(result, files, self.verbose)

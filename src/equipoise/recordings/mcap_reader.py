@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from equipoise.errors import RecordingError
 from equipoise.recordings.mcap_writer import MAGIC
 
 _MESSAGE_HEAD = 22  # bytes: channel, sequence number and two times
+_FRAME = 9  # bytes: the opcode and the length that every record begins with
 _NO_DATA = 64  # bytes: so many zeros at the end are what a power cut left in place of data
 
 
@@ -72,6 +74,70 @@ def _read(data: bytes) -> McapContent:
     return McapContent(channels, messages, closed)
 
 
+class McapTail:
+    """Reads a file while another process writes it.
+
+    Attributes:
+        channels: metadata of each, by topic, as far as they were read.
+        closed: whether the end of the file was read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.channels: dict[str, Mapping[str, str]] = {}
+        self.closed = False
+        self._topics: dict[int, str] = {}
+        self._position = 0
+        self._file_number: int | None = None
+
+    @property
+    def replaced(self) -> bool:
+        """Whether another file has taken the place of the one that is read, as when a run is gone on with."""
+        try:
+            return self._file_number is not None and self.path.stat().st_ino != self._file_number
+        except OSError:
+            return False
+
+    def read(self) -> list[tuple[str, bytes]]:
+        """Topic and body of the messages written since the last call; none if there is no file yet.
+
+        Raises:
+            RecordingError: it is damaged, or no MCAP file.
+        """
+        try:
+            with open(self.path, "rb") as file:
+                self._file_number = os.fstat(file.fileno()).st_ino
+                file.seek(self._position)
+                data = file.read()
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise RecordingError(f"the recording {str(self.path)!r} cannot be read: {error.strerror}") from error
+        if self._position == 0:
+            if not data.startswith(MAGIC[: len(data)]):
+                raise RecordingError(f"the recording {str(self.path)!r} cannot be read: it is no MCAP file")
+            if len(data) < len(MAGIC):
+                return []
+            self._position, data = len(MAGIC), data[len(MAGIC) :]
+        try:
+            return self._take(data)
+        except Exception as error:  # see `read_mcap`
+            raise RecordingError(f"the recording {str(self.path)!r} is damaged: {error or repr(error)}") from error
+
+    def _take(self, data: bytes) -> list[tuple[str, bytes]]:
+        records = list(_records(data, 0))
+        self._position += sum(_FRAME + len(content) for _, content in records)
+        messages: list[tuple[str, bytes]] = []
+        for opcode, content in _unpacked(iter(records)):
+            if opcode == Opcode.MESSAGE:
+                messages.append((self._topics[int.from_bytes(content[:2], "little")], content[_MESSAGE_HEAD:]))
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(content)))
+                self._topics[channel.id], self.channels[channel.topic] = channel.topic, channel.metadata
+            self.closed = self.closed or opcode == Opcode.FOOTER
+        return messages
+
+
 def _whole_records(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Opcode and content of each whole record."""
     if data.endswith(bytes(_NO_DATA)):
@@ -80,9 +146,9 @@ def _whole_records(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _records(data: bytes, position: int) -> Iterator[tuple[int, bytes]]:
-    while position + 9 <= len(data):
+    while position + _FRAME <= len(data):
         opcode, length = struct.unpack_from("<BQ", data, position)
-        position += 9 + length
+        position += _FRAME + length
         if position > len(data):
             return
         yield opcode, data[position - length : position]

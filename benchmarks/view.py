@@ -1,0 +1,223 @@
+"""What a page costs the control loop: `make bench-view`.
+
+A simulated Go2 speaks its messages over DDS in a process of its own; the guarded loop plays a gentle motion at 500 Hz in real
+time and writes its log, as a calibration does: without a page, with one that nobody looks at, and with one that a browser
+draws. A minute each, in turn, in several rounds. Results are kept in benchmarks/results/view.json; --tables only writes
+benchmarks/results/view.md.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import numpy as np
+import tyro
+
+import equipoise
+from equipoise import CalibrationSettings, RunFolder, Trajectory, load_robot, nominal_stance
+from equipoise.outputs.viewing.process import ViewerProcess
+from equipoise.platforms.guard import Guard
+from equipoise.platforms.hardware import HardwarePlatform
+from equipoise.platforms.unitree_dds import UnitreeGo2Settings, open_link
+
+RESULTS = Path(__file__).parent / "results"
+ROBOT, DOMAIN = "unitree_a1", 73
+EDGES = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, np.inf]  # [ms]
+LIMIT = 1.0  # [ms]
+CASES = ("no page", "page", "page in a browser")
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+MODEL = load_robot(ROBOT)
+STANCE = nominal_stance(MODEL).joint_position
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is measured.
+
+    Attributes:
+        seconds: of each case in each round, at most 60.
+        rounds: of all cases.
+        tables: measure nothing.
+        realtime: let the system schedule robot and loop before all others, where other programs run (as root).
+    """
+
+    seconds: float = 40.0
+    rounds: int = 3
+    tables: bool = False
+    realtime: bool = False
+
+
+OPTIONS = Options()
+
+
+def hurry(priority: int) -> None:
+    """The calling thread goes before all that is not in real time; what it starts inherits that."""
+    if OPTIONS.realtime:
+        os.sched_setscheduler(0, os.SCHED_FIFO if priority else os.SCHED_OTHER, os.sched_param(priority))
+
+
+@contextmanager
+def robot() -> Generator[HardwarePlatform]:
+    """Connected to a simulated robot on the other core."""
+    command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN)]
+    hurry(2)
+    with tempfile.TemporaryFile("w+") as log:
+        process = subprocess.Popen([*command, "--start", "standing", "--no-sport-mode", "--noise", "ideal"], stdout=log)
+        try:
+            link = open_link(MODEL, UnitreeGo2Settings(interface="lo", domain=DOMAIN))
+            with HardwarePlatform(link, 30.0) as connection:
+                connection.read()
+                hurry(0)  # the threads that receive and repeat stay in a hurry; pages and browsers do not begin in one
+                yield connection
+        finally:
+            process.terminate()
+            process.wait(timeout=10)
+
+
+@contextmanager
+def looked_at(case: str, folder: Path) -> Generator[None]:
+    """With what a case says, beside the run."""
+    if case == CASES[0]:
+        yield
+        return
+    with ViewerProcess(folder, port=0) as viewer, tempfile.TemporaryDirectory() as profile:
+        if case == CASES[1]:
+            yield
+            return
+        if CHROMIUM is None:
+            raise SystemExit("a page in a browser needs chromium")
+        flags = [
+            "--headless",
+            "--no-sandbox",
+            "--use-gl=angle",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+        ]
+        # On the person's own computer in life: here it gets what the others leave.
+        browser = subprocess.Popen(
+            ["nice", "-n", "19", CHROMIUM, *flags, f"--user-data-dir={profile}", "--remote-debugging-port=0", viewer.url],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        time.sleep(10.0)
+        try:
+            yield
+        finally:
+            browser.terminate()
+            browser.wait(timeout=20)
+
+
+def measured(case: str, seconds: float) -> dict[str, Any]:
+    """How late commands left [ms], and how often their deadlines began anew."""
+    with tempfile.TemporaryDirectory() as place, robot() as connection:
+        folder = RunFolder.create(Path(place) / "run", MODEL, CalibrationSettings(), {})
+        with folder, looked_at(case, folder.path), Guard(connection, MODEL, log=folder.log) as guarded:
+            hurry(1)
+            guarded.play(Trajectory(np.repeat(STANCE[None], 500, axis=0)))
+            timing = connection.timing
+            first, lost = len(timing.lateness), timing.lost
+            trajectory = sway()
+            for _ in range(round(seconds / (len(trajectory.position) * 2e-3))):
+                guarded.play(trajectory)
+            hurry(0)
+            late = timing.lateness[first:] * 1e3
+            return {
+                "load": os.getloadavg()[0],
+                "counts": [int(np.sum((late > a) & (late <= b))) for a, b in itertools.pairwise([-1.0, *EDGES[1:]])],
+                "percentiles": np.percentile(late, [50, 99, 99.9, 100]).tolist(),
+                "on_time": float((late <= LIMIT).mean()),
+                "lost": timing.lost - lost,
+            }
+
+
+def sway() -> Trajectory:
+    """Five seconds of all legs long and short in turn, gently."""
+    at = np.arange(2500) * 2e-3
+    position = np.repeat(STANCE[None], len(at), axis=0)
+    for place, leg in enumerate(MODEL.legs.values()):
+        wave = 0.05 * np.sin(2 * np.pi * at) * (-1) ** place
+        position[:, leg.joints[-2]] += wave
+        position[:, leg.joints[-1]] -= 2 * wave
+    return Trajectory(position)
+
+
+def table(results: dict[str, list[dict[str, Any]]]) -> list[str]:
+    """All rounds of a case together; percentiles and shares are medians over its rounds."""
+    rounds = [results[case] for case in CASES]
+    rows = ["| ms late | " + " | ".join(CASES) + " |", "|---|" + "---|" * len(CASES)]
+    for place, (low, high) in enumerate(itertools.pairwise(EDGES)):
+        name = f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"
+        rows.append(f"| {name} | " + " | ".join(str(sum(r["counts"][place] for r in case)) for case in rounds) + " |")
+    for place, name in enumerate(("median", "99 %", "99.9 %", "latest")):
+        cells = [statistics.median(r["percentiles"][place] for r in case) for case in rounds]
+        rows.append(f"| {name} | " + " | ".join(f"{cell:.3f} ms" for cell in cells) + " |")
+    shares = [[r["on_time"] for r in case] for case in rounds]
+    rows.append(f"| within {LIMIT:g} ms | " + " | ".join(f"**{statistics.median(s):.3%}**" for s in shares) + " |")
+    rows.append("| of the rounds | " + " | ".join(f"{min(s):.2%} to {max(s):.2%}" for s in shares) + " |")
+    rows.append("| deadlines begun anew | " + " | ".join(str(sum(r["lost"] for r in case)) for case in rounds) + " |")
+    rows.append("| load of the machine | " + " | ".join(f"{max(r['load'] for r in c):.1f}" for c in rounds) + " |")
+    return rows
+
+
+def _scheduled(realtime: bool) -> str:
+    return "; both are scheduled in real time, for other programs ran on the machine" if realtime else ""
+
+
+def report(kept: dict[str, Any]) -> str:
+    """The page of results."""
+    lines = [
+        "# What a page costs the control loop",
+        "",
+        f"`make bench-view`; equipoise {equipoise.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores. "
+        "A simulated robot speaks a Go2's messages over DDS on loopback, in a process of its own; the guarded loop sways it "
+        f"at 500 Hz and writes its log{_scheduled(kept['realtime'])}. {kept['rounds']} rounds of {kept['seconds']:.0f} s for "
+        "each case, in turn. How late commands leave after their deadlines:",
+        "",
+        *table(kept["cases"]),
+        "",
+        "The page is a process of its own that reads the log, and lets others go first (nice 10); the loop does nothing for "
+        "it. What is left is competition for cores: simulated robot, loop, page and a browser that draws without a graphics "
+        "card are here on one machine. In life robot and browser are on others.",
+        "",
+        "A file for Rerun is written when the run is over.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    global OPTIONS  # noqa: PLW0603
+    OPTIONS = options = tyro.cli(Options)
+    warnings.simplefilter("ignore")
+    path = RESULTS / "view.json"
+    if not options.tables:
+        cases: dict[str, list[dict[str, Any]]] = {case: [] for case in CASES}
+        for _ in range(options.rounds):
+            for case in CASES:
+                cases[case].append(measured(case, min(options.seconds, 60.0)))
+                print(case, cases[case][-1], flush=True)
+        kept = {"seconds": options.seconds, "rounds": options.rounds, "realtime": options.realtime, "cases": cases}
+        path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    text = report(json.loads(path.read_text(encoding="utf-8")))
+    (RESULTS / "view.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
