@@ -90,7 +90,7 @@ def main() -> None:
     lines = [
         "# How long a report takes",
         "",
-        f"`make bench-report`; medians of {TIMES}, on {os.cpu_count()} cores with a load of {busy:.1f} when it began (idle: 0).",
+        f"`make bench-report`; medians of {TIMES}, on {os.cpu_count()} cores whose load was {busy:.1f} before (idle: 0).",
         "Chromium without a graphics card. The first screen is there when the numbers and the picture from above are painted;",
         "figures below are drawn as they come near.",
         "",
