@@ -42,14 +42,15 @@ def results() -> dict[str, Calibration]:
     return found
 
 
-def written(save: Callable[[Path], Path], path: Path) -> tuple[float, float]:
-    """Median time to write a page [s], and its size [MB]."""
-    times = []
+def written(save: Callable[[Path], Path], path: Path) -> tuple[float, float, float]:
+    """Median time to write a page and processor time of it [s], and its size [MB]."""
+    times, worked = [], []
     for _ in range(TIMES):
-        start = time.perf_counter()
+        start, work = time.perf_counter(), time.process_time()
         save(path)
         times.append(time.perf_counter() - start)
-    return statistics.median(times), path.stat().st_size / 1e6
+        worked.append(time.process_time() - work)
+    return statistics.median(times), statistics.median(worked), path.stat().st_size / 1e6
 
 
 def shown(pages: list[Path]) -> list[tuple[float, float] | None]:
@@ -78,6 +79,7 @@ def shown(pages: list[Path]) -> list[tuple[float, float] | None]:
 
 def main() -> None:
     """All pages."""
+    busy = os.getloadavg()[0]
     found = results()
     with tempfile.TemporaryDirectory() as folder:
         saves = {name: lambda path, result=result: save_report(result, path) for name, result in found.items()}
@@ -88,15 +90,16 @@ def main() -> None:
     lines = [
         "# How long a report takes",
         "",
-        f"`make bench-report`; medians of {TIMES}, on {os.cpu_count()} cores. Chromium without a graphics card. The first "
-        "screen is there when the numbers and the picture from above are painted; figures below are drawn as they come near.",
+        f"`make bench-report`; medians of {TIMES}, on {os.cpu_count()} cores whose load was {busy:.1f} before (idle: 0).",
+        "Chromium without a graphics card. The first screen is there when the numbers and the picture from above are painted;",
+        "figures below are drawn as they come near.",
         "",
-        "| page | written in [s] | size [MB] | first screen [s] | all figures drawn [s] |",
-        "|---|---|---|---|---|",
+        "| page | written in [s] | processor time of it [s] | size [MB] | first screen [s] | all figures drawn [s] |",
+        "|---|---|---|---|---|---|",
     ]
-    for name, (seconds, size), seen in zip(saves, writing, showing, strict=True):
+    for name, (seconds, work, size), seen in zip(saves, writing, showing, strict=True):
         first, whole = ("-", "-") if seen is None else (f"{seen[0]:.2f}", f"{seen[1]:.2f}")
-        lines.append(f"| {name} | {seconds:.2f} | {size:.1f} | {first} | {whole} |")
+        lines.append(f"| {name} | {seconds:.2f} | {work:.2f} | {size:.1f} | {first} | {whole} |")
     (RESULTS / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
 
