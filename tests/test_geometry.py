@@ -6,7 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
-from equipoise.outputs.geometry import BASE_JOINT, box, capsule, cylinder, robot_shapes, sphere
+from equipoise import nominal_stance
+from equipoise.outputs.geometry import BASE_JOINT, _coarser, at_posture, box, capsule, cylinder, robot_shapes, sphere
+from equipoise.outputs.report.meshes import ellipsoid
+from equipoise.robot.kinematics import foot_positions
 
 LENGTHS = st.floats(0.01, 2.0)
 
@@ -91,3 +94,41 @@ def test_meshes_beside_the_users_file_are_used_until_it_changes(tmp_path):
     robot.source.path.write_text(text, encoding="utf-8")
     (tmp_path / "trunk.stl").unlink()
     assert not any(shape.kind == "mesh" for shape in robot_shapes(robot))
+
+
+def at_stance(robot):
+    stance = nominal_stance(robot).joint_position
+    shapes = robot_shapes(robot)
+    return shapes, at_posture(robot, shapes, stance), foot_positions(robot, stance)
+
+
+@pytest.mark.parametrize("write", [quadruped_urdf, quadruped_mjcf])
+def test_shapes_at_a_posture_end_at_the_feet(tmp_path, write):
+    robot = load_text(tmp_path, write())
+    shapes, meshes, feet = at_stance(robot)
+    assert {"base", "thigh", "shank"} <= {shape.part for shape in shapes}
+    lowest = min(mesh.vertices[:, 2].min() for mesh in meshes)
+    radius = next(iter(robot.legs.values())).foot_radius
+    assert lowest == pytest.approx(feet[:, 2].min() - radius, abs=0.01)
+
+
+def test_an_arm_that_is_held_does_not_hide_the_base(skewed):
+    shapes, _, _ = at_stance(skewed)
+    assert any(shape.part == "base" for shape in shapes)
+
+
+def test_large_meshes_are_made_coarser():
+    ball = sphere(1.0)
+    fine = _coarser(ball, len(ball.faces))
+    coarse = _coarser(ball, 100)
+    assert fine is ball
+    assert len(coarse.faces) < len(ball.faces)
+    assert np.abs(np.linalg.norm(coarse.vertices, axis=1) - 1).max() < 1e-9
+
+
+def test_an_ellipsoid_is_one():
+    turned = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    half, middle = np.array([1e-3, 2e-3, 3e-3]), np.array([0.1, 0.2, 0.3])
+    trace = ellipsoid(middle, half, turned)
+    points = np.column_stack([trace[axis] for axis in "xyz"]) / 1000 - middle
+    np.testing.assert_allclose(np.linalg.norm(points @ turned / half, axis=1), 1.0, atol=2e-3)

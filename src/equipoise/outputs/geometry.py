@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +29,7 @@ BASE_JOINT = 1
 _LIMB_RADIUS_RATIO = 0.09  # of the leg length: what a link without any shape is drawn with
 _AROUND = 24  # edges around a round body
 _MOST_FACES = 20_000  # of one mesh, before it is made coarser: some models' meshes are made for printing
-_COARSENESS = 80  # cells along the longest side of a mesh that is made coarser
+_FACES_OF_GRID = 3.0  # times the square of the cells along its longest side has a mesh that is made coarser
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,10 @@ class Mesh:
             np.add.at(normals, self.faces[:, corner], np.cross(b - a, c - a))
         return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 
+    def moved(self, place: pin.SE3) -> Mesh:
+        """As seen from the frame that has this one at a place."""
+        return Mesh(self.vertices @ np.array(place.rotation).T + np.array(place.translation), self.faces)
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -66,6 +70,7 @@ class Shape:
         rotation: (3, 3) its axes in the joint's frame.
         translation: (3,) its middle in the joint's frame [m].
         own: of a mesh, its triangles in its own axes.
+        stands_in: for a link of which the file says nothing.
     """
 
     joint: int
@@ -75,6 +80,7 @@ class Shape:
     rotation: FloatArray
     translation: FloatArray
     own: Mesh | None = None
+    stands_in: bool = False
 
     def mesh(self) -> Mesh:
         """Its triangles in the joint's frame."""
@@ -82,10 +88,26 @@ class Shape:
         return Mesh(mesh.vertices @ self.rotation.T + self.translation, mesh.faces)
 
 
-def robot_shapes(robot: RobotModel) -> tuple[Shape, ...]:
-    """All shapes of a robot, those of the base first."""
-    found = _visuals(robot) or _collisions(robot)
+def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shape, ...]:
+    """All shapes of a robot, those of the base first.
+
+    Args:
+        most_faces: of one mesh; about so many are left of one that has more.
+    """
+    found = _visuals(robot, most_faces) or _collisions(robot, most_faces)
     return tuple(sorted([*found, *_stand_ins(robot, found)], key=lambda shape: shape.joint))
+
+
+def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: FloatArray) -> list[Mesh]:
+    """The shapes' triangles in the base frame.
+
+    Args:
+        joint_position: (nj,) of the leg joints [rad].
+    """
+    model, data = robot.pinocchio, robot.pinocchio_data
+    pin.forwardKinematics(model, data, robot.configuration(joint_position))
+    places = {joint: pin.SE3(data.oMi[joint]) for joint in range(1, model.njoints)}
+    return [shape.mesh().moved(places[shape.joint]) for shape in shapes]
 
 
 def box(x: float, y: float, z: float) -> Mesh:
@@ -133,26 +155,26 @@ def _turned(profile: list[tuple[float, float]]) -> Mesh:
     return Mesh(np.concatenate(rings), np.concatenate(faces))
 
 
-def _visuals(robot: RobotModel) -> list[Shape]:
+def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
     """Visuals of the user's own file; none if it is gone or changed, or a mesh cannot be read."""
     path = robot.source.path
     try:
         if hashlib.sha256(path.read_bytes()).hexdigest() != robot.source.sha256:
             return []
-        return list(_read(robot, path, robot.source.format, pin.GeometryType.VISUAL))
+        return list(_read(robot, path, robot.source.format, pin.GeometryType.VISUAL, most_faces))
     except (OSError, ValueError, RuntimeError, IndexError):
         return []
 
 
-def _collisions(robot: RobotModel) -> list[Shape]:
+def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
     """Simple bodies of the cleaned model."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.xml"
         path.write_text(robot.source.xml, encoding="utf-8")
-        return list(_read(robot, path, robot.source.format, pin.GeometryType.COLLISION))
+        return list(_read(robot, path, robot.source.format, pin.GeometryType.COLLISION, most_faces))
 
 
-def _read(robot: RobotModel, path: Path, model_format: str, what: Any) -> Iterator[Shape]:
+def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_faces: int) -> Iterator[Shape]:
     """Shapes of a file, put on the links of the robot by the links' names."""
     if model_format == "urdf":
         model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
@@ -164,7 +186,7 @@ def _read(robot: RobotModel, path: Path, model_format: str, what: Any) -> Iterat
     for shape in geometry.geometryObjects:
         theirs = model.frames[shape.parentFrame]
         ours = links.get(str(theirs.name))
-        form = None if ours is None else _form(shape)
+        form = None if ours is None else _form(shape, most_faces)
         if ours is None or form is None:
             continue
         placement = ours.placement * theirs.placement.inverse() * shape.placement
@@ -177,7 +199,7 @@ def _package_folders(path: Path) -> list[str]:
     return [str(folder) for folder in path.resolve().parents]
 
 
-def _form(shape: Any) -> tuple[Kind, tuple[float, ...], Mesh | None] | None:
+def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | None] | None:
     """Kind, size and triangles of a shape of Pinocchio; None for planes and the like."""
     geometry = shape.geometry
     name = type(geometry).__name__
@@ -192,14 +214,14 @@ def _form(shape: Any) -> tuple[Kind, tuple[float, ...], Mesh | None] | None:
         return None
     triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
     faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-    return "mesh", (), _coarser(Mesh(np.array(geometry.vertices(), dtype=float), faces))
+    return "mesh", (), _coarser(Mesh(np.array(geometry.vertices(), dtype=float), faces), most_faces)
 
 
-def _coarser(mesh: Mesh) -> Mesh:
+def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
     """The same mesh if it is small; else with all vertices in a cell of a grid made one."""
-    if len(mesh.faces) <= _MOST_FACES:
+    if len(mesh.faces) <= most_faces:
         return mesh
-    cell = float(np.ptp(mesh.vertices, axis=0).max()) / _COARSENESS
+    cell = float(np.ptp(mesh.vertices, axis=0).max()) / np.sqrt(most_faces / _FACES_OF_GRID)
     _, first, merged = np.unique(np.rint(mesh.vertices / cell), axis=0, return_index=True, return_inverse=True)
     faces = merged.reshape(-1)[mesh.faces]
     a, b, c = faces.T
@@ -214,7 +236,7 @@ def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
         hips = np.array([model.jointPlacements[leg.joint_ids[0]].translation for leg in robot.legs.values()])
         size = np.ptp(hips, axis=0) + [2 * radius, 2 * radius, 4 * radius]
         edges = (float(size[0]), float(size[1]), float(size[2]))
-        yield Shape(BASE_JOINT, "base", "box", edges, np.eye(3), hips.mean(axis=0))
+        yield Shape(BASE_JOINT, "base", "box", edges, np.eye(3), hips.mean(axis=0), stands_in=True)
     for leg in robot.legs.values():
         for joint, end in _links(robot, leg):
             if joint not in shown and float(np.linalg.norm(end)) > radius:
@@ -234,7 +256,8 @@ def _along(joint: int, part: Part, end: FloatArray, radius: float) -> Shape:
     z = end / length
     x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
     x /= np.linalg.norm(x)
-    return Shape(joint, part, "capsule", (radius, length), np.column_stack([x, np.cross(z, x), z]), end / 2)
+    turned = np.column_stack([x, np.cross(z, x), z])
+    return Shape(joint, part, "capsule", (radius, length), turned, end / 2, stands_in=True)
 
 
 def _part(robot: RobotModel, joint: int) -> Part:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.outputs.geometry import Mesh
 from equipoise.outputs.report.blocks import SERIES, Block, figure
-from equipoise.outputs.report.meshes import ellipsoid, merged, mesh_of
+from equipoise.outputs.report.meshes import body, ellipsoid, merged
 from equipoise.outputs.report.planes import Planes
 from equipoise.outputs.report.scene_planes import outlines, surfaces
 from equipoise.result import Calibration
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.shapes import Shape, robot_shapes
 
 FloatArray = NDArray[np.float64]
 
@@ -27,12 +29,12 @@ def scene(result: Calibration, found: Planes) -> Block | None:
     position = np.array([result.joint_position[name] for name in robot.joint_names])
     feet = foot_positions(robot, position)
     size = float(-feet[:, 2].mean())
-    shapes = robot_shapes(robot, position)
+    looks_like = body(result, robot)
     com = _com(result)
     near, far, said = _ellipsoids(result, com, size)
     reach = _reach(result, com)
     robot_and_planes = [
-        _body(shapes, "base", 0.25), _body(shapes, "leg", 0.55),
+        _body(looks_like.base, "base", 0.25), _body(looks_like.legs, "leg", 0.55),
         *surfaces(result, found, com, (0.8 * size, size, 0.5 * size)),
     ]  # fmt: skip
     whole = [*robot_and_planes, *far]
@@ -54,8 +56,7 @@ def scene(result: Calibration, found: Planes) -> Block | None:
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
         "legend": {"y": 1, "yanchor": "top"},
     }
-    own = all(shape.from_model for shape in shapes)
-    source = "" if own else " Links without a primitive shape in the model file are stand-ins."
+    source = "" if looks_like.own else " Links without a shape that can be read are drawn as stand-ins."
     caption = f"The robot at its nominal stance; drag to turn, scroll to zoom. {said}{source}"
     data = [*whole, *marks, *close]
     return figure("Support planes and centre of mass", caption, data, layout, height=560, views=views, webgl=True)
@@ -68,9 +69,15 @@ def _com(result: Calibration) -> FloatArray:
     )
 
 
-def _body(shapes: list[Shape], part: str, opacity: float) -> Block:
-    mesh = merged([mesh_of(shape) for shape in shapes if shape.part == part])
-    return {**mesh, "name": part, "color": "--robot", "opacity": opacity, "hoverinfo": "skip", "flatshading": True}
+def _body(meshes: Sequence[Mesh], part: str, opacity: float) -> Block:
+    return {
+        **merged(meshes),
+        "name": part,
+        "color": "--robot",
+        "opacity": opacity,
+        "hoverinfo": "skip",
+        "flatshading": True,
+    }
 
 
 def _marks(result: Calibration, com: FloatArray) -> list[Block]:

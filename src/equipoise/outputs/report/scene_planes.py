@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.estimation.tilt import SupportPlane
+from equipoise.outputs.geometry import Mesh
 from equipoise.outputs.report.blocks import DASHES, SERIES, Block
 from equipoise.outputs.report.meshes import merged
 from equipoise.outputs.report.planes import Planes
@@ -33,7 +34,7 @@ def surfaces(result: Calibration, found: Planes, com: FloatArray, half: tuple[fl
     word = "found" if result.support_lines else "first lift"
     return [
         {
-            **merged([(_square(plane, com, *half), np.array([[0, 1, 2], [0, 2, 3]]))], decimals=3),
+            **merged([Mesh(_square(plane, com, *half), np.array([[0, 1, 2], [0, 2, 3]]))], decimals=3),
             "name": f"plane {diagonal}, {word}", "color": _colour(diagonal), "opacity": 0.3, "showlegend": True,
             "hoverinfo": "name",
         }

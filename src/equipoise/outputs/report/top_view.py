@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from equipoise.estimation.tilt import SupportPlane
+from equipoise.outputs.geometry import Mesh
 from equipoise.outputs.report.blocks import Block
+from equipoise.outputs.report.meshes import body
 from equipoise.outputs.report.planes import Planes
 from equipoise.result import Calibration
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
-from equipoise.robot.shapes import Shape, robot_shapes
 
 FloatArray = NDArray[np.float64]
 
@@ -93,35 +95,21 @@ def _robot(result: Calibration) -> Block | None:
         return None
     position = np.array([result.joint_position[name] for name in robot.joint_names])
     feet = foot_positions(robot, position) * 1000
-    shapes = robot_shapes(robot, position)
+    looks_like = body(result, robot)
     names = zip(LEG_NAMES, feet, robot.legs.values(), strict=True)
     return {
-        "outline": _hull([shape for shape in shapes if shape.part == "base"]),
-        "legs": [_hull([shape]) for shape in shapes if shape.part == "leg"],
+        "outline": _hull(looks_like.base),
+        "legs": [_hull([mesh]) for mesh in looks_like.legs],
         "feet": [
             {"name": name, "at": _xy(foot), "radius": round(1000 * leg.foot_radius, 1)} for name, foot, leg in names
         ],
     }
 
 
-def _hull(shapes: list[Shape]) -> list[list[float]]:
-    """The convex outline of shapes, seen from above [mm]."""
-    corners = np.concatenate([_corners(shape) for shape in shapes])[:, :2] * 1000
+def _hull(meshes: Sequence[Mesh]) -> list[list[float]]:
+    """The convex outline of meshes, seen from above [mm]."""
+    corners = np.concatenate([mesh.vertices for mesh in meshes])[:, :2] * 1000
     return [_xy(corner) for corner in corners[ConvexHull(corners).vertices]]
-
-
-def _corners(shape: Shape) -> FloatArray:
-    """Corners of the box around a shape; a ring's points where it is round."""
-    x, y, z = shape.size
-    if shape.kind == "box":
-        signs = np.array(np.meshgrid((-1, 1), (-1, 1), (-1, 1))).reshape(3, -1).T
-        local = signs * [x, y, z]
-    else:
-        angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-        ring = np.column_stack([x * np.cos(angle), x * np.sin(angle), np.zeros(16)])
-        tall = 0.0 if shape.kind == "sphere" else z
-        local = np.concatenate([ring + [0, 0, tall], ring - [0, 0, tall]])
-    return np.asarray(shape.position + local @ shape.rotation.T, dtype=float)
 
 
 def _lines(result: Calibration) -> list[Block]:
