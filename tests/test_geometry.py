@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
-from equipoise.outputs.geometry import BASE_JOINT, box, capsule, cylinder, robot_shapes, sphere
+from equipoise.outputs.geometry import BASE_JOINT, Mesh, _mended, box, capsule, cylinder, robot_shapes, sphere
 
 LENGTHS = st.floats(0.01, 2.0)
 
@@ -91,3 +91,13 @@ def test_meshes_beside_the_users_file_are_used_until_it_changes(tmp_path):
     robot.source.path.write_text(text, encoding="utf-8")
     (tmp_path / "trunk.stl").unlink()
     assert not any(shape.kind == "mesh" for shape in robot_shapes(robot))
+
+
+def test_a_mesh_that_was_joined_wrongly_gives_way_to_its_hull():
+    corners = box(0.4, 0.2, 0.1).vertices
+    shuffled = Mesh(np.vstack([corners, [[0.0, 0, 0.01]]]), np.array([[0, 1, 2], [2, 1, 3]]))
+    mended = _mended(shuffled)
+    assert volume(mended) == pytest.approx(0.4 * 0.2 * 0.1)
+    assert len(mended.vertices) == 8
+    whole = box(1, 1, 1)
+    assert _mended(whole) is whole
