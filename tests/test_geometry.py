@@ -7,7 +7,18 @@ from hypothesis import strategies as st
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import nominal_stance
-from equipoise.outputs.geometry import BASE_JOINT, _coarser, at_posture, box, capsule, cylinder, robot_shapes, sphere
+from equipoise.outputs.geometry import (
+    BASE_JOINT,
+    Mesh,
+    _coarser,
+    _mended,
+    at_posture,
+    box,
+    capsule,
+    cylinder,
+    robot_shapes,
+    sphere,
+)
 from equipoise.outputs.report.meshes import ellipsoid
 from equipoise.robot.kinematics import foot_positions
 
@@ -132,3 +143,13 @@ def test_an_ellipsoid_is_one():
     trace = ellipsoid(middle, half, turned)
     points = np.column_stack([trace[axis] for axis in "xyz"]) / 1000 - middle
     np.testing.assert_allclose(np.linalg.norm(points @ turned / half, axis=1), 1.0, atol=2e-3)
+
+
+def test_a_mesh_that_was_joined_wrongly_gives_way_to_its_hull():
+    corners = box(0.4, 0.2, 0.1).vertices
+    shuffled = Mesh(np.vstack([corners, [[0.0, 0, 0.01]]]), np.array([[0, 1, 2], [2, 1, 3]]))
+    mended = _mended(shuffled)
+    assert volume(mended) == pytest.approx(0.4 * 0.2 * 0.1)
+    assert len(mended.vertices) == 8
+    whole = box(1, 1, 1)
+    assert _mended(whole) is whole

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from equipoise.robot.model import Leg, RobotModel
 
@@ -214,7 +215,23 @@ def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | 
         return None
     triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
     faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-    return "mesh", (), _coarser(Mesh(np.array(geometry.vertices(), dtype=float), faces), most_faces)
+    return "mesh", (), _coarser(_mended(Mesh(np.array(geometry.vertices(), dtype=float), faces)), most_faces)
+
+
+def _mended(mesh: Mesh) -> Mesh:
+    """The same mesh, or its convex hull if it has vertices that belong to no triangle.
+
+    Of a file of several parts coal 3.0 counts the vertices of each part from zero, so that triangles join the wrong ones.
+    """
+    if len(np.unique(mesh.faces)) == len(mesh.vertices):
+        return mesh
+    hull = ConvexHull(mesh.vertices)
+    faces, normals = np.asarray(hull.simplices, dtype=np.int64), np.asarray(hull.equations)[:, :3]
+    a, b, c = (mesh.vertices[faces[:, corner]] for corner in range(3))
+    inward = np.einsum("ni,ni->n", np.cross(b - a, c - a), normals) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
 
 
 def _coarser(mesh: Mesh, most_faces: int) -> Mesh:

@@ -7,4 +7,6 @@ from . import transform as transform
 
 class ConvexHull:
     vertices: NDArray[np.int_]
-    def __init__(self, points: NDArray[np.float64]) -> None: ...
+    simplices: NDArray[np.int32]
+    equations: NDArray[np.float64]
+    def __init__(self, points: NDArray[np.float64], /) -> None: ...

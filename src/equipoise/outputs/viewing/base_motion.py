@@ -181,7 +181,7 @@ def _upright(acceleration: FloatArray) -> FloatArray:
     up = acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
     forward = np.array([1.0, 0, 0]) - up[0] * up
     forward /= np.linalg.norm(forward)
-    return np.array([forward, np.cross(up, forward), up])
+    return np.asarray(np.stack([forward, np.cross(up, forward), up]), dtype=float)
 
 
 def _heading(old: FloatArray, new: FloatArray) -> float:

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _SPEEDS = ("0.1 x", "0.25 x", "0.5 x", "1 x", "2 x", "5 x", "10 x")
 _TILT_SAMPLES = 200
+_CHART_TIME = 0.1  # [s] between drawings of the chart: browsers take long for them
 
 
 class Controls:
@@ -30,9 +31,6 @@ class Controls:
         gui = server.gui
         gui.set_panel_label(title)
         self._trial = gui.add_markdown("**waiting for the robot**")
-        self._tilt = self._chart(gui, "tilt [deg]", "s since the lift", html(LINE))
-        self._com = gui.add_markdown("")
-        self._plan = gui.add_html("")
         with gui.add_folder("Timeline"):
             self._play = gui.add_button("Pause")
             self._time = gui.add_slider("time [s]", 0.0, 1.0, 0.01, 0.0)
@@ -40,10 +38,14 @@ class Controls:
             self._jump: Any = gui.add_dropdown("jump to", ("-",), initial_value="-")
             self._live = gui.add_checkbox("follow the robot", player.live, visible=player.live)
             self._note = gui.add_markdown("")
+        self._com = gui.add_markdown("")
+        self._plan = gui.add_html("")
+        self._tilt = self._chart(gui, "tilt [deg]", "s since the lift", html(LINE))
         gui.add_markdown(
             "Orange: support line. Green: feet that stand. Red: CoM, its plumb line, and its 95 % ellipsoid drawn "
             f"{MAGNIFIED:g} times as large. Lines through it: what each lift said."
         )
+        self._charted = -1.0  # the time that the chart shows
         self._targets: dict[str, float] = {}
         self._drawn: tuple[Any, ...] = ()
         self._play.on_click(lambda _: player.toggle(camera.film.span))
@@ -86,9 +88,10 @@ class Controls:
         if tilts is None or len(tilts[0]) < 2:
             _set(self._tilt, "visible", False)
             return
-        every = max(1, len(tilts[0]) // _TILT_SAMPLES)
-        _set(self._tilt, "visible", True)
-        self._tilt.data = (tilts[0][::every], np.degrees(tilts[1][::every]))
+        if _set(self._tilt, "visible", True) or abs(frame.time - self._charted) > _CHART_TIME:
+            self._charted = frame.time
+            every = max(1, len(tilts[0]) // _TILT_SAMPLES)
+            self._tilt.data = (tilts[0][::every], np.degrees(tilts[1][::every]))
 
     def _draw_plan(self, frame: Frame) -> None:
         history = self._camera.closing_in.history(frame.complete)
@@ -131,7 +134,8 @@ class Controls:
         self._player.live = self._player.playing = bool(self._live.value)
 
 
-def _set(handle: Any, name: str, value: Any) -> None:
-    """Send a property only if it has changed."""
-    if getattr(handle, name) != value:
+def _set(handle: Any, name: str, value: Any) -> bool:
+    """Send a property only if it has changed; returns whether it has."""
+    if changed := getattr(handle, name) != value:
         setattr(handle, name, value)
+    return changed

@@ -150,6 +150,7 @@ class Page:
         self._add_shapes()
         foot = cylinder(0.025 * size, 0.002)
         self._contacts = [_mesh(scene, f"/contacts/{leg}", foot, CONTACT, opacity=0.85) for leg in LEG_NAMES]
+        self._in_air = [_mesh(scene, f"/in_air/{leg}", foot, IN_AIR, opacity=0.5) for leg in LEG_NAMES]
         self._line = _mesh(scene, "/support_line", cylinder(0.004 * size, 1.0), LINE)
         self._plumb = _mesh(scene, "/plumb_line", cylinder(0.0015 * size, 1.0), COM)
         self._shadow = _mesh(scene, "/com_on_floor", cylinder(0.01 * size, 0.003), COM)
@@ -173,13 +174,17 @@ class Page:
         poses = joint_poses(self._camera.film, frame.joint_position)
         for handle, (rotation, place) in zip(self._joints, poses, strict=True):
             handle.position, handle.wxyz = place, _wxyz(rotation)
-        for handle, point, standing in zip(self._contacts, frame.contacts, frame.standing.tolist(), strict=True):
-            handle.position = point * [1, 1, 0] + _ABOVE_FLOOR
-            handle.color = CONTACT if standing else IN_AIR
+        places = frame.contacts * [1, 1, 0] + _ABOVE_FLOOR
+        for green, grey, place, stands in zip(
+            self._contacts, self._in_air, places, frame.standing.tolist(), strict=True
+        ):
+            green.position = grey.position = place
+            _set_visible(green, stands)
+            _set_visible(grey, not stands)
 
     def _draw_line(self, frame: Frame) -> None:
         line = frame.support_line
-        self._line.visible = line is not None
+        _set_visible(self._line, line is not None)
         if line is not None:
             beyond = 0.15 * (line[1] - line[0])
             _stretch(self._line, line[0] - beyond + _ABOVE_FLOOR, line[1] + beyond + _ABOVE_FLOOR)
@@ -227,6 +232,11 @@ def show(page: Page, player: Player, refresh: Callable[[], bool], rate: float = 
         last = now
         page.draw(complete)
         time.sleep(max(0.0, (1 / rate if page.watched else 0.2) - (time.monotonic() - now)))
+
+
+def _set_visible(handle: Any, visible: bool) -> None:
+    if handle.visible != visible:
+        handle.visible = visible
 
 
 def _mesh(scene: Any, name: str, mesh: Mesh, colour: Colour, opacity: float | None = None, flat: bool = False) -> Any:
