@@ -84,7 +84,8 @@ def interruption_told(folder: Any) -> Generator[None]:
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.platforms.catalog import SIMULATED, given_settings, open_platform
+    from equipoise.platforms.catalog import SIMULATED, given_settings
+    from equipoise.platforms.connection import open_platform
 
     given = given_settings(pairs, settings)
     if platform not in SIMULATED:

@@ -153,7 +153,7 @@ class Session:
 
 
 def _connection(place: Place, robot: RobotModel) -> HardwarePlatform:
-    from equipoise.platforms.catalog import open_platform
+    from equipoise.platforms.connection import open_platform
 
     return open_platform(place.platform, robot, place.given)
 

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from equipoise.errors import SettingsError
-from equipoise.platforms.hardware import HardwarePlatform, Link
-from equipoise.platforms.watchdog import Watchdog
+from equipoise.platforms.hardware import Link
 from equipoise.robot.model import RobotModel
 
 if sys.version_info >= (3, 11):
@@ -78,26 +77,8 @@ DRIVERS: dict[str, Driver] = {
 }  # fmt: skip
 
 
-def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform:
-    """Connect to a robot. Nothing moves before the first command.
-
-    Nothing is sent before it either, but over UDP, where a robot only answers: packets without torque.
-
-    Args:
-        name: of a driver.
-        robot: what is known about the robot.
-        given: settings by name; text is read as what the setting is.
-
-    Raises:
-        SettingsError: no such platform or setting, or a value that it cannot have.
-        MissingDependencyError: the driver's package is not installed.
-        CommunicationError: the network cannot be used.
-    """
-    return HardwarePlatform(open_link(name, robot, given), watchdog=lambda: Watchdog(name, robot, given))
-
-
 def open_link(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
-    """The link alone; raises what `open_platform` raises."""
+    """The link alone; raises SettingsError, MissingDependencyError and CommunicationError."""
     driver = _driver(name)
     module = importlib.import_module(driver.module)
     settings = read_settings(getattr(module, driver.settings), {**driver.preset, **given}, name)
