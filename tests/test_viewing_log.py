@@ -18,7 +18,7 @@ from equipoise.outputs.viewing.base_motion import BaseTracker
 from equipoise.outputs.viewing.even_steps import STEP, EvenSteps
 from equipoise.outputs.viewing.film import Film
 from equipoise.outputs.viewing.follow import FollowedLog
-from equipoise.platforms.platform import play_by_stepping
+from equipoise.platforms.stepping import play_by_stepping
 from equipoise.platforms.wrapper import PlatformWrapper
 from equipoise.recordings.recording import Recording
 from equipoise.recordings.run_log import RunLog
