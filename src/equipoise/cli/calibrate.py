@@ -305,4 +305,4 @@ class _Shown:
         if self.json:
             print(result.to_json(), end="")
         else:
-            print_calibration(result, files, self.verbose)
+            print_calibration(result, files, self.verbose, folder.path)
