@@ -297,6 +297,15 @@ def test_the_package_that_is_built_has_the_page(tmp_path):
 # --- comparing
 
 
+def test_ellipses_far_from_each_other_are_seen_whole(precise):
+    x, y, z = precise.composite.com_in_base
+    moved = dataclasses.replace(precise, composite=dataclasses.replace(precise.composite, com_in_base=(x + 8e-3, y, z)))
+    seen = comparison_contents({"before": precise, "after": moved})["top_view"]
+    for mark in seen["marks"]:
+        away = np.abs(np.array(mark["at"]) - seen["zoom"]["centre"]).max()
+        assert away + mark["ellipse"]["major"] < seen["zoom"]["half"]
+
+
 def test_a_difference_has_the_combined_interval(precise, static):
     other = dataclasses.replace(precise, composite=precise.composite)
     contents = comparison_contents({"before": precise, "after": other})
