@@ -220,16 +220,17 @@ def print_plan(robot: str, plan: Plan) -> None:
         turns = {d: [lift.turn or "passive" for lift in visit.lifts if lift.diagonal == d] for d in DIAGONALS}
         table.add_row(describe(visit.posture), *(", ".join(turns[d]) or "-" for d in DIAGONALS))
     console.print(table)
-    accuracy = Table(title="Predicted, for ordinary sensors and a scale", title_justify="left", box=box.SIMPLE_HEAD)
+    console.print("[italic]Predicted, for ordinary sensors and a scale[/italic]")  # wider than its table
+    accuracy = Table(box=box.SIMPLE_HEAD)
     for column in ("parameter", "model", "95 % +-"):
         accuracy.add_column(column, justify="left" if column == "parameter" else "right")
     for (_, label, factor, form), value, deviation in zip(ROWS, plan.body, plan.deviation, strict=True):
         accuracy.add_row(escape(label), format(value * factor, form), format(1.96 * deviation * factor, form))
     console.print(accuracy)
     console.print(
-        "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over"
+        "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over planted "
+        "feet, from which joint zeros follow."
     )
-    console.print("planted feet, from which joint zeros follow.")
     for reason in plan.left_out[:_REASONS]:
         console.print(f"left out: {escape(reason)}")
     if len(plan.left_out) > _REASONS:
