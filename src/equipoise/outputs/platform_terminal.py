@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from rich import box
@@ -43,7 +43,9 @@ def _setting(value: Any) -> str:
     """A setting's value as --set takes it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return "" if value is None else ",".join(map(str, value)) if isinstance(value, (tuple, list)) else str(value)
+    if isinstance(value, tuple):
+        return ",".join(map(str, cast("tuple[Any, ...]", value)))
+    return "" if value is None else str(value)
 
 
 def print_checkup(
