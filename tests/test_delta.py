@@ -178,5 +178,7 @@ def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
     assert main(["delta", str(paper), str(folders / "after")]) == 2
     assert "the runs are of different models" in capsys.readouterr().err
+    assert main(["delta", str(folders / "after"), str(folders / "after")]) == 2
+    assert "is named twice" in capsys.readouterr().err
     assert main(["delta", str(folders / "nothing"), str(folders / "after")]) == 5
     assert "is no run of equipoise" in capsys.readouterr().err

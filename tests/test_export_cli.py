@@ -12,6 +12,7 @@ from test_controller_pages import make_run
 from equipoise import CalibrationSettings, RunFolder, export
 from equipoise.cli import main
 from equipoise.outputs.export.formats import FORMATS
+from equipoise.outputs.terminal import print_calibration
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +46,30 @@ def test_short_texts_are_shown_whole(run, capsys):
     assert main(["export", str(run / "calibration.json"), "--to", "unitree-guide"]) == 0
     written = (run / "export" / "unitreeRobot.cpp").read_text(encoding="utf-8")
     assert written in capsys.readouterr().out
+
+
+def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
+    result = RunFolder.open(run).result()
+    heavier = dataclasses.replace(result, composite=dataclasses.replace(result.composite, mass=20.0))
+    heavier.save(run / "weighed.json")
+    assert main(["export", str(run / "weighed.json"), "--to", "json", "--json"]) == 0
+    assert main(["export", str(run / "weighed.json"), "--to", "urdf"]) == 0
+    assert f"from run {run / 'weighed.json'}" in capsys.readouterr().out
+    (run / "weighed.json").unlink()
+
+
+def test_what_can_be_exported_is_said_with_the_format_of_its_model(run, tmp_path, capsys):
+    result = RunFolder.open(run).result()
+    print_calibration(result, [run / "report.html"], kept=run)
+    assert f"export with: equipoise export {run} --to urdf\n" in capsys.readouterr().out
+    mjcf = dataclasses.replace(result, model={**result.model, "format": "mjcf"})
+    print_calibration(mjcf, [], kept=run)
+    assert f"export with: equipoise export {run} --to mjcf\n" in capsys.readouterr().out
+    result.save(tmp_path / "found.json")
+    print_calibration(result, [], kept=tmp_path / "found.json")
+    assert f"found.json --to urdf --file {result.robot_model.source.path}\n" in capsys.readouterr().out
+    print_calibration(result, [run / "report.html"])
+    assert "export with" not in capsys.readouterr().out
 
 
 def test_json_is_one_object(run, capsys):

@@ -297,6 +297,19 @@ def test_the_package_that_is_built_has_the_page(tmp_path):
 # --- comparing
 
 
+def test_ellipses_beside_each_other_are_seen_whole(precise):
+    known = precise.uncertainty["composite"]
+    wide = dataclasses.replace(known, covariance=tuple(tuple(16 * v for v in row) for row in known.covariance))
+    before = dataclasses.replace(precise, uncertainty={**precise.uncertainty, "composite": wide})
+    x, y, z = precise.composite.com_in_base
+    there = (x + 2e-3 * ellipse(1e6 * np.array(wide.covariance)[1:3, 1:3])["major"], y, z)
+    after = dataclasses.replace(before, composite=dataclasses.replace(precise.composite, com_in_base=there))
+    seen = comparison_contents({"before": before, "after": after})["top_view"]
+    for mark in seen["marks"]:
+        away = np.abs(np.array(mark["at"]) - seen["zoom"]["centre"]).max()
+        assert away + mark["ellipse"]["major"] < seen["zoom"]["half"]
+
+
 def test_a_difference_has_the_combined_interval(precise, static):
     other = dataclasses.replace(precise, composite=precise.composite)
     contents = comparison_contents({"before": precise, "after": other})

@@ -35,7 +35,8 @@ def test_calibrate_writes_the_page_and_says_what_next(tmp_path, capsys):
     assert main([*QUICK, "--out", str(folder)]) == 0
     printed = capsys.readouterr().out
     assert (folder / "report.html").stat().st_size > 1e6
-    assert f"see {folder / 'report.html'}\nexport with: equipoise export {folder} --to urdf\n" in printed
+    assert f"see {folder / 'report.html'}\nestimate again: equipoise estimate {folder}\n" in printed
+    assert "export with" not in printed  # without an inertia
 
 
 def test_calibrate_writes_none_if_told_so(tmp_path, capsys):
@@ -52,6 +53,21 @@ def test_estimate_writes_it_anew(copy, capsys):
     assert main(["estimate", str(copy)]) == 0
     assert (copy / "report.html").exists()
     assert f"see {copy / 'report.html'}" in capsys.readouterr().out
+
+
+def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(copy, tmp_path, capsys):
+    (copy / "report.html").unlink()
+    own, out = (copy / "calibration.json").read_text(encoding="utf-8"), tmp_path / "found.json"
+    assert main(["estimate", str(copy), "--mass", "13"]) == 0
+    shown = capsys.readouterr().out
+    assert f"not kept, and not what {copy / 'calibration.json'} holds" in shown
+    assert "export with" not in shown
+    assert not (copy / "report.html").exists()
+    assert main(["estimate", str(copy), "--mass", "13", "--out", str(out)]) == 0
+    assert f"saved: {out}, {tmp_path / 'found.html'}\n" in capsys.readouterr().out
+    assert json.loads(out.read_text(encoding="utf-8"))["settings"]["precise"]["mass"] == 13
+    assert (copy / "calibration.json").read_text(encoding="utf-8") == own
+    assert main(["estimate", str(copy), "--mass", "0"]) == 2
 
 
 def test_estimate_gives_its_numbers_also_where_the_page_cannot_be_written(copy, capsys):

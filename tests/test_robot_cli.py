@@ -12,8 +12,11 @@ from contextlib import contextmanager
 import pytest
 from peer_processes import free_port, running_peer
 
-from equipoise import RunFolder
+from equipoise import CalibrationSettings, RunFolder
 from equipoise.cli import main
+from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.methods.rehearsal import rehearse
+from equipoise.outputs.platform_terminal import print_rehearsal
 from equipoise.recordings.run_log_reader import read_log
 
 STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
@@ -130,7 +133,27 @@ def test_a_dry_run_moves_nothing_and_tells_all(tmp_path, monkeypatch, capsys):
     told = capsys.readouterr().out
     for words in ("unitree_a1 on unitree-go2: method paper", "sway about yaw", "FL_hip_joint", "Nothing was moved."):
         assert words in told
+    assert main(["calibrate", "--method", "paper", "--dry-run", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["schema"] == "equipoise.rehearsal/1"
+    assert table["joints"]["FL_hip_joint"]["torque"] < table["joints"]["FL_hip_joint"]["torque_limit"]
     assert not list(tmp_path.iterdir())
+
+
+def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
+    rehearsal = rehearse(a1, CalibrationSettings("precise", precise=PreciseSettings(budget=60)))
+    assert rehearsal.plan is not None
+    assert sum(p.times for p in rehearsal.postures if "two feet up" in p.what) == rehearsal.plan.lifts
+    print_rehearsal(rehearsal, "mujoco")
+    assert capsys.readouterr().out.count("sway about yaw") == 1
+
+
+def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["record", "--duration", "1s", "--out", "here.mcap"]) == 0
+    assert capsys.readouterr().err.startswith("recording into here.mcap for 1 s\n")
+    assert main(["record", "--duration", "1s", "--out", "there.mcap", "--quiet"]) == 0
+    assert "recording into" not in capsys.readouterr().err
 
 
 def test_repetitions_are_compared(tmp_path, capsys):
@@ -141,8 +164,11 @@ def test_repetitions_are_compared(tmp_path, capsys):
     assert table["repetitions"] == 2
     assert table["parameters"]["mass"]["spread"] > 0
     assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == [
-        "01", "02", "repeatability.json", "report.html",
-    ]  # fmt: skip
+        "01",
+        "02",
+        "repeatability.json",
+        "report.html",
+    ]
 
 
 def test_platforms_are_listed_with_their_settings(capsys):

@@ -42,7 +42,8 @@ from equipoise.robot.source import ModelSource
 SCHEMA = "equipoise.run/2"
 RESULT = "calibration.json"
 LOG = "recording.mcap"
-_HEADER, _MODEL, _TRUTH = "run.json", "model.xml", "truth.json"
+HEADER = "run.json"
+_MODEL, _TRUTH = "model.xml", "truth.json"
 _EARLIER = {
     "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
 }
@@ -90,13 +91,13 @@ class RunFolder:
         }
         try:
             if path.is_dir() and any(path.iterdir()):
-                holds = "another run" if (path / _HEADER).exists() else "other files"
+                holds = "another run" if (path / HEADER).exists() else "other files"
                 raise OutputError(f"the output folder {str(path)!r} holds {holds}; name a new one with --out")
             path.mkdir(parents=True, exist_ok=True)
             (path / _MODEL).write_text(robot.source.xml, encoding="utf-8")
             log = RunLog(path / LOG)
-            (path / _HEADER).with_suffix(".partial").write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
-            (path / _HEADER).with_suffix(".partial").replace(path / _HEADER)  # whoever finds a header finds the rest
+            (path / HEADER).with_suffix(".partial").write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
+            (path / HEADER).with_suffix(".partial").replace(path / HEADER)  # whoever finds a header finds the rest
         except OutputError:
             raise
         except OSError as error:
@@ -107,14 +108,14 @@ class RunFolder:
     def open(cls, path: str | Path) -> RunFolder:
         """A run that exists; raises RecordingError if it is none."""
         path = Path(path)
-        header = _read_json(path / _HEADER, f"{str(path)!r} is no run of equipoise")
+        header = _read_json(path / HEADER, f"{str(path)!r} is no run of equipoise")
         schema = header.get("schema")
         if schema != SCHEMA:
             by = _EARLIER.get(str(schema), "")
             raise RecordingError(f"the run {str(path)!r} is {schema!r}{by}; this version reads {SCHEMA!r}")
         for key in ("model", "description", "settings", "provenance"):
             if not isinstance(header.get(key), dict):
-                raise RecordingError(f"the run {str(path)!r} is damaged: its {_HEADER} lacks {key!r}")
+                raise RecordingError(f"the run {str(path)!r} is damaged: its {HEADER} lacks {key!r}")
         return cls(path, header)
 
     @classmethod

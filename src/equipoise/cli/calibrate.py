@@ -179,7 +179,12 @@ def calibrate(
         from equipoise.methods.rehearsal import rehearse
         from equipoise.outputs.platform_terminal import print_rehearsal
 
-        print_rehearsal(rehearse(model, plan), platform)
+        rehearsal = rehearse(model, plan)
+        if json:
+            table = {"schema": "equipoise.rehearsal/1", "platform": platform, **rehearsal.to_dict()}
+            print(json_module.dumps(table, indent=2))
+        else:
+            print_rehearsal(rehearsal, platform)
         return
     confirm(place, model, plan, yes)
     now = datetime.now(timezone.utc)
@@ -305,4 +310,4 @@ class _Shown:
         if self.json:
             print(result.to_json(), end="")
         else:
-            print_calibration(result, files, self.verbose)
+            print_calibration(result, files, self.verbose, folder.path)

@@ -75,6 +75,8 @@ def delta(
 
 
 def _refuse_strangers(before: RunFolder, after: RunFolder) -> None:
+    if before.path.resolve() == after.path.resolve():
+        raise SettingsError(f"{str(after.path)!r} is named twice; what was added shows between two runs")
     models = [folder.robot() for folder in (before, after)]
     if models[0].source.xml != models[1].source.xml or models[0].description != models[1].description:
         raise SettingsError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json as json_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 _FOLDER = "export"
 Run = Annotated[
     Positional[Path | None],
-    arg(metavar="RUN", help="Run folder of a calibration, or its calibration.json.", help_behavior_hint=""),
+    arg(metavar="RUN", help="Run folder of a calibration, or a result as JSON.", help_behavior_hint=""),
 ]
 
 
@@ -104,15 +105,17 @@ def _show_formats(json: bool) -> None:
 
 
 def _result(run: Path) -> Calibration:
-    """Of a run folder, with its model; a JSON file that lies in none has no model."""
+    """Of a run folder, with its model; so has a JSON file that lies in the folder of the run that it is of."""
     from equipoise.result import Calibration
-    from equipoise.run_folder import RESULT, RunFolder
+    from equipoise.run_folder import HEADER, RunFolder
 
-    if run.is_file():
-        if run.name != RESULT or not (run.parent / "run.json").exists():
-            return Calibration.load(run)
-        run = run.parent
-    return RunFolder.open(run).result()
+    if not run.is_file():
+        return RunFolder.open(run).result()
+    result = Calibration.load(run)
+    model = RunFolder.open(run.parent).robot() if (run.parent / HEADER).exists() else None
+    if model is None or model.source.sha256 != result.model["sha256"]:
+        return result
+    return dataclasses.replace(result, robot_model=model)
 
 
 def _place(run: Path, written: Export, file: Path | None) -> Path:

@@ -93,7 +93,7 @@ def estimate(
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
         description_file: Of the log's robot: TOML file with a robot description; flags win over it.
-        out: JSON file to save the result of a log in, and the page of the same name beside it; a run has its own.
+        out: JSON file to save the result in, and the page of the same name beside it. A run's own result is not replaced.
         report: The page is written unless this is given.
         json: Print the result as one JSON object and nothing else on stdout.
         quiet: No warnings about the model file.
@@ -105,8 +105,8 @@ def estimate(
         description, out,
     )  # fmt: skip
     if robot is None:
-        given.refuse()
-        _estimate_run(log, feet, mass, mass_sd, report, json, verbose)
+        dataclasses.replace(given, out=None).refuse()
+        _estimate_run(log, feet, mass, mass_sd, out, report, json, verbose)
     elif feet is not None:
         raise SettingsError("--feet belongs to runs of --method paper; a log is estimated by the method 'precise'")
     else:
@@ -132,19 +132,18 @@ class _LogFlags:
         ]
         if given:
             raise SettingsError(
-                "topics, --joint-map, --from, --until, --out and robot descriptions are for logs that are not ours: give "
-                "--robot too"
+                "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"
             )
 
 
 def _estimate_run(
-    path: Path, feet: Literal["measured", "commanded"] | None, mass: float | None, mass_sd: float | None, report: bool,
-    json: bool, verbose: bool,
+    path: Path, feet: Literal["measured", "commanded"] | None, mass: float | None, mass_sd: float | None, out: Path | None,
+    report: bool, json: bool, verbose: bool,
 ) -> None:  # fmt: skip
     from equipoise.cli.report import try_to_save
     from equipoise.outputs.terminal import print_calibration
     from equipoise.recordings.logs.reader import is_log
-    from equipoise.run_folder import RunFolder
+    from equipoise.run_folder import RESULT, RunFolder
 
     try:
         folder = RunFolder.open(path)
@@ -154,13 +153,23 @@ def _estimate_run(
     settings = folder.settings()
     precise = settings.precise
     if mass is not None or mass_sd is not None:
-        precise = dataclasses.replace(precise, mass=mass or precise.mass, mass_sd=mass_sd)
-    result = folder.estimate(dataclasses.replace(settings, feet=feet or settings.feet, precise=precise))
-    files = try_to_save(result, path) if report else []
+        precise = dataclasses.replace(precise, mass=precise.mass if mass is None else mass, mass_sd=mass_sd)
+    asked = dataclasses.replace(settings, feet=feet or settings.feet, precise=precise)
+    result = folder.estimate(asked)
+    files: list[Path] = []
+    if out is not None:
+        result.save(out)
+        files = [out, *(try_to_save(result, out.with_suffix(".html")) if report else [])]
+    elif asked == settings:  # the run's page is of the run's result
+        files = try_to_save(result, path) if report else []
+    kept = out or (path if asked == settings and folder.complete else None)
     if json:
         print(result.to_json(), end="")
-    else:
-        print_calibration(result, files, verbose)
+        return
+    print_calibration(result, files, verbose, kept)
+    if asked != settings and out is None:
+        file = path / "again.json"
+        print(f"not kept, and not what {path / RESULT} holds: to keep, see and export it add --out {file}")
 
 
 def _estimate_log(
@@ -195,7 +204,7 @@ def _estimate_log(
         print(json_module.dumps({**result.to_dict(), "log": found.report.to_dict()}, indent=2))
     else:
         print_log_report(found.report, verbose)
-        print_calibration(result, files, verbose)
+        print_calibration(result, files, verbose, given.out)
 
 
 def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:

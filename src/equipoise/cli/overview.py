@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
 from typing import Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
@@ -35,4 +37,10 @@ def completion(shell: Shell, *, debug: bool = False) -> int:
     """
     from equipoise.cli import main
 
-    return main(["--tyro-print-completion", shell])
+    written = io.StringIO()
+    with redirect_stdout(written):
+        code = main(["--tyro-print-completion", shell])
+    for line in written.getvalue().splitlines():
+        # A shell takes each line of a description for another word to offer.
+        print(line.replace("\\n", " ") if line.startswith("COMPLETION_SPEC = ") else line)
+    return code

@@ -135,7 +135,7 @@ def record(
         connected(platform, model, set, settings) as connection,
         _log_at(out) as log,
         interruptions.noted(),
-        RecordingProgress(quiet or json) as progress,
+        RecordingProgress(quiet or json, out, seconds(duration)) as progress,
     ):
         for number, piece in enumerate(watch(connection, model, seconds(duration)), 1):
             log.add(piece)

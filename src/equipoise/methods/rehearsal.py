@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class RehearsedPosture:
         what: it is, in words.
         joint_position: (nj,) [rad].
         torque: (nj,) that holds it, by the model [Nm].
-        times: how often it is taken.
+        times: how often it is taken; 0 at the far end of a turn or a sway, which is counted at the near one.
     """
 
     what: str
@@ -78,6 +79,26 @@ class Rehearsal:
     def largest_torque(self) -> FloatArray:
         """(nj,) largest torque either way [Nm]."""
         return np.abs([posture.torque for posture in self.postures]).max(axis=0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        names, (lower, upper) = self.robot.joint_names, self.joint_range.tolist()
+        torques, limits = self.largest_torque.tolist(), self.robot.effort_limit.tolist()
+        rows = zip(names, lower, upper, torques, limits, strict=True)
+        return {
+            "robot": self.robot.name,
+            "method": self.method,
+            "duration": self.duration,
+            "joints": {
+                name: {"from": low, "to": high, "torque": torque, "torque_limit": limit if np.isfinite(limit) else None}
+                for name, low, high, torque, limit in rows
+            },
+            "postures": [
+                {"what": posture.what, "times": posture.times, "joint_position": posture.joint_position.tolist(),
+                 "torque": posture.torque.tolist()}
+                for posture in self.postures
+            ],
+        }  # fmt: skip
 
 
 def rehearse(robot: RobotModel, settings: CalibrationSettings) -> Rehearsal:
@@ -127,9 +148,10 @@ def _of_plan(robot: RobotModel, stance: Stance, plan: Plan) -> Generator[Rehears
         for lift in visit.lifts:
             _, lifted = lift_feet(stance, com, lift, height)
             what = f"{where}: two feet up, on {lift.diagonal}"
-            for angle in (0.0,) if lift.turn is None else (AMPLITUDES[lift.turn], -AMPLITUDES[lift.turn]):
+            ends = (0.0,) if lift.turn is None else (AMPLITUDES[lift.turn], -AMPLITUDES[lift.turn])
+            for times, angle in zip((1, 0), ends, strict=False):
                 feet = turned_feet(lifted, com, lift.turn, angle)
-                yield _held(robot, what, feet, stance.joint_position, DIAGONALS[lift.diagonal])
+                yield _held(robot, what, feet, stance.joint_position, DIAGONALS[lift.diagonal], times)
 
 
 def _of_search(
@@ -153,9 +175,9 @@ def _of_sways(robot: RobotModel, stance: Stance, settings: SwaySettings) -> list
     for axis in AXES:
         if why_unreachable(robot, stance, axis, settings) is not None:
             continue
-        for feet in extreme_feet(robot, stance, axis, settings):
+        for times, feet in zip((1, 0), extreme_feet(robot, stance, axis, settings), strict=True):
             try:
-                found.append(_held(robot, f"sway about {axis}", feet, stance.joint_position))
+                found.append(_held(robot, f"sway about {axis}", feet, stance.joint_position, times=times))
             except ReachError:
                 continue
     return found

@@ -17,6 +17,9 @@ def print_delta(delta: Delta) -> None:
     console = Console()
     for warning in delta.warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    what = "taken off" if delta.removed else "added"
+    title = f"{delta.robot}: what was {what}; CoM in the base frame, inertia about its own CoM"
+    console.print(f"[italic]{escape(title)}[/italic]")  # wider than its table
     console.print(_payload(delta))
     if delta.payload.inertia is None:
         console.print("No mass can be told from none: nothing is said of where it is. What changed in the whole robot:")
@@ -24,10 +27,8 @@ def print_delta(delta: Delta) -> None:
 
 
 def _payload(delta: Delta) -> Table:
-    what = "taken off" if delta.removed else "added"
-    title = f"{delta.robot}: what was {what}; CoM in the base frame, inertia about its own CoM"
     truth = {} if delta.truth is None else BodyEstimate.known(delta.truth).by_name()
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD)
     for column in ("parameter", "estimate", "95 % +-", "", *(("truth", "error") if truth else ())):
         table.add_column(column, justify="left" if column in ("parameter", "") else "right")
     values = delta.payload.by_name()

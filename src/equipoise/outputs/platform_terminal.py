@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from rich import box
@@ -33,9 +34,18 @@ def print_platforms(drivers: Sequence[Driver], settings: Mapping[str, list[tuple
             continue
         table = Table("setting", "is", "default", box=None, padding=(0, 2), show_header=False)
         for name, kind, default in its:
-            table.add_row(name, kind, "" if default is None else escape(str(default)))
+            table.add_row(name, kind, escape(_setting(default)))
         console.print(table)
         console.print()
+
+
+def _setting(value: Any) -> str:
+    """A setting's value as --set takes it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ",".join(map(str, cast("tuple[Any, ...]", value)))
+    return "" if value is None else str(value)
 
 
 def print_checkup(
@@ -68,11 +78,12 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
     for column in ("posture", "times", "largest torque, of its limit"):
         table.add_column(column, justify="right" if column == "times" else "left")
     limit = rehearsal.robot.effort_limit
-    for posture in rehearsal.postures:
-        share = np.abs(posture.torque) / limit
+    for what in dict.fromkeys(posture.what for posture in rehearsal.postures):
+        same = [posture for posture in rehearsal.postures if posture.what == what]  # lifts with other turns
+        share = np.max([np.abs(posture.torque) / limit for posture in same], axis=0)
         joint = int(np.argmax(share))
         torque = f"{share[joint]:.0%} at {rehearsal.robot.joint_names[joint]}" if share[joint] > 0 else "-"
-        table.add_row(posture.what, str(posture.times), torque)
+        table.add_row(what, str(sum(posture.times for posture in same)), torque)
     console.print(table)
     joints = Table(title="Joints", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("joint", "from [rad]", "to", "limits [rad]", "torque [Nm]"):
@@ -118,9 +129,12 @@ def _does(rehearsal: Rehearsal) -> str:
 class RecordingProgress:
     """How much was recorded so far, on one line of stderr."""
 
-    def __init__(self, quiet: bool) -> None:
+    def __init__(self, quiet: bool, into: Path, duration: float | None) -> None:
         self._console = Console(stderr=True)
         self._quiet = quiet or not self._console.is_terminal
+        if not quiet:
+            until = "until Ctrl-C" if duration is None else f"for {duration:g} s"
+            self._console.print(escape(f"recording into {into} {until}"), soft_wrap=True)
         self._samples = 0
         self._start: float | None = None
 

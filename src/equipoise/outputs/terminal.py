@@ -19,7 +19,7 @@ from equipoise.result import BodyEstimate, Calibration
 from equipoise.robot.audit import Audit
 from equipoise.robot.catalog import CatalogRow
 from equipoise.robot.model import DIAGONALS
-from equipoise.run_folder import RESULT
+from equipoise.run_folder import HEADER, RESULT
 
 
 class TrialProgress:
@@ -56,8 +56,15 @@ class TrialProgress:
         self._live.stop()
 
 
-def print_calibration(result: Calibration, files: Sequence[Path], verbose: bool = False) -> None:
-    """What was found, beside the truth where that is known; what speaks against it comes first."""
+def print_calibration(
+    result: Calibration, files: Sequence[Path], verbose: bool = False, kept: Path | None = None
+) -> None:
+    """What was found, beside the truth where that is known; what speaks against it comes first.
+
+    Args:
+        files: that were written.
+        kept: the run folder or the JSON file that holds this very result, if one does.
+    """
     console = Console()
     for check in result.checks:
         if not check.passed:
@@ -73,18 +80,20 @@ def print_calibration(result: Calibration, files: Sequence[Path], verbose: bool 
             console.print(f"{stage}: {seconds:.2f} s")
     if files:
         console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
-        for line in _next_steps(files):
-            console.print(escape(line), soft_wrap=True)
+    for line in _next_steps(result, files, kept):
+        console.print(escape(line), soft_wrap=True)
 
 
-def _next_steps(files: Sequence[Path]) -> list[str]:
-    """What to do with files that were saved."""
+def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -> list[str]:
+    """What to do with files that were saved; a result of which something is not estimated cannot be exported."""
     said = [f"see {file}" for file in files if file.suffix == ".html"]
-    run = files[0].parent
-    if (run / RESULT).exists():
-        said.append(f"export with: equipoise export {run} --to urdf")
-        said += [f"estimate again: equipoise estimate {run}"] if (run / RESULT) in files else []
-    return said
+    if kept is None:
+        return said
+    if None not in result.base.by_name().values():
+        alone = kept.is_file() and not (kept.parent / HEADER).exists()
+        model = f" --file {result.robot_model.source.path}" if alone and result.robot_model is not None else ""
+        said.append(f"export with: equipoise export {kept} --to {result.model['format']}{model}")
+    return [*said, *([f"estimate again: equipoise estimate {kept}"] if (kept / RESULT) in files else [])]
 
 
 # Name in intervals, label, factor from SI units, format.
@@ -211,16 +220,17 @@ def print_plan(robot: str, plan: Plan) -> None:
         turns = {d: [lift.turn or "passive" for lift in visit.lifts if lift.diagonal == d] for d in DIAGONALS}
         table.add_row(describe(visit.posture), *(", ".join(turns[d]) or "-" for d in DIAGONALS))
     console.print(table)
-    accuracy = Table(title="Predicted, for ordinary sensors and a scale", title_justify="left", box=box.SIMPLE_HEAD)
+    console.print("[italic]Predicted, for ordinary sensors and a scale[/italic]")  # wider than its table
+    accuracy = Table(box=box.SIMPLE_HEAD)
     for column in ("parameter", "model", "95 % +-"):
         accuracy.add_column(column, justify="left" if column == "parameter" else "right")
     for (_, label, factor, form), value, deviation in zip(ROWS, plan.body, plan.deviation, strict=True):
         accuracy.add_row(escape(label), format(value * factor, form), format(1.96 * deviation * factor, form))
     console.print(accuracy)
     console.print(
-        "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over"
+        "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over planted "
+        "feet, from which joint zeros follow."
     )
-    console.print("planted feet, from which joint zeros follow.")
     for reason in plan.left_out[:_REASONS]:
         console.print(f"left out: {escape(reason)}")
     if len(plan.left_out) > _REASONS:

@@ -82,9 +82,10 @@ def _others(result: Calibration) -> list[Block]:
 def _zoom(marks: list[Block]) -> Block:
     """A square that holds all marks, unless one is so far away that the others would be one dot."""
     centre = np.mean([mark["at"] for mark in marks if mark["kind"] == "found"], axis=0)
-    reach = [float(np.abs(np.array(mark["at"]) - centre).max()) for mark in marks]
-    reach += [mark["ellipse"]["major"] for mark in marks if "ellipse" in mark]
-    half = min(_WIDEST_ZOOM, max(_SMALLEST_ZOOM, 1.3 * max(reach)))
+    away = [float(np.abs(np.array(mark["at"]) - centre).max()) for mark in marks]
+    around = [mark["ellipse"]["major"] if "ellipse" in mark else 0.0 for mark in marks]
+    whole = max(far + wide for far, wide in zip(away, around, strict=True))
+    half = min(_WIDEST_ZOOM, max(_SMALLEST_ZOOM, 1.3 * max(away + around), 1.1 * whole))
     return {"centre": [round(float(v), 3) for v in centre], "half": round(half, 2)}
 
 

@@ -200,11 +200,11 @@ class Page:
             return
         self._drawn = known
         axes = ellipsoid(frame.estimate)
-        self._ellipsoid.visible = axes is not None
-        if axes is not None:
+        if axes is not None:  # its size before it is seen: as it was made it is a metre wide, with the camera in it
             self._ellipsoid.wxyz = _wxyz(axes[0])
             half = np.minimum(MAGNIFIED * axes[1], _LONGEST)
             self._ellipsoid.scale = (float(half[0]), float(half[1]), float(half[2]))
+        self._ellipsoid.visible = axes is not None
         self._draw_planes(frame)
 
     def _draw_planes(self, frame: Frame) -> None:
