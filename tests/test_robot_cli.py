@@ -183,3 +183,9 @@ def test_platforms_are_listed_with_their_settings(capsys):
     ]
     assert main(["platforms"]) == 0
     assert "docs/unitree-go2.md" in capsys.readouterr().out
+
+
+def test_a_simulated_robot_is_recorded_for_ten_seconds(tmp_path, capsys):
+    out = tmp_path / "log.mcap"
+    assert main(["record", "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["joint_samples"] == pytest.approx(5000, abs=5)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from equipoise.recordings.run_log import RunLog
 
 _PIECES_HELD = 40  # in memory, by a log that does not know yet what they belong to
+_SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill
 
 
 def platforms(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
@@ -116,7 +117,7 @@ def record(
     Args:
         set: A setting of the platform, as KEY=VALUE; may be given again.
         settings: TOML file with settings of the platform.
-        duration: How long; default until Ctrl-C.
+        duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
         out: The file; default logs/ROBOT-TIME.mcap.
         description_file: TOML file with a robot description; flags win over it.
         json: Print one JSON object and nothing else on stdout.
@@ -124,20 +125,22 @@ def record(
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.outputs.platform_terminal import RecordingProgress
+    from equipoise.platforms.catalog import SIMULATED
     from equipoise.platforms.checkup import watch
     from equipoise.platforms.interruptions import Interruptions
 
     model = load(robot, description_file, description)
     now = datetime.now(timezone.utc)
     out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
+    lasting = seconds(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
     interruptions, samples = Interruptions(), 0
     with (
         connected(platform, model, set, settings) as connection,
         _log_at(out) as log,
         interruptions.noted(),
-        RecordingProgress(quiet or json, out, seconds(duration)) as progress,
+        RecordingProgress(quiet or json, out, lasting) as progress,
     ):
-        for number, piece in enumerate(watch(connection, model, seconds(duration)), 1):
+        for number, piece in enumerate(watch(connection, model, lasting), 1):
             log.add(piece)
             samples += len(piece.joints.time)
             if number % _PIECES_HELD == 0:
