@@ -171,7 +171,7 @@ def table(results: dict[str, list[dict[str, Any]]]) -> list[str]:
     shares = [[r["on_time"] for r in case] for case in rounds]
     rows.append(f"| within {LIMIT:g} ms | " + " | ".join(f"**{statistics.median(s):.3%}**" for s in shares) + " |")
     rows.append("| of the rounds | " + " | ".join(f"{min(s):.2%} to {max(s):.2%}" for s in shares) + " |")
-    rows.append("| deadlines begun anew | " + " | ".join(str(sum(r["lost"] for r in case)) for case in rounds) + " |")
+    rows.append("| deadlines missed | " + " | ".join(str(sum(r["lost"] for r in case)) for case in rounds) + " |")
     rows.append("| load of the machine | " + " | ".join(f"{max(r['load'] for r in c):.1f}" for c in rounds) + " |")
     return rows
 
