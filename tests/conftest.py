@@ -1,5 +1,6 @@
 """Fixtures that many tests share."""
 
+import signal
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -88,3 +89,11 @@ def precise_run(a1):
             truth=simulation.truth,
             seed=4,
         )
+
+
+@pytest.fixture
+def ctrl_c_raises():
+    """Whatever started the tests: a shell's background jobs ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from equipoise.errors import ModelWarning
 from equipoise.estimation.parameters import COMPONENTS, components
-from equipoise.outputs.export.subject import body_of, seen_from, vector_of
+from equipoise.outputs.export.subject import body_of, seen_from
 from equipoise.result import BodyEstimate, Calibration, Interval, Uncertainty, model_facts
 from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
@@ -46,7 +46,7 @@ def found(robot, added=None, verdicts=None, **changes):
 
 def joined(body, added):
     """Both together; what is added need not be a body that can exist."""
-    return body_of(vector_of(body) + vector_of(added), "the sum")
+    return body_of(body.vector + added.vector, "the sum")
 
 
 def uncertainty(name, body, verdicts):

@@ -8,7 +8,7 @@ import pytest
 
 from equipoise import CalibrationSettings, RunFolder, ScaleReadings, calibrate, find_delta, nominal_stance, simulate
 from equipoise.cli import main
-from equipoise.delta import _body, _payload
+from equipoise.delta import _payload
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimation.evidence import read_evidence
 from equipoise.estimation.parameters import COMPONENTS, Priors
@@ -99,7 +99,7 @@ def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
 
 def test_bodies_come_back_from_what_adds_up():
     body = InertialParameters(0.8, [0.1, -0.02, 0.05], [[3e-3, 1e-4, 0], [1e-4, 4e-3, -2e-4], [0, -2e-4, 5e-3]])
-    found = _body(np.array(body.to_pinocchio().toDynamicParameters()))
+    found = InertialParameters.from_vector(body.vector)
     assert found.mass == pytest.approx(body.mass)
     assert np.allclose(found.com, body.com)
     assert np.allclose(found.inertia, body.inertia)

@@ -22,7 +22,7 @@ from equipoise.estimation.findings import Check
 from equipoise.estimation.parameters import COMPONENTS, components
 from equipoise.outputs.export.formats import FORMATS
 from equipoise.outputs.export.randomisation import ENTRIES, pseudo_inertias, spread, stretched
-from equipoise.outputs.export.subject import body_of, vector_of
+from equipoise.outputs.export.subject import body_of
 from equipoise.result import BodyEstimate
 from equipoise.robot.inertial import InertialParameters, base_parameters
 
@@ -112,7 +112,7 @@ def test_what_a_method_does_not_estimate_is_refused(name, force, result):
 def test_a_base_that_no_body_can_be_is_refused(a1):
     result = found(a1)
     missing = InertialParameters(5.0, np.array([0.0, 0.0, 0.1]), 0.05 * np.eye(3))
-    light = body_of(vector_of(result.nominal.composite) - vector_of(missing), "the robot")
+    light = body_of(result.nominal.composite.vector - missing.vector, "the robot")
     with pytest.raises(NotPhysicalError) as error:
         export(dataclasses.replace(result, composite=BodyEstimate.known(light)), "xacro")
     assert str(error.value).startswith("base link 'trunk', less the model's legs, would have a mass of -0.286")
@@ -329,7 +329,7 @@ def test_what_was_added_is_a_link_of_an_sdf(result, base, a1, tmp_path):
         link = next(e for e in root.iter("link") if e.get("name") == "equipoise_payload")
         assert link.find("pose").attrib == {"relative_to": "trunk"}
         added = sdf_body(link.find("inertial"))
-        assert_same(body_of(vector_of(base_parameters(a1)) + vector_of(added), "both"), base)
+        assert_same(body_of(base_parameters(a1).vector + added.vector, "both"), base)
         joint = next(e for e in root.iter("joint") if e.get("name") == "equipoise_payload_joint")
         assert (joint.get("type"), joint.findtext("parent"), joint.findtext("child")) == (
             "fixed",
@@ -352,7 +352,7 @@ def test_an_sdf_that_would_count_masses_twice_is_refused(result, tmp_path):
 
 
 def pseudo_of(body):
-    return pseudo_inertias(vector_of(body)[None])[0]
+    return pseudo_inertias(body.vector[None])[0]
 
 
 def draw(result, scale=1.0, **options):
@@ -372,8 +372,8 @@ def test_entries_and_bodies_are_the_same(result, base):
 
 def test_robots_with_drawn_bases_have_the_covariance_of_the_composite(result, base, composite):
     drawn = draw(result, 0.01, draws=4000)  # small enough that every body can exist
-    legs = vector_of(composite) - vector_of(base)
-    robots = np.array([components(body_of(vector_of(body_from(row)) + legs, "robot")) for row in drawn.bodies])
+    legs = composite.vector - base.vector
+    robots = np.array([components(body_of(body_from(row).vector + legs, "robot")) for row in drawn.bodies])
     covariance = 0.01 * np.array(result.uncertainty["composite"].covariance)
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(robots.std(axis=0), deviation, rtol=0.05)

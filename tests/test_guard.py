@@ -33,12 +33,7 @@ class TroubleError(Exception):
     """Of the program, not of the robot."""
 
 
-@pytest.fixture(autouse=True)
-def _ctrl_c_raises():
-    """Whatever started the tests: a shell's background jobs ignore Ctrl-C."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
+pytestmark = pytest.mark.usefixtures("ctrl_c_raises")
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from equipoise.errors import SettingsError
 from equipoise.platforms.unitree_crc import crc32_words
 from equipoise.platforms.unitree_formats import A1, GO1
 from equipoise.platforms.unitree_packets import (
-    MOTORS,
     POSITION_STOP,
     VELOCITY_STOP,
     CommandPacket,
@@ -23,6 +22,7 @@ from equipoise.platforms.unitree_packets import (
     read_command,
     read_state,
 )
+from equipoise.robot.unitree_motors import MOTORS
 
 FORMATS = pytest.mark.parametrize("packets", [A1, GO1], ids=["a1", "go1"])
 COMMANDED = ("position", "velocity", "torque", "kp", "kd")

@@ -22,15 +22,8 @@ from equipoise.platforms.unitree_messages import (
     MotorCmd,
     MotorState,
 )
-from equipoise.platforms.unitree_samples import (
-    COMMAND,
-    LOW_CMD,
-    LOW_STATE,
-    STATE,
-    Message,
-    joints_of_motors,
-    read_message,
-)
+from equipoise.platforms.unitree_samples import COMMAND, LOW_CMD, LOW_STATE, STATE, Message, read_message
+from equipoise.robot.unitree_motors import joints_of_motors
 
 # As in the robot's memory, fields in order: of a command and of a state.
 C_COMMAND = "<4B4IH2x" + "B3x5f3I" * 20 + "4B" + "55Bx2I"

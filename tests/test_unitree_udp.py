@@ -23,14 +23,9 @@ from equipoise.platforms.hardware import HardwarePlatform
 from equipoise.platforms.platform import JointCommand, Trajectory
 from equipoise.platforms.robot_clock import RobotClock
 from equipoise.platforms.unitree_formats import FORMATS, GO1
-from equipoise.platforms.unitree_packets import (
-    MOTORS,
-    Damage,
-    LowState,
-    StatePacket,
-    read_command,
-)
+from equipoise.platforms.unitree_packets import Damage, LowState, StatePacket, read_command
 from equipoise.platforms.unitree_udp import UnitreeUdpSettings, open_link
+from equipoise.robot.unitree_motors import MOTORS
 
 PROTOCOLS = pytest.mark.parametrize("protocol", list(FORMATS))
 FAULTS = ("--loss", 0.02, "--duplicate", 0.02, "--reorder", 0.02)

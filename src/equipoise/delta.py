@@ -18,7 +18,7 @@ from equipoise.estimation.parameters import COMPONENTS, Priors, base_vector, com
 from equipoise.estimation.screening import screen
 from equipoise.estimation.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
 from equipoise.recordings.recording import Recording
-from equipoise.result import BodyEstimate, Interval
+from equipoise.result import NORMAL_95, BodyEstimate, Interval
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -26,8 +26,6 @@ from equipoise.robot.stance import Stance, nominal_stance
 FloatArray = NDArray[np.float64]
 
 SCHEMA = "equipoise.delta/1"
-_NORMAL_95 = 1.96
-_IDENTIFIED, _WEAK = 0.1, 0.5  # standard deviation over what the quantity is like
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +57,10 @@ class Delta:
 
     def with_truth(self, before: RobotInertia, after: RobotInertia) -> Delta:
         """The same with the truth of both simulated runs joined to it."""
-        added = _vector(after.base) - _vector(before.base)
-        return replace(self, truth=_body(-added if self.removed else added) if added[0] else None)
+        added = after.base.vector - before.base.vector
+        return replace(
+            self, truth=InertialParameters.from_vector(-added if self.removed else added) if added[0] else None
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -137,26 +137,20 @@ def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> tuple
     Args:
         length: what a position is compared with [m].
     """
-    if vector[0] <= _NORMAL_95 * np.sqrt(covariance[0, 0]):
+    if vector[0] <= NORMAL_95 * np.sqrt(covariance[0, 0]):
         return BodyEstimate(float(vector[0])), _intervals(vector[:1], np.sqrt(covariance[:1, 0]), np.abs(vector[:1]))
-    body = _body(vector)
-    values, spread = _propagated(lambda at: components(_body(at)), vector, covariance)
+    body = InertialParameters.from_vector(vector)
+    values, spread = _propagated(lambda at: components(InertialParameters.from_vector(at)), vector, covariance)
     largest = float(np.abs(values[4:]).max())
     typical = np.concatenate([values[:1], np.full(3, length), np.full(6, largest)])
     return BodyEstimate.known(body), _intervals(values, np.sqrt(np.diag(spread)), typical)
 
 
 def _intervals(values: FloatArray, deviations: FloatArray, typical: FloatArray) -> dict[str, Interval]:
-    found: dict[str, Interval] = {}
-    for name, value, deviation, size in zip(COMPONENTS, values, deviations, typical, strict=False):
-        verdict = (
-            "identified"
-            if deviation <= _IDENTIFIED * size
-            else "weak" if deviation <= _WEAK * size else "not identified"
-        )  # fmt: skip
-        half = _NORMAL_95 * deviation
-        found[name] = Interval(float(deviation), float(value - half), float(value + half), verdict)
-    return found
+    return {
+        name: Interval.of(float(value), float(deviation), float(size))
+        for name, value, deviation, size in zip(COMPONENTS, values, deviations, typical, strict=False)
+    }
 
 
 def _propagated(
@@ -170,16 +164,3 @@ def _propagated(
     ]
     jacobian = np.stack(columns, axis=1)
     return function(at), np.asarray(jacobian @ covariance @ jacobian.T, dtype=float)
-
-
-def _vector(body: InertialParameters) -> FloatArray:
-    """(10,) about the base's origin, in Pinocchio's order."""
-    return np.array(body.to_pinocchio().toDynamicParameters(), dtype=float)
-
-
-def _body(vector: FloatArray) -> InertialParameters:
-    """The same as mass, CoM and inertia about it. It need not be physical: it is a difference of estimates."""
-    mass, com = float(vector[0]), vector[1:4] / vector[0]
-    xx, xy, yy, xz, yz, zz = vector[4:]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return InertialParameters(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))

@@ -32,6 +32,10 @@ FloatArray = NDArray[np.float64]
 Maybe = float | None
 
 SCHEMA = "equipoise.calibration/2"
+NORMAL_95 = 1.96
+"""Standard deviations to either side that hold 95 % of a normal distribution."""
+# Standard deviation up to which a quantity counts as identified, and as weak; over what it is compared with.
+_IDENTIFIED, _WEAK = 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -127,6 +131,17 @@ class Interval:
     lower: float
     upper: float
     verdict: str
+
+    @classmethod
+    def of(cls, value: float, deviation: float, compared_with: float) -> Interval:
+        """About a value.
+
+        Args:
+            compared_with: what a standard deviation is small or large beside: the one before the run, or the quantity's size.
+        """
+        small, half = deviation <= _IDENTIFIED * compared_with, NORMAL_95 * deviation
+        verdict = "identified" if small else "weak" if deviation <= _WEAK * compared_with else "not identified"
+        return cls(deviation, value - half, value + half, verdict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from equipoise.errors import OutputError, SettingsError
 
 if TYPE_CHECKING:
     from equipoise.estimation.two_runs import ScaleReadings
+    from equipoise.robot.model import RobotModel
     from equipoise.run_folder import RunFolder
 
 
@@ -51,17 +53,15 @@ def delta(
     from equipoise.run_folder import RunFolder
 
     folders = RunFolder.open(before), RunFolder.open(after)
-    _refuse_strangers(*folders)
+    robot = _shared_robot(*folders)
     scale = _scale(folders, (mass_before, mass_after), scale_gain, scale_noise)
     priors = folders[0].settings().precise.priors
-    found = find_delta(folders[0].robot(), folders[0].recordings(), folders[1].recordings(), scale, priors)
+    found = find_delta(robot, folders[0].recordings(), folders[1].recordings(), scale, priors)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
         found = found.with_truth(truths[0], truths[1])
-    text = json_module.dumps(
-        {**found.to_dict(), "provenance": {"before": str(before), "after": str(after), "masses": scale.masses}},
-        indent=2,
-    )
+    found = replace(found, provenance={"before": str(before), "after": str(after), "masses": scale.masses})
+    text = json_module.dumps(found.to_dict(), indent=2)
     if out is not None:
         try:
             out.write_text(text + "\n", encoding="utf-8")
@@ -74,7 +74,8 @@ def delta(
         print("" if out is None else f"saved: {out}\n", end="")
 
 
-def _refuse_strangers(before: RunFolder, after: RunFolder) -> None:
+def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
+    """The robot of two runs that can be compared; raises SettingsError if they cannot."""
     if before.path.resolve() == after.path.resolve():
         raise SettingsError(f"{str(after.path)!r} is named twice; what was added shows between two runs")
     models = [folder.robot() for folder in (before, after)]
@@ -88,6 +89,7 @@ def _refuse_strangers(before: RunFolder, after: RunFolder) -> None:
             raise SettingsError(
                 f"the run {str(folder.path)!r} is of the method {method!r}; what was added is told by runs of 'precise'"
             )
+    return models[0]
 
 
 def _scale(

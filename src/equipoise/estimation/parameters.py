@@ -103,7 +103,7 @@ class Unknowns:
         self.scale = np.concatenate([np.full(count, size) for _, count, size in blocks])
         self.biases = slice(self._slices["joint_zero"].start, self._slices["floor_warp"].stop)
         self.model_base = base_parameters(robot)
-        self.model_base_vector = np.array(self.model_base.to_pinocchio().toDynamicParameters())
+        self.model_base_vector = self.model_base.vector
 
     def __getitem__(self, name: str) -> slice:
         return self._slices[name]
@@ -176,7 +176,7 @@ def log_cholesky(body: InertialParameters) -> FloatArray:
 
     Every vector is a body that can exist: its pseudo-inertia is U U^T with an upper triangular U.
     """
-    about_origin = body.to_pinocchio().toDynamicParameters()
+    about_origin = body.vector
     xx, xy, yy, xz, yz, zz = about_origin[4:]
     rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     pseudo = np.empty((4, 4))

@@ -83,7 +83,7 @@ def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
     rotation = np.array(robot.imu_in_base.rotation)
     equation = TiltEquation(legs, rotation, [lift])
     rows, _ = equation.rows(SensorBiases.none(len(robot.joint_names)))
-    inertial = np.concatenate([base_parameters(robot).to_pinocchio().toDynamicParameters(), np.ones(legs.links)])
+    inertial = np.concatenate([base_parameters(robot).vector, np.ones(legs.links)])
     up = rotation @ lift.rest_acceleration / np.linalg.norm(lift.rest_acceleration)
     left_foot, right_foot = lift.stance_feet
     feet = legs.feet(lift.joint_position[:1])[0]

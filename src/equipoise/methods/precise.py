@@ -39,9 +39,6 @@ from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 
-# Posterior over prior standard deviation up to which a parameter counts as identified, and as weak.
-_IDENTIFIED, _WEAK = 0.1, 0.5
-_NORMAL_95 = 1.96
 _PAPER_BIAS = (
     "the paper's I leaves out the shanks and takes legs to have no mass, and joint friction in the motor torques adds to I "
     "and to C; compare with stance_effective"
@@ -130,13 +127,10 @@ def estimate(
 
 def _uncertainty(body: InertialParameters, covariance: FloatArray, prior: FloatArray) -> Uncertainty:
     deviations = np.sqrt(np.diag(covariance))
-    values = components(body)
-    intervals: dict[str, Interval] = {}
-    for name, value, deviation, before in zip(COMPONENTS, values, deviations, prior, strict=True):
-        ratio = deviation / before
-        verdict = "identified" if ratio <= _IDENTIFIED else "weak" if ratio <= _WEAK else "not identified"
-        half = _NORMAL_95 * deviation
-        intervals[name] = Interval(float(deviation), float(value - half), float(value + half), verdict)
+    intervals = {
+        name: Interval.of(float(value), float(deviation), float(before))
+        for name, value, deviation, before in zip(COMPONENTS, components(body), deviations, prior, strict=True)
+    }
     return Uncertainty(intervals, tuple(tuple(float(value) for value in row) for row in covariance))
 
 

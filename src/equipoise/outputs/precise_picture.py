@@ -12,7 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from equipoise.estimation.parameters import COMPONENTS, components
 from equipoise.outputs.figure import BLUE, GREEN, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
-from equipoise.result import Calibration
+from equipoise.result import NORMAL_95, Calibration
 
 _GROUPS = (
     ("CoM in the base frame [mm]", ("com_x", "com_y", "com_z"), 1000.0),
@@ -91,7 +91,7 @@ def _draw_sensors(axes: Axes, calibration: Calibration) -> None:
     shown = [f for f in calibration.sensors if f.name.endswith(" zero") or f.name.startswith("IMU ")]
     shown = sorted(shown, key=lambda finding: -abs(finding.value))[:_SHOWN_BIASES][::-1]
     values = np.degrees([finding.value for finding in shown])
-    halves = 1.96 * np.degrees([finding.deviation for finding in shown])
+    halves = NORMAL_95 * np.degrees([finding.deviation for finding in shown])
     colours = [VERMILLION if finding.notable else BLUE for finding in shown]
     axes.barh(range(len(shown)), values, xerr=halves, color=colours, ecolor=GREY, capsize=4)
     axes.set_yticks(range(len(shown)), [finding.name for finding in shown], fontsize=SMALL)

@@ -15,7 +15,7 @@ from rich.table import Table
 from equipoise.calibration import Progress as RoutineProgress
 from equipoise.estimation.paper import AXES
 from equipoise.experiments.plan import Plan, describe
-from equipoise.result import BodyEstimate, Calibration
+from equipoise.result import NORMAL_95, BodyEstimate, Calibration
 from equipoise.robot.audit import Audit
 from equipoise.robot.catalog import CatalogRow
 from equipoise.robot.model import DIAGONALS
@@ -225,7 +225,7 @@ def print_plan(robot: str, plan: Plan) -> None:
     for column in ("parameter", "model", "95 % +-"):
         accuracy.add_column(column, justify="left" if column == "parameter" else "right")
     for (_, label, factor, form), value, deviation in zip(ROWS, plan.body, plan.deviation, strict=True):
-        accuracy.add_row(escape(label), format(value * factor, form), format(1.96 * deviation * factor, form))
+        accuracy.add_row(escape(label), format(value * factor, form), format(NORMAL_95 * deviation * factor, form))
     console.print(accuracy)
     console.print(
         "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over planted "

@@ -25,19 +25,11 @@ from equipoise.platforms.dds import LOOPBACK, DdsDomain, raw
 from equipoise.platforms.platform import JointCommand, RobotState
 from equipoise.platforms.unitree_dds import COMMAND_TOPIC, STATE_TOPIC
 from equipoise.platforms.unitree_messages import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
-from equipoise.platforms.unitree_samples import (
-    COMMAND,
-    MOTORS,
-    STATE,
-    STOP_POSITION,
-    STOP_VELOCITY,
-    Message,
-    joints_of_motors,
-    read_message,
-)
+from equipoise.platforms.unitree_samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.platforms.unitree_sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
+from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 _SPORT_MODE = "normal"
 _LETS_GO = 0.3  # [s] after which the robot's own controller has ended

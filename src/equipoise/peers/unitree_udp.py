@@ -23,7 +23,6 @@ from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platforms.platform import JointCommand, RobotState
 from equipoise.platforms.unitree_formats import FORMATS, PacketFormat, Protocol
 from equipoise.platforms.unitree_packets import (
-    MOTORS,
     POSITION_STOP,
     VELOCITY_STOP,
     Damage,
@@ -32,9 +31,10 @@ from equipoise.platforms.unitree_packets import (
     StatePacket,
     read_command,
 )
-from equipoise.platforms.unitree_udp import Address, joints_of_motors
+from equipoise.platforms.unitree_udp import Address
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
+from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 _TEMPERATURE = 40.0  # [deg C] of every motor
 _CHARGE, _VOLTAGE = 0.8, 24.96  # of a Go1's battery

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.platforms.platform import Health, JointCommand, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platforms.stepping import play_by_stepping
+from equipoise.platforms.wrapper import PlatformWrapper
 from equipoise.recordings.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +56,7 @@ class Fault:
             raise SettingsError(f"fault {self.kind!r} is not known; it is one of {', '.join(KINDS)}")
 
 
-class Faulty:
+class Faulty(PlatformWrapper):
     """A platform with a fault.
 
     Args:
@@ -69,7 +70,8 @@ class Faulty:
     """
 
     def __init__(self, platform: Platform, fault: Fault, phase: Callable[[], str], gains: tuple[float, float]) -> None:
-        self._platform, self._fault, self._phase = platform, fault, phase
+        super().__init__(platform)
+        self._fault, self._phase = fault, phase
         self._kp, self._kd = np.full((2, len(platform.joint_names)), np.array(gains)[:, None])
         self._waited = 0  # control periods since the phase was seen
         self._left = _FULLY if fault.duration is None else max(1, round(fault.duration / platform.control_period))
@@ -81,35 +83,20 @@ class Faulty:
         self._count = 0
         self.begun = False
 
-    @property
-    def control_period(self) -> float:
-        return self._platform.control_period
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._platform.joint_names
-
-    @property
-    def accepts(self) -> frozenset[str]:
-        return self._platform.accepts
-
     def read(self) -> RobotState:
-        return self._sensed(self._platform.read(), self.acting)
+        return self._sensed(self._inner.read(), self.acting)
 
     def step(self, command: JointCommand) -> RobotState:
         acting = self._advance()
         if acting and self._fault.kind == "kill link":
             raise CommunicationError("the link is gone")
         if acting and self._onset is None:
-            self._onset = self._platform.read()
+            self._onset = self._inner.read()
         self._meant = command
-        return self._sensed(self._platform.step(self._moved(command) if acting else command), acting)
+        return self._sensed(self._inner.step(self._moved(command) if acting else command), acting)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         return play_by_stepping(self, trajectory, stop)
-
-    def close(self) -> None:
-        self._platform.close()
 
     @property
     def acting(self) -> bool:

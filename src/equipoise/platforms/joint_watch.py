@@ -171,9 +171,6 @@ class JointWatch:
         joint = int(np.argmax(since))
         return joint if since[joint] > self._limits.patience else None
 
-    def _name(self, which: NDArray[np.bool_]) -> str:
-        return repr(self._robot.joint_names[int(np.argmax(which))])
-
 
 def _limp(command: JointCommand) -> bool:
     return command.kp is not None and not command.kp.any()

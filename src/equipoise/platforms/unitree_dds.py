@@ -18,19 +18,11 @@ from equipoise.platforms.dds import DdsDomain, raw
 from equipoise.platforms.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.platforms.robot_clock import RobotClock
 from equipoise.platforms.unitree_messages import LowCmd, LowState
-from equipoise.platforms.unitree_samples import (
-    COMMAND,
-    MOTORS,
-    STATE,
-    STOP_POSITION,
-    STOP_VELOCITY,
-    Message,
-    joints_of_motors,
-    read_message,
-)
+from equipoise.platforms.unitree_samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.platforms.unitree_sport import MotionSwitcher
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
+from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 FloatArray = NDArray[np.float64]
 

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from equipoise.errors import SettingsError
 from equipoise.platforms.unitree_crc import crc32_words
 from equipoise.platforms.unitree_formats import PacketFormat
+from equipoise.robot.unitree_motors import MOTORS
 
 FloatArray = NDArray[np.float64]
 
-MOTORS = 12  # in use; packets have room for 20
-MOTOR_LEGS = ("FR", "FL", "RR", "RL")
 """Whose motors come when: hip, thigh and calf of each."""
 
 POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # instead of a target: do not control this

@@ -12,12 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import SettingsError
 from equipoise.platforms.unitree_crc import crc32_words
-from equipoise.robot.model import RobotModel
 
-MOTORS = 12  # of the 20 that a message has room for
-MOTOR_LEGS = ("FR", "FL", "RR", "RL")  # each hip, thigh, calf
 STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # what tells a motor not to hold a position or a velocity
 SERVO = 1  # mode of a motor that heeds its command
 
@@ -188,14 +184,3 @@ def read_message(layout: Layout, data: bytes, check: bool = True) -> NDArray[Any
     if check and (crc := int(record["crc"])) and crc != crc32_words(memory[:-4]):
         return None
     return record
-
-
-def joints_of_motors(robot: RobotModel, kind: str) -> NDArray[np.intp]:
-    """(12,) which of the model's joints each motor moves.
-
-    Raises:
-        SettingsError: the robot has not three joints a leg.
-    """
-    if len(robot.joint_names) != MOTORS or robot.leg_joints.shape[1] != 3:
-        raise SettingsError(f"{kind} has {MOTORS} joints, three a leg; {robot.name!r} has {len(robot.joint_names)}")
-    return np.concatenate([robot.legs[leg].joints for leg in MOTOR_LEGS]).astype(np.intp)

@@ -19,18 +19,11 @@ from numpy.typing import NDArray
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.platforms.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.platforms.robot_clock import RobotClock
-from equipoise.platforms.unitree_packets import (
-    MOTOR_LEGS,
-    MOTORS,
-    CommandPacket,
-    Damage,
-    LowState,
-    MotorCommands,
-    read_state,
-)
+from equipoise.platforms.unitree_packets import CommandPacket, Damage, LowState, MotorCommands, read_state
 from equipoise.platforms.unitree_udp_settings import UnitreeUdpSettings
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
+from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 FloatArray = NDArray[np.float64]
 Address = tuple[str, int]
@@ -236,17 +229,6 @@ class UnitreeUdpLink:
 def open_link(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink:
     """A link to an A1 or a Go1, which one the settings say."""
     return UnitreeUdpLink(robot, settings)
-
-
-def joints_of_motors(robot: RobotModel, who: str) -> NDArray[np.intp]:
-    """(12,) which of the model's joints each motor moves.
-
-    Raises:
-        SettingsError: the robot has not three joints a leg.
-    """
-    if len(robot.joint_names) != MOTORS or robot.leg_joints.shape[1] != 3:
-        raise SettingsError(f"{who} has {MOTORS} joints, three a leg; {robot.name!r} has {len(robot.joint_names)}")
-    return np.concatenate([robot.legs[leg].joints for leg in MOTOR_LEGS]).astype(np.intp)
 
 
 def _open_socket(local: Address) -> socket.socket:

@@ -47,6 +47,25 @@ class InertialParameters:
         """As a pinocchio.Inertia, which also keeps the inertia about the centre of mass."""
         return pin.Inertia(self.mass, self.com, self.inertia)
 
+    @classmethod
+    def from_vector(cls, vector: FloatArray) -> InertialParameters:
+        """From what adds up when bodies are joined; it need not be physical, but its mass is not zero.
+
+        Args:
+            vector: (10,) m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin: Pinocchio's order.
+        """
+        mass, com = float(vector[0]), vector[1:4] / vector[0]
+        xx, xy, yy, xz, yz, zz = vector[4:]
+        about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return cls(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
+
+    @property
+    def vector(self) -> FloatArray:
+        """(10,) about the origin, in Pinocchio's order; what `from_vector` takes. It need not be physical either."""
+        mass, com = self.mass, self.com
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
+        return np.array([mass, *(mass * com), xx, xy, yy, xz, yz, zz])
+
     def __add__(self, other: InertialParameters) -> InertialParameters:
         """Both bodies rigidly joined (parallel axis theorem)."""
         return InertialParameters.from_pinocchio(self.to_pinocchio() + other.to_pinocchio())

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.errors import ModelError, ModelWarning, NotPhysicalError, SettingsError
-from equipoise.outputs.export.subject import PAYLOAD, FloatArray, Subject, UsersFile, body_of, seen_from, vector_of
+from equipoise.outputs.export.subject import PAYLOAD, FloatArray, Subject, UsersFile, body_of, seen_from
 from equipoise.result import Calibration
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters
@@ -175,7 +175,7 @@ def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> N
     Raises:
         ModelError: it has another.
     """
-    got = vector_of(composite_of(subject, read_robot(subject, content)))
+    got = composite_of(subject, read_robot(subject, content)).vector
     if not np.allclose(got, wanted, rtol=_CLOSE, atol=_CLOSE * wanted[0]):
         raise ModelError(
             f"{str(subject.file and subject.file.path)!r} does not follow its <inertial> elements, so that they cannot say "

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from equipoise.errors import NotIdentifiedError, NotPhysicalError
 from equipoise.estimation.parameters import COMPONENTS, components
-from equipoise.outputs.export.subject import vector_of
+from equipoise.result import NORMAL_95
 from equipoise.robot.inertial import InertialParameters
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,6 @@ ENTRIES = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
 _DRAWS = 10_000
 _FEWEST = 0.01  # of what is drawn must exist; otherwise the run left nearly everything open
 _QUANTILES = (0.025, 0.975)
-_NORMAL_95 = 1.96
 _STEP = 1e-6
 _PRODUCTS = [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]  # xx xy yy xz yz zz, Pinocchio's order
 
@@ -58,7 +57,7 @@ class Spread:
         several times as far off as the run left open.
         """
         precision = np.linalg.inv(np.cov(self.entries.T))
-        half = _NORMAL_95 / np.sqrt(np.diag(precision))
+        half = NORMAL_95 / np.sqrt(np.diag(precision))
         return {name: (-float(value), float(value)) for name, value in zip(ENTRIES, half, strict=True)}
 
     def body_ranges(self) -> dict[str, tuple[float, float]]:
@@ -86,13 +85,13 @@ def spread(
     slope = _vector_slope(composite)
     root = _square_root(slope @ covariance @ slope.T)
     rng = np.random.default_rng(seed)
-    pseudo = pseudo_inertias(vector_of(base)[None])[0]
+    pseudo = pseudo_inertias(base.vector[None])[0]
     if not np.linalg.eigvalsh(pseudo)[0] > 0:
         raise NotPhysicalError("the base that was found is as flat as a plate, and nothing can be drawn about it")
     kept = np.empty((0, 4, 4))
     tried = 0
     while len(kept) < draws:
-        drawn = pseudo_inertias(vector_of(base) + rng.standard_normal((draws, 10)) @ root.T)
+        drawn = pseudo_inertias(base.vector + rng.standard_normal((draws, 10)) @ root.T)
         kept = np.concatenate([kept, drawn[np.linalg.eigvalsh(drawn)[:, 0] > 0]])
         tried += draws
         if len(kept) < _FEWEST * tried:
@@ -160,7 +159,7 @@ def _vector_slope(body: InertialParameters) -> FloatArray:
 def _vector(at: FloatArray) -> FloatArray:
     xx, yy, zz, xy, xz, yz = at[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return vector_of(InertialParameters(float(at[0]), at[1:4], inertia))
+    return InertialParameters(float(at[0]), at[1:4], inertia).vector
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:

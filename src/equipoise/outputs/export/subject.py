@@ -68,7 +68,7 @@ class Subject:
         """
         nominal = self.result.nominal
         what = f"base link {self.base_link!r}, less the model's legs,"
-        body = body_of(vector_of(nominal.base) + self.added_to(nominal.composite), what)
+        body = body_of(nominal.base.vector + self.added_to(nominal.composite), what)
         if defect := body.physical_defect():
             raise NotPhysicalError(
                 f"{what} is no body: {defect}; do the model's legs weigh what it says? 'equipoise audit'"
@@ -77,7 +77,7 @@ class Subject:
 
     def added_to(self, composite: InertialParameters) -> FloatArray:
         """(10,) what the robot that was found has more than one with this composite; Pinocchio's order, about the origin."""
-        return vector_of(self.composite) - vector_of(composite)
+        return self.composite.vector - composite.vector
 
     def within_intervals(self, change: FloatArray) -> bool:
         """Whether a change of the inertia [kg m2] (3, 3) is within what the run leaves open of the whole robot's."""
@@ -172,23 +172,11 @@ def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> l
     ]
 
 
-def vector_of(body: InertialParameters) -> FloatArray:
-    """(10,) in Pinocchio's order, about the origin."""
-    mass, com = body.mass, body.com
-    about_origin = body.inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
-    xx, xy, xz, yy, yz, zz = (about_origin[index] for index in _PRODUCTS)
-    return np.array([mass, *(mass * com), xx, xy, yy, xz, yz, zz])
-
-
 def body_of(vector: FloatArray, what: str) -> InertialParameters:
     """A body from its (10,) vector; raises NotPhysicalError if its mass is no mass, with `what` in the message."""
-    mass = float(vector[0])
-    if not mass > 0:
-        raise NotPhysicalError(f"{what} would have a mass of {mass:.6g} kg")
-    com = vector[1:4] / mass
-    xx, xy, yy, xz, yz, zz = vector[4:]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return InertialParameters(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
+    if not vector[0] > 0:
+        raise NotPhysicalError(f"{what} would have a mass of {vector[0]:.6g} kg")
+    return InertialParameters.from_vector(vector)
 
 
 def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:

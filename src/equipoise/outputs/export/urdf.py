@@ -12,7 +12,7 @@ from equipoise.outputs.export.model_file import (
     require_composite,
     require_format,
 )
-from equipoise.outputs.export.subject import PAYLOAD, Subject, number, numbers, products, vector_of
+from equipoise.outputs.export.subject import PAYLOAD, Subject, number, numbers, products
 from equipoise.outputs.export.written import Written
 from equipoise.outputs.export.xml_edit import Document, Edit, Element, comment_lines, escaped
 from equipoise.robot.inertial import InertialParameters
@@ -32,7 +32,7 @@ def write(subject: Subject) -> Written:
         before = composite_of(subject, robot)
         body, notes = payload(subject, before)
         content = document.edited(_payload_edits(document, robot.base_link, body, subject.header(about, *notes)))
-        require_composite(subject, content, vector_of(before) + vector_of(body))
+        require_composite(subject, content, before.vector + body.vector)
         return Written(content, about, notes)
     place = edited_place(robot)
     about = (
@@ -41,7 +41,7 @@ def write(subject: Subject) -> Written:
     )
     body = new_inertial(subject, robot, place)
     content = document.edited(_inertial_edits(document, _link(document, place.name), body, subject.header(about)))
-    require_composite(subject, content, vector_of(subject.composite))
+    require_composite(subject, content, subject.composite.vector)
     return Written(content, about)
 
 

@@ -23,6 +23,7 @@ from equipoise.estimation.tilt import SupportPlane, support_plane_of, tilt_of
 from equipoise.experiments.trial_runner import lift_heights, shifted_feet
 from equipoise.methods.settings import CalibrationSettings
 from equipoise.recordings.recording import Recording
+from equipoise.result import NORMAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
@@ -30,8 +31,6 @@ from equipoise.robot.stance import Stance
 FloatArray = NDArray[np.float64]
 Bracket = tuple[float, float]
 Answer = TypeVar("Answer")
-
-NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True, eq=False)

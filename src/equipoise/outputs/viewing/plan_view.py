@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.outputs.viewing.closing_in import NORMAL_95, ComEstimate, LiftPlane
+from equipoise.outputs.viewing.closing_in import ComEstimate, LiftPlane
 from equipoise.outputs.viewing.colours import COM, VERDICTS, html
+from equipoise.result import NORMAL_95
 
 FloatArray = NDArray[np.float64]
 

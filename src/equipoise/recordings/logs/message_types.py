@@ -10,12 +10,13 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
+from equipoise.robot.unitree_motors import MOTORS
+
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 LOW_STATE, LOW_CMD = "unitree_go/msg/LowState", "unitree_go/msg/LowCmd"
 
-MOTOR_LEGS = ("FR", "FL", "RR", "RL")
-"""Order of the legs in LowState and LowCmd; three motors each, from the hip down, and then motors that do not exist."""
-MOTOR_NAMES = tuple(f"motor {index}" for index in range(3 * len(MOTOR_LEGS)))
+MOTOR_NAMES = tuple(f"motor {index}" for index in range(MOTORS))
+"""Of LowState and LowCmd, in the order of MOTOR_LEGS; the motors after them do not exist."""
 
 _UNITREE_GO = {
     "unitree_go/msg/IMUState": """

@@ -18,18 +18,11 @@ from equipoise.recordings.logs.cdr_arrays import Messages, read_messages
 from equipoise.recordings.logs.finding import Finding
 from equipoise.recordings.logs.joint_names import map_by_order
 from equipoise.recordings.logs.log import RawImu, RawJoints, RawLog
-from equipoise.recordings.logs.message_types import (
-    IMU,
-    JOINT_STATE,
-    LOW_CMD,
-    LOW_STATE,
-    MOTOR_LEGS,
-    MOTOR_NAMES,
-    known_types,
-)
+from equipoise.recordings.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE, MOTOR_NAMES, known_types
 from equipoise.recordings.logs.stamps import Stamps, common_times
 from equipoise.recordings.logs.topics import Topics, choose_topics, nothing_to_read
 from equipoise.robot.model import RobotModel
+from equipoise.robot.unitree_motors import MOTOR_LEGS
 
 FloatArray = NDArray[np.float64]
 
