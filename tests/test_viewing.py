@@ -1,5 +1,6 @@
 """What is shown at a moment: trials, tilt, the CoM closing in, and the words and pictures beside the robot."""
 
+import re
 import time
 import xml.etree.ElementTree as ET
 
@@ -9,14 +10,14 @@ import pytest
 
 from equipoise import CalibrationSettings, ComSearchSettings, RunFolder, calibrate, nominal_stance, simulate
 from equipoise.calibration import estimate
-from equipoise.outputs.viewing.closing_in import ClosingIn
+from equipoise.outputs.viewing.closing_in import ClosingIn, ComEstimate
 from equipoise.outputs.viewing.even_steps import STEP
 from equipoise.outputs.viewing.film import Film
 from equipoise.outputs.viewing.follow import FollowedLog, GivenRecordings
 from equipoise.outputs.viewing.frames import Camera, ellipsoid, expected_trials, joint_poses, plane_lines
 from equipoise.outputs.viewing.open import Showing, Viewing, open_log, open_run
 from equipoise.outputs.viewing.panel import com_text, trial_text
-from equipoise.outputs.viewing.plan_view import plan_view
+from equipoise.outputs.viewing.plan_view import SIZE, plan_view
 from equipoise.outputs.viewing.player import Player
 from equipoise.platforms.logged import Logged
 from equipoise.recordings.logs.reader import read_log
@@ -151,6 +152,24 @@ def test_the_plan_view_is_a_picture_with_every_line(viewing):
     assert "by the model" not in html
     assert "nan" not in html
     assert "nan" not in plan_view([], [], np.zeros(3))
+
+
+def test_the_plan_views_ellipse_holds_95_percent():
+    covariance = np.diag([0.0, 0.0, 1e-7])
+    covariance[:2, :2] = 1e-8 * np.array([[9.0, 5.0], [5.0, 4.0]])
+    half = 1.96 * np.sqrt(np.diag(covariance))
+    html = plan_view([ComEstimate(9, np.zeros(3), half, covariance, {})], [], np.full(3, 5e-3))
+    svg = ET.fromstring(html[: html.index("</svg>") + 6])
+    ellipse = next(element for element in svg if element.tag.endswith("ellipse"))
+    cx, cy, rx, ry = (float(ellipse.get(name)) for name in ("cx", "cy", "rx", "ry"))
+    angle = np.radians(float(re.match(r"rotate\((\S+)", ellipse.get("transform"))[1]))
+    square = float(re.search(r"a square is (\S+) mm", html)[1])  # four of them are the picture's width
+    pixels_per_metre = 1000 * float(svg.get("viewBox").split()[2]) / (4 * square)
+    x, y, _ = np.random.default_rng(1).multivariate_normal(np.zeros(3), covariance, 20_000).T * pixels_per_metre
+    right, down = -y, -x  # forward is up, left is left
+    along, across = np.cos(angle) * right + np.sin(angle) * down, np.cos(angle) * down - np.sin(angle) * right
+    assert (cx, cy) == pytest.approx((SIZE / 2, SIZE / 2))
+    assert np.mean((along / rx) ** 2 + (across / ry) ** 2 < 1) == pytest.approx(0.95, abs=0.01)
 
 
 def test_a_run_that_is_written_is_seen_piece_by_piece(a1, ideal_motions):

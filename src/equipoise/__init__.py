@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from equipoise.delta import Delta, find_delta
     from equipoise.errors import EquipoiseError
     from equipoise.estimation.two_runs import ScaleReadings
+    from equipoise.experiments.precise_routine import PreciseSettings
     from equipoise.experiments.sway import SwaySettings
     from equipoise.experiments.trial_runner import ComSearchSettings
     from equipoise.outputs.export.formats import export
@@ -47,6 +48,7 @@ _HOME = {
     "JointCommand": "platforms.platform",
     "Payload": "platforms.payload",
     "Platform": "platforms.platform",
+    "PreciseSettings": "experiments.precise_routine",
     "Recording": "recordings.recording",
     "RobotDescription": "robot.description",
     "RobotModel": "robot.model",
@@ -80,6 +82,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "JointCommand",
     "Payload",
     "Platform",
+    "PreciseSettings",
     "Recording",
     "RobotDescription",
     "RobotModel",

@@ -34,6 +34,10 @@ Maybe = float | None
 SCHEMA = "equipoise.calibration/2"
 NORMAL_95 = 1.96
 """Standard deviations to either side that hold 95 % of a normal distribution."""
+PLANAR_95 = 2.4477
+"""The same in the plane: the half axes of an ellipse."""
+SPATIAL_95 = 2.7955
+"""The same in space: the half axes of an ellipsoid."""
 # Standard deviation up to which a quantity counts as identified, and as weak; over what it is compared with.
 _IDENTIFIED, _WEAK = 0.1, 0.5
 

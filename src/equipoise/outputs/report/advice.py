@@ -15,14 +15,13 @@ from equipoise.experiments.plan import Candidates, Plan, Visit, describe, make_p
 from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
 from equipoise.outputs.report.blocks import Block, items, table, text
 from equipoise.outputs.terminal import ROWS
-from equipoise.result import Calibration
+from equipoise.result import NORMAL_95, Calibration
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 
 FloatArray = NDArray[np.float64]
 
 _SCALE = 0.005  # of the mass: an ordinary scale
-_NORMAL_95 = 1.96
 _MORE = 60.0  # [s] of robot time on an A1
 _SHOWN_MOTIONS = 4
 _WEAKEST = 3  # parameters, over what a calibration is meant to reach
@@ -75,7 +74,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     goals = PreciseSettings().goals.vector(np.abs(more.body), stance)
     over = {name: float(ratio) for name, ratio in zip(COMPONENTS, now / goals, strict=True) if ratio > 1}
     weakest = sorted(over, key=lambda name: -over[name])[:_WEAKEST]
-    return Outlook({name: _NORMAL_95 * deviation for name, deviation in intervals.items()}, _in_words(more), weakest)
+    return Outlook({name: NORMAL_95 * deviation for name, deviation in intervals.items()}, _in_words(more), weakest)
 
 
 def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
@@ -156,7 +155,7 @@ def _ahead(robot: RobotModel) -> list[Block]:
     """What the precise method would find."""
     plan = plan_ahead(robot, nominal_stance(robot), PreciseSettings())
     rows = [
-        [label, f"\u00b1 {_NORMAL_95 * deviation * factor:{form}}"]
+        [label, f"\u00b1 {NORMAL_95 * deviation * factor:{form}}"]
         for (_, label, factor, form), deviation in zip(ROWS, plan.deviation, strict=True)
     ]
     return [

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from equipoise.estimation.parameters import COMPONENTS, components
 from equipoise.estimation.posterior import Posterior, body_jacobian
 from equipoise.outputs.report.blocks import Block, axes, figure, line
-from equipoise.result import Calibration
+from equipoise.result import NORMAL_95, Calibration
 
 FloatArray = NDArray[np.float64]
-_NORMAL_95 = 1.96
 
 
 def progress_figures(result: Calibration) -> Block | None:
@@ -23,7 +22,7 @@ def progress_figures(result: Calibration) -> Block | None:
     durations = [motion.duration for motion in evidence.motions]
     deviation = deviations_by_motion(posterior, [motion.index for motion in evidence.motions])
     time = np.cumsum([0.0, *durations])
-    half = _NORMAL_95 * deviation
+    half = NORMAL_95 * deviation
     body = components(posterior.robot_body)
     caption = "By what each motion told, added up in the order in which they were done."
     com = [line(time, 1000 * half[:, k], f"CoM {COMPONENTS[k][-1]}", k - 1) for k in (1, 2, 3)]

@@ -14,13 +14,12 @@ from equipoise.outputs.geometry import Mesh
 from equipoise.outputs.report.blocks import Block
 from equipoise.outputs.report.meshes import body
 from equipoise.outputs.report.planes import Planes
-from equipoise.result import Calibration
+from equipoise.result import PLANAR_95, Calibration
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 FloatArray = NDArray[np.float64]
 
-_PLANAR_95 = 2.4477  # standard deviations that hold 95 % of a normal distribution in the plane
 _SMALLEST_ZOOM, _WIDEST_ZOOM = 3.0, 60.0  # [mm] from the middle to the edge
 
 
@@ -65,7 +64,7 @@ def _found(result: Calibration, label: str) -> Block:
 def ellipse(covariance: FloatArray) -> Block:
     """95 % of a planar normal distribution: half axes [mm], and the angle of the first from x towards y [deg]."""
     values, vectors = np.linalg.eigh(covariance)
-    major, minor = (_PLANAR_95 * float(np.sqrt(max(value, 0.0))) for value in values[::-1])
+    major, minor = (PLANAR_95 * float(np.sqrt(max(value, 0.0))) for value in values[::-1])
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
     return {"major": round(major, 4), "minor": round(minor, 4), "angle": round(angle, 2)}
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.experiments.plan import Durations
 from equipoise.outputs.viewing.closing_in import ClosingIn, ComEstimate, LiftPlane
 from equipoise.outputs.viewing.film import Film, TrialMark
+from equipoise.result import SPATIAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
@@ -20,7 +21,6 @@ FloatArray = NDArray[np.float64]
 
 _STANDS = 0.1  # of what a foot counts as on the floor: slopes and leaning IMUs raise some by millimetres
 _LINE_LENGTH = 0.16  # [m] on an A1, to either side
-_CHI_95 = float(np.sqrt(7.815))  # radius of the ellipsoid that holds 95 % in three dimensions, in standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ def ellipsoid(estimate: ComEstimate | None) -> tuple[FloatArray, FloatArray] | N
         return None
     values, vectors = np.linalg.eigh(estimate.covariance)
     vectors[:, 0] *= np.sign(np.linalg.det(vectors))
-    return vectors, _CHI_95 * np.sqrt(np.maximum(values, 0.0))
+    return vectors, SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
 
 
 def plane_lines(frame: Frame, stance: Stance) -> FloatArray:

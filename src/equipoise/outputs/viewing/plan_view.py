@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from equipoise.outputs.viewing.closing_in import ComEstimate, LiftPlane
 from equipoise.outputs.viewing.colours import COM, VERDICTS, html
-from equipoise.result import NORMAL_95
+from equipoise.result import PLANAR_95
 
 FloatArray = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ class _View:
         return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="{_COM}"/>'
 
     def region(self, estimate: ComEstimate) -> str:
-        """The interval's ellipse, or the bracket's box."""
+        """The ellipse that holds 95 %, or the bracket's box."""
         x, y = self.at(estimate.com[:2])
         fill = f'fill="{_COM}" fill-opacity="0.15" stroke="{_COM}"'
         if estimate.covariance is None:
@@ -99,7 +99,7 @@ class _View:
                 f'<rect x="{x - wide:.1f}" y="{y - high:.1f}" width="{2 * wide:.1f}" height="{2 * high:.1f}" {fill}/>'
             )
         values, vectors = np.linalg.eigh(estimate.covariance[:2, :2])
-        small, large = 1000 * NORMAL_95 * np.sqrt(np.maximum(values, 0)) * self._scale
+        small, large = 1000 * PLANAR_95 * np.sqrt(np.maximum(values, 0)) * self._scale
         ux, uy = -vectors[1, 1], -vectors[0, 1]  # of the large axis, in the picture
         angle = float(np.degrees(np.arctan2(uy, ux)))
         return (
