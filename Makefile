@@ -16,7 +16,7 @@ BENCHES := $(addprefix bench-,accuracy balance speed monte-carlo paper sources p
 .PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
 demo: $(RUN_STAMP)
-	$(BIN)/equipoise calibrate --noise realistic --payload 1,0.05,0.02,0.08 --seed 3 \
+	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 \
 	  --out runs/demo-$$(date +%Y%m%d-%H%M%S)
 
 test: $(DEV_STAMP)

@@ -63,7 +63,7 @@ def ideal_motions(a1):
     stance = nominal_stance(a1)
     com = composite_parameters(a1, stance.joint_position).com
     posture = BodyPosture(roll=0.15, yaw=0.2, crouch=0.1)
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         planted, _ = stand_up(simulation.platform, a1, stance)
         trials = PreciseTrials(planted, stance, com)
         return SimpleNamespace(

@@ -128,7 +128,7 @@ def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
         return state
 
     seen = []
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         platform = Meddled(simulation.platform, interrupt)
         with pytest.raises(MotionInterrupted) as caught:
             balance(platform, a1, a1, "FL_RR")
@@ -148,7 +148,7 @@ def test_a_sensor_that_says_no_number_ends_it_with_the_feet_down(a1, sensor):
             return dataclasses.replace(state, **{sensor: np.full_like(getattr(state, sensor), np.nan)})
         return state
 
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         platform = Meddled(simulation.platform, spoil)
         with pytest.raises(MotionError, match="no number; the feet were put down") as caught:
             balance(platform, a1, a1, "FR_RL")
@@ -159,7 +159,7 @@ def test_a_sensor_that_says_no_number_ends_it_with_the_feet_down(a1, sensor):
 
 
 def test_an_unknown_diagonal_is_refused(a1):
-    with simulate(a1) as simulation, pytest.raises(SettingsError, match="'FL_RL' is no diagonal"):
+    with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError, match="'FL_RL' is no diagonal"):
         balance(simulation.platform, a1, a1, "FL_RL")
 
 

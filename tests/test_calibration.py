@@ -29,7 +29,7 @@ def planar_error_mm(result):
 @pytest.fixture(scope="module")
 def ideal(a1):
     recordings = []
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         result = calibrate(simulation.platform, a1, PAPER, keep=recordings.append).with_truth(simulation.truth)
     return result, recordings
 
@@ -45,7 +45,7 @@ def test_a_finer_tolerance_finds_it_within_two_millimetres(a1):
     settings = CalibrationSettings(
         "paper", com_search=ComSearchSettings(tolerance=0.001), sway=SwaySettings(duration=1.0)
     )
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         result = calibrate(simulation.platform, a1, settings).with_truth(simulation.truth)
     x, y, _ = result.errors()["composite"]["com_in_base"]
     assert max(abs(x), abs(y)) < 2e-3
@@ -72,7 +72,7 @@ def test_estimating_again_from_the_recordings_gives_the_same_numbers(ideal, a1):
 
 
 def test_a_payload_moves_the_estimate_as_it_moves_the_truth(ideal, a1):
-    with simulate(a1, payload="1.5,0.12,-0.06,0.05") as simulation:
+    with simulate(a1, "ideal", payload="1.5,0.12,-0.06,0.05") as simulation:
         loaded = calibrate(simulation.platform, a1, PAPER).with_truth(simulation.truth)
     assert planar_error_mm(loaded) < 5
     moved = np.array(loaded.composite.com_in_base[:2]) - np.array(ideal[0].composite.com_in_base[:2])
@@ -97,7 +97,7 @@ def test_a_seed_gives_the_same_result_and_another_seed_another(a1):
 
 
 def test_a_robot_that_lay_lies_again_at_the_end(a1):
-    with simulate(a1, start="lying") as simulation:
+    with simulate(a1, "ideal", start="lying") as simulation:
         before = simulation.platform.read().joint_position
         result = calibrate(simulation.platform, a1, QUICK).with_truth(simulation.truth)
         after = simulation.platform.read().joint_position
@@ -145,12 +145,12 @@ def test_a_sway_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
 
 def test_feet_that_do_not_rise_are_no_balance(a1):
     stuck = load_robot("unitree_a1", RobotDescription(kd=1e9))
-    with simulate(stuck) as simulation, pytest.raises(MotionError):
+    with simulate(stuck, "ideal") as simulation, pytest.raises(MotionError):
         calibrate(simulation.platform, stuck, QUICK)
 
 
 def test_a_payload_that_the_torques_betray_is_warned_of(a1):
-    with simulate(a1, payload="4,0.05,0,0.05") as simulation:
+    with simulate(a1, "ideal", payload="4,0.05,0,0.05") as simulation:
         heavy = calibrate(simulation.platform, a1, QUICK)
     assert heavy.warnings[0].startswith("by its joint torques the robot weighs about 16.")
     with simulate(a1, "realistic", seed=1) as simulation:
@@ -176,7 +176,7 @@ def test_settings_that_are_unknown_are_refused():
 
 def test_progress_names_the_trial_and_the_bracket(a1):
     said = []
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         calibrate(simulation.platform, a1, QUICK, report=said.append)
     assert said[0].doing.startswith("lift on FL_RR: offset +0.0 mm, bracket -61.5 to +61.5 mm")
     assert [progress.doing for progress in said[-3:]] == [f"sway about {axis}" for axis in ("roll", "pitch", "yaw")]
@@ -189,7 +189,7 @@ def test_every_robot_of_the_catalogue_is_calibrated_unattended(name, recwarn):
         robot = load_robot(name)
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    with simulate(robot) as simulation:
+    with simulate(robot, "ideal") as simulation:
         result = calibrate(simulation.platform, robot, QUICK).with_truth(simulation.truth)
     recwarn.clear()
     # Half the tolerance is the bracket's; the rest scales with the robot.
@@ -203,7 +203,7 @@ def test_axes_that_two_joint_legs_cannot_sway_about_are_skipped_with_the_reason(
         robot = load_robot("solo8")
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    with simulate(robot) as simulation:
+    with simulate(robot, "ideal") as simulation:
         result = calibrate(simulation.platform, robot, QUICK)
     recwarn.clear()
     for axis in ("roll", "yaw"):

@@ -55,7 +55,7 @@ class TestDart(PlatformContract):
 
 @pytest.fixture
 def platform(a1):
-    with simulate(a1, engine="dart") as simulation:
+    with simulate(a1, "ideal", engine="dart") as simulation:
         yield simulation.platform
 
 
@@ -66,7 +66,7 @@ def test_the_robot_in_dart_shows_no_more_than_a_platform_does(platform):
 
 def test_a_motion_that_is_broken_off_inside_the_engine_has_not_begun(platform, a1, monkeypatch):
     motion = wave(platform, 60)
-    with simulate(a1, engine="dart") as simulation:
+    with simulate(a1, "ideal", engine="dart") as simulation:
         expected = simulation.platform.play(motion)
     step, count = platform._imu, itertools.count()
 
@@ -144,7 +144,7 @@ def test_catalogue_robots_are_the_same_in_dart(name):
 
 def test_dart_says_nothing_while_a_model_is_read(a1, tmp_path, capfd):
     for robot in (a1, load_text(tmp_path, quadruped_urdf(arm_joints=2)), load_text(tmp_path, quadruped_mjcf())):
-        simulate(robot, payload="1,0.1,0,0.05", engine="dart").platform.close()
+        simulate(robot, "ideal", payload="1,0.1,0,0.05", engine="dart").platform.close()
     captured = capfd.readouterr()
     assert captured.out == captured.err == ""
 
@@ -152,12 +152,12 @@ def test_dart_says_nothing_while_a_model_is_read(a1, tmp_path, capfd):
 def test_a_model_that_dart_refuses_is_a_model_error(tmp_path):
     robot = load_text(tmp_path, quadruped_urdf().replace('<mass value="0.2"/>', '<mass value="0"/>', 1))
     with pytest.raises(ModelError, match=r"DART cannot make a model of '.*robot': link 'FL_link_2' has no mass"):
-        simulate(robot, engine="dart")
+        simulate(robot, "ideal", engine="dart")
 
 
 def test_an_engine_that_is_none_is_refused(a1):
     with pytest.raises(SettingsError, match="engine 'bullet' is not known; it is one of mujoco, dart"):
-        simulate(a1, engine="bullet")
+        simulate(a1, "ideal", engine="bullet")
 
 
 # --- the same senses as in MuJoCo
@@ -322,7 +322,7 @@ def test_a_foot_that_is_lifted_leaves_the_floor(a1):
     lifted = stance.feet_in_base + np.array([[0, 0, 0.02], [0, 0, 0], [0, 0, 0], [0, 0, 0.02]])
     share = (1 - np.cos(np.linspace(0, np.pi, 150)))[:, None] / 2
     target = inverse_kinematics(a1, lifted, stance.joint_position)
-    with simulate(a1, engine="dart") as simulation:
+    with simulate(a1, "ideal", engine="dart") as simulation:
         simulation.platform.play(Trajectory(stance.joint_position + share * (target - stance.joint_position)))
         clearance = simulation.witness.look().clearance
     assert clearance[[0, 3]].max() > 2e-3
@@ -338,18 +338,18 @@ def test_light_legs_get_a_shorter_step(a1, tmp_path):
     assert usual.world.getTimeStep() == 0.5e-3
     assert damped.world.getTimeStep() < 0.5e-3
     with pytest.raises(SettingsError, match=r"the engine's time step is 0\.0015 s; it must go a whole number of times"):
-        simulate(a1, timestep=1.5e-3, engine="dart")
+        simulate(a1, "ideal", timestep=1.5e-3, engine="dart")
 
 
 def test_a_robot_that_cannot_stand_under_its_payload_has_fallen_in_dart(a1):
     with pytest.raises(FallError, match="'unitree_a1' fell over before it was asked to move; is its stance stable"):
-        simulate(a1, payload="15,0,0.7,0.3", engine="dart")
+        simulate(a1, "ideal", payload="15,0,0.7,0.3", engine="dart")
 
 
 def test_a_simulation_in_dart_that_diverges_says_so(tmp_path):
     robot = load_text(tmp_path, quadruped_mjcf(), RobotDescription(kd=1e-6, kp=1e9), name="stiff")
     with pytest.raises(FallError, match=r"the simulation of 'stiff' became unstable at t = 0.0\d s; are its inertias"):
-        simulate(robot, engine="dart")
+        simulate(robot, "ideal", engine="dart")
 
 
 # --- the routine

@@ -29,7 +29,7 @@ class TestLogged(SimulationContract):
 
     def make(self):
         self.logs.append(RunLog(self.folder / f"{len(self.logs)}.mcap"))
-        return Logged(simulate(self.robot, seed=3).platform, self.logs[-1])
+        return Logged(simulate(self.robot, "ideal", seed=3).platform, self.logs[-1])
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def log(tmp_path):
 
 @pytest.fixture
 def platform(a1, log):
-    with Logged(simulate(a1).platform, log) as platform:
+    with Logged(simulate(a1, "ideal").platform, log) as platform:
         yield platform
 
 
@@ -97,7 +97,7 @@ def test_steps_are_logged_a_quarter_of_a_second_at_a_time(platform, log):
 
 
 def test_a_full_disk_ends_the_motion_with_an_error_that_says_so(a1, tmp_path):
-    with RunLog(tmp_path / "recording.mcap") as log, Logged(simulate(a1).platform, log) as platform:
+    with RunLog(tmp_path / "recording.mcap") as log, Logged(simulate(a1, "ideal").platform, log) as platform:
         platform.play(wave(platform, 20))
         limits = resource.getrlimit(resource.RLIMIT_FSIZE)
         resource.setrlimit(resource.RLIMIT_FSIZE, (log.file.path.stat().st_size + 1000, limits[1]))

@@ -80,7 +80,7 @@ def compiled(robot, noise="ideal", **settings):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_both_engines_read_the_same_robot_from_a_file(robots, name):
     robot = robots[name]
-    truth, nominal = simulate(robot).truth, nominal_inertia(robot, nominal_stance(robot).joint_position)
+    truth, nominal = simulate(robot, "ideal").truth, nominal_inertia(robot, nominal_stance(robot).joint_position)
     for body in ("composite", "base", "stance_effective"):
         found, expected = getattr(truth, body), getattr(nominal, body)
         assert found.mass == pytest.approx(expected.mass)
@@ -132,7 +132,7 @@ def test_the_floor_has_the_friction_asked_for(a1):
 
 
 def test_the_engine_steps_a_whole_number_of_times_a_period(a1):
-    coarse, fine = (simulate(a1, timestep=step).platform for step in (2e-3, 0.5e-3))
+    coarse, fine = (simulate(a1, "ideal", timestep=step).platform for step in (2e-3, 0.5e-3))
     assert coarse.control_period == fine.control_period == pytest.approx(2e-3)
     for platform in (coarse, fine):
         assert platform.play(wave(platform, 10)).duration == pytest.approx(9 * 2e-3)
@@ -140,7 +140,7 @@ def test_the_engine_steps_a_whole_number_of_times_a_period(a1):
         with pytest.raises(
             SettingsError, match=r"the engine's time step is .* s; it must go a whole number of times into"
         ):
-            simulate(a1, timestep=timestep)
+            simulate(a1, "ideal", timestep=timestep)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_viscous_friction_is_linear_in_speed(tmp_path):
 
 def test_no_message_is_printed_while_a_model_is_read(a1, robots, capfd):
     for robot in (a1, robots["URDF"], robots["MJCF"]):
-        simulate(robot)
+        simulate(robot, "ideal")
     captured = capfd.readouterr()
     assert captured.out == captured.err == ""
 
@@ -229,7 +229,7 @@ def test_torque_limits_are_enforced_as_the_motors_count_them(a1):
 
 
 def test_feed_forward_torque_does_not_pass_the_limit(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         here = simulation.platform.read().joint_position
         pushed = Trajectory(np.repeat(here[None], 20, axis=0), torque=np.full((20, 12), 500.0))
         torque = simulation.platform.play(pushed).joints.torque
@@ -273,7 +273,7 @@ def test_leg_links_are_scaled_as_a_whole_and_the_base_is_not(robots, name):
 
 def test_the_truth_knows_the_leg_errors(robots):
     robot = robots["URDF"]
-    known, real = simulate(robot), simulate(robot, SensorErrors(leg_mass=0.1), seed=2)
+    known, real = simulate(robot, "ideal"), simulate(robot, SensorErrors(leg_mass=0.1), seed=2)
     assert np.array_equal(known.truth.base.inertia, real.truth.base.inertia)
     assert abs(known.truth.composite.mass - real.truth.composite.mass) > 0.01
     assert real.truth.composite.mass == pytest.approx(real.platform._model.body_mass.sum())
@@ -300,7 +300,7 @@ def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
     mounted = load_text(tmp_path, a1_urdf, RobotDescription(imu_position=(0.1, 0.02, 0.05), imu_rpy=(0.3, -0.5, 2.0)))
     recordings = []
     for robot in (straight, mounted):
-        with simulate(robot) as simulation:
+        with simulate(robot, "ideal") as simulation:
             simulated, stance = simulation.platform._simulated, nominal_stance(robot)
             step = simulated.model.opt.timestep
             # A new command at every engine step: accelerations jump at commands that come more rarely.
@@ -324,7 +324,7 @@ def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
 
 def test_a_robot_that_cannot_stand_under_its_payload_has_fallen(a1):
     with pytest.raises(FallError, match="'unitree_a1' fell over before it was asked to move; is its stance stable"):
-        simulate(a1, payload="15,0,0.7,0.3")
+        simulate(a1, "ideal", payload="15,0,0.7,0.3")
 
 
 @pytest.fixture
@@ -337,12 +337,12 @@ def no_log(tmp_path, monkeypatch):
 def test_a_simulation_that_diverges_says_so(tmp_path):
     robot = load_text(tmp_path, quadruped_mjcf(), RobotDescription(kd=1e-6, kp=1e9), name="stiff")
     with pytest.raises(FallError, match=r"the simulation of 'stiff' became unstable at t = 0.00 s; are its inertias"):
-        simulate(robot)
+        simulate(robot, "ideal")
 
 
 @pytest.mark.usefixtures("no_log")
 def test_a_short_divergence_that_the_engine_recovers_from_does_not_pass(tmp_path):
-    platform = simulate(load_text(tmp_path, quadruped_mjcf())).platform
+    platform = simulate(load_text(tmp_path, quadruped_mjcf()), "ideal").platform
     torque = np.zeros((500, 12))
     torque[:3] = 1e9
     here = np.repeat(platform.read().joint_position[None], 500, axis=0)
@@ -357,7 +357,7 @@ def test_a_model_that_the_engine_refuses_is_a_model_error(tmp_path):
     with pytest.raises(
         ModelError, match=r"MuJoCo cannot make a model of '.*robot': .*mass and inertia of moving bodies"
     ):
-        simulate(robot)
+        simulate(robot, "ideal")
 
 
 def test_realistic_errors_of_another_robot_change_with_its_size(robots):

@@ -65,7 +65,7 @@ def test_a_payload_that_cannot_be_is_refused(text, message):
 def test_the_truth_is_the_robot_and_its_payload_joined(a1, parameters):
     # An engine that counts the payload's offset twice has it at 2 p.
     stance = nominal_stance(a1).joint_position
-    truth, nominal = simulate(a1, payload=Payload(parameters)).truth, nominal_inertia(a1, stance)
+    truth, nominal = simulate(a1, "ideal", payload=Payload(parameters)).truth, nominal_inertia(a1, stance)
     for body in ("base", "composite", "stance_effective"):
         expected, found = getattr(nominal, body) + parameters, getattr(truth, body)
         assert found.mass == pytest.approx(expected.mass)
@@ -74,7 +74,7 @@ def test_the_truth_is_the_robot_and_its_payload_joined(a1, parameters):
 
 
 def test_text_is_a_payload_too(a1):
-    written, made = (simulate(a1, payload=payload).truth for payload in ("2,0,0.03,0.1", Payload(POINT)))
+    written, made = (simulate(a1, "ideal", payload=payload).truth for payload in ("2,0,0.03,0.1", Payload(POINT)))
     assert np.array_equal(written.composite.inertia, made.composite.inertia)
 
 
@@ -83,7 +83,7 @@ def test_the_floor_carries_the_payload_where_it_is(a1, parameters):
     # Moments of the floor's forces about the base: the engine's dynamics, not the figures that the truth is read from.
     feet_moments = []
     for payload in (None, Payload(parameters)):
-        with simulate(a1, payload=payload) as simulation:
+        with simulate(a1, "ideal", payload=payload) as simulation:
             data = simulation.platform._data
             feet_moments.append(data.qfrc_constraint[:6].copy())
     force, moment = np.split(feet_moments[1] - feet_moments[0], 2)

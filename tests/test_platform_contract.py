@@ -114,7 +114,7 @@ class TestGuardedRobot(PlatformContract):
 
 @pytest.fixture
 def platform(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         yield simulation.platform
 
 
@@ -149,7 +149,7 @@ def test_a_joint_without_gains_still_takes_torques(platform):
 def test_gains_of_a_step_do_not_outlast_it(a1):
     stances = []
     for steps in (0, 5):
-        with simulate(a1) as simulation:
+        with simulate(a1, "ideal") as simulation:
             here = simulation.platform.read().joint_position
             for _ in range(steps):
                 simulation.platform.step(JointCommand(here, kp=np.full_like(here, 20.0)))
@@ -161,7 +161,7 @@ def test_gains_of_a_step_do_not_outlast_it(a1):
 def test_feed_forward_torque_folds_into_the_target_with_the_gains_in_force(a1):
     torques = []
     for kp in (None, 40.0):
-        with simulate(a1) as simulation:
+        with simulate(a1, "ideal") as simulation:
             before = simulation.platform.read()
             forward = np.full(12, 1.0)
             # Where the joints stand, so that position and damping ask for nothing.

@@ -31,7 +31,7 @@ BASE = InertialParameters(
 
 @pytest.fixture(scope="module")
 def without_truth(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         return calibrate(simulation.platform, a1, SETTINGS).with_provenance(seed=0), simulation.truth
 
 

@@ -117,7 +117,7 @@ def test_a_motion_is_what_the_direct_simulation_makes_of_it(peer, connect, a1):
     felt = hold(platform, stance + legs, 0.5)
     kp, kd = a1.gains(nominal_stance(a1).hip_height)
     gains = {"kp": np.full(12, STIFFNESS), "kd": np.full(12, kd * np.sqrt(STIFFNESS / kp))}
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         for position in (*np.repeat(stance[None], 250, axis=0), *motion.position):
             direct = simulation.platform.step(JointCommand(position, **gains))
     np.testing.assert_allclose(felt.joint_position, direct.joint_position, atol=5e-3)

@@ -27,7 +27,7 @@ def trials(a1):
     """Lift trials on both diagonals with the line clearly behind, clearly ahead of, the CoM; ideal preset."""
     stance = nominal_stance(a1)
     found = {}
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1)
         for diagonal in DIAGONALS:
             for offset in (-0.05, 0.03):
@@ -72,7 +72,7 @@ def test_a_trial_goes_through_its_phases_in_order(trials):
 
 @pytest.mark.parametrize("tolerance", [0.02, 0.005])
 def test_the_last_bounds_are_within_the_tolerance_and_hold_the_balance(a1, tolerance):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=tolerance)
         found = find_support_vector(runner, "FL_RR", 0.06, -0.06)
         assert 0 <= found.upper - found.lower <= tolerance
@@ -84,7 +84,7 @@ def test_the_last_bounds_are_within_the_tolerance_and_hold_the_balance(a1, toler
 
 
 def test_halvings_follow_the_bracket(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.005)
         found = find_support_vector(runner, "FR_RL", 0.06, -0.06)
     offsets = list(dict.fromkeys(trial.offset for trial in found.trials))
@@ -93,7 +93,7 @@ def test_halvings_follow_the_bracket(a1):
 
 
 def test_a_bracket_that_misses_the_balance_is_widened_once(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.01)
         found = find_support_vector(runner, "FL_RR", 0.06, 0.005)
     assert -0.05 < found.offset < 0.005
@@ -101,7 +101,7 @@ def test_a_bracket_that_misses_the_balance_is_widened_once(a1):
 
 
 def test_a_com_beyond_the_widened_bracket_is_an_error_that_carries_the_trials(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         runner, recordings = runner_on(simulation, a1, tolerance=0.01)
         with pytest.raises(BracketError, match=r"on FL_RR the robot tips the same way at every support line") as caught:
             find_support_vector(runner, "FL_RR", 0.08, 0.06)
@@ -112,7 +112,7 @@ def test_a_com_beyond_the_widened_bracket_is_an_error_that_carries_the_trials(a1
 
 def test_an_imu_mounted_turned_is_told_from_tilts_at_both_ends(a1):
     turned = load_robot("unitree_a1", RobotDescription(imu_rpy=(0.0, 0.0, np.pi)))
-    with simulate(turned) as simulation:
+    with simulate(turned, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.02)
         with pytest.raises(ImuMountingError, match="the IMU seems mounted turned"):
             find_com(runner)
@@ -120,7 +120,7 @@ def test_an_imu_mounted_turned_is_told_from_tilts_at_both_ends(a1):
 
 def test_an_imu_mounted_upside_down_is_told_before_a_foot_lifts(a1):
     turned = load_robot("unitree_a1", RobotDescription(imu_rpy=(np.pi, 0.0, 0.0)))
-    with simulate(turned) as simulation:
+    with simulate(turned, "ideal") as simulation:
         runner, recordings = runner_on(simulation, a1)
         with pytest.raises(Exception, match=r"leans by 180 deg .* imu_rpy") as caught:
             find_com(runner)
@@ -134,14 +134,14 @@ def test_bounds_the_wrong_way_round_are_refused():
 
 
 def test_a_tolerance_wider_than_the_bracket_is_refused(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.5)
         with pytest.raises(SettingsError, match="tolerance"):
             find_com(runner)
 
 
 def test_bounds_out_of_reach_are_refused_before_the_robot_moves(a1):
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         runner, recordings = runner_on(simulation, a1, lower=-0.5, upper=0.5)
         with pytest.raises(ReachError, match="foot misses its place"):
             find_com(runner)
@@ -150,7 +150,7 @@ def test_bounds_out_of_reach_are_refused_before_the_robot_moves(a1):
 
 def test_a_lift_grows_only_when_no_tilt_is_seen(a1):
     grown, offsets = 0, np.linspace(-0.012, -0.002, 6)
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         # A quarter of a second is too short to tip far near the balance (at -7 to -6 mm), and long enough beyond.
         for offset in offsets:
             runner, _ = runner_on(simulation, a1, lift_height=0.0035, t_thres=0.25)

@@ -137,7 +137,7 @@ def test_the_slope_is_exact_and_its_direction_drawn():
 
 def test_a_negative_seed_is_refused(a1):
     with pytest.raises(SettingsError, match="the seed is -1; it must be zero or more"):
-        simulate(a1, seed=-1)
+        simulate(a1, "ideal", seed=-1)
 
 
 # --- noise
@@ -346,7 +346,7 @@ def test_the_loop_closes_on_the_encoder_and_the_joint_goes_elsewhere(a1):
     with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
         state = simulation.platform.read()
         true = simulation.platform._data.qpos[simulation.platform._simulated.qpos].copy()
-    with simulate(a1) as simulation:
+    with simulate(a1, "ideal") as simulation:
         without = simulation.platform.read()
     assert np.allclose(state.joint_torque, kp * (target - state.joint_position), atol=0.05)
     moved_by = true - without.joint_position

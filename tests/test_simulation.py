@@ -33,7 +33,7 @@ def test_light_shanks_get_a_shorter_step_and_the_robot_stands_still(a1, a1_urdf,
     assert usual == 0.5e-3
     assert stable_timestep(light, stance) == usual / 2
     assert stable_timestep(light, stance, armature=0.01) == usual
-    with simulate(light) as simulation:
+    with simulate(light, "ideal") as simulation:
         assert simulation.platform._model.opt.timestep == usual / 2
         state = simulation.platform.read()
         assert np.abs(state.angular_velocity).max() < 0.02
@@ -43,5 +43,5 @@ def test_light_shanks_get_a_shorter_step_and_the_robot_stands_still(a1, a1_urdf,
 
 
 def test_a_payload_may_be_given_as_text(a1):
-    with simulate(a1, payload="2,0.1,0,0.05") as simulation:
+    with simulate(a1, "ideal", payload="2,0.1,0,0.05") as simulation:
         assert simulation.truth.composite.mass == pytest.approx(a1.mass + 2)

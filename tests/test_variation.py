@@ -81,7 +81,7 @@ def test_both_engines_have_the_same_random_robot(robot, seed):
 
 def test_the_truth_of_a_random_robot_is_its_model_and_the_payload(a1):
     other = vary(a1, 0.2, np.random.default_rng(0))
-    with simulate(other, payload="1,0.1,0,0.05") as simulation:
+    with simulate(other, "ideal", payload="1,0.1,0,0.05") as simulation:
         truth = simulation.truth.composite
     model = composite_parameters(other, nominal_stance(other).joint_position)
     assert truth.mass == pytest.approx(model.mass + 1, rel=1e-9)

@@ -30,7 +30,7 @@ PAPER = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.01
 def paper_run(a1, tmp_path_factory):
     """A run of the paper's method, and its result."""
     folder = RunFolder.create(tmp_path_factory.mktemp("runs") / "paper", a1, PAPER, {})
-    with simulate(a1, payload="1.5,0.06,0.03,0.05", seed=2) as simulation, folder:
+    with simulate(a1, "ideal", payload="1.5,0.06,0.03,0.05", seed=2) as simulation, folder:
         result = calibrate(Logged(simulation.platform, folder.log), a1, PAPER, folder.keep)
     return folder.path, result
 

@@ -70,7 +70,7 @@ def balance(
         duration: How long to balance on each diagonal, as 10s.
         observe_offset: Also observe how far the true centre of mass is from the believed one, and stand accordingly. This
             measures the error; that the robot then balances proves nothing.
-        noise: Sensor and actuator errors of the simulated robot.
+        noise: Sensor and actuator errors of the simulated robot; ideal has none, and no friction.
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         seed: Of everything drawn.
         description_file: TOML file with a robot description; flags win over it.

@@ -55,7 +55,7 @@ def calibrate(
     mass_sd: Kilograms = None,
     sway: bool = True,
     feet: Literal["measured", "commanded"] = "measured",
-    noise: Literal["ideal", "realistic"] = "ideal",
+    noise: Literal["ideal", "realistic"] = "realistic",
     payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
     start: Literal["standing", "lying"] = "standing",
     seed: int = 0,
@@ -107,7 +107,7 @@ def calibrate(
         mass_sd: precise: how sure the scale is [kg]; default 0.5 %.
         sway: precise: sway about all axes at the end unless this is given.
         feet: paper: support lines through the feet as the encoders measure them, or as they were commanded.
-        noise: Sensor and actuator errors of the simulated robot.
+        noise: Sensor and actuator errors of the simulated robot; ideal has none, and no friction.
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         start: How the simulated robot begins (and ends).
         seed: Of everything drawn.

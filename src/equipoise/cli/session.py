@@ -37,7 +37,7 @@ class Place:
 
     platform: str
     given: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    noise: str = "ideal"
+    noise: str = "realistic"
     payload: str | None = None
     seed: int = 0
     start: str = "standing"
