@@ -16,7 +16,7 @@ SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0
 def calibrated(robot, payload, tolerance=SETTINGS.com_search.tolerance):
     """A realistic run: its result, the bounds that it began with, and the true CoM."""
     settings = replace(SETTINGS, com_search=replace(SETTINGS.com_search, tolerance=tolerance))
-    with simulate(robot, "realistic", payload=payload, seed=3, timestep=2e-3) as simulation:
+    with simulate(robot, "realistic", payload=payload, seed=3, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, robot, settings)
     return result, settings.com_search.bounds(nominal_stance(robot)), simulation.truth.composite.com
 

@@ -105,7 +105,7 @@ class RobotProblem:
         self.model: mujoco.MjModel = self.spec.compile()
         joints = [self.model.joint(name).id for name in robot.joint_names]
         self.qpos, self.dof = self.model.jnt_qposadr[joints], self.model.jnt_dofadr[joints]
-        self.kp = robot.gains(stance.hip_height)[0]
+        self.kp, self.kd = robot.gains(stance.hip_height)
         self.scale = robot.mass / _A1_MASS
         site = np.zeros(9)
         mujoco.mju_quat2Mat(site, self.model.site(mujoco_model.IMU_SITE).quat)
@@ -137,14 +137,10 @@ class RobotProblem:
         axes[:, 2] *= np.linalg.det(axes)
         model.body_mass[body], model.body_ipos[body], model.body_inertia[body] = inertia.mass, inertia.lever, moments
         mujoco.mju_mat2Quat(model.body_iquat[body], axes.reshape(9))
-        friction, damping, armature = parameters["losses"].value
-        model.dof_frictionloss[self.dof], model.dof_damping[self.dof] = friction, damping
-        model.dof_armature[self.dof] = armature
+        gain = self.gains(parameters)  # a motor's own loop is wrong by the same factor as the torque it reports
+        mujoco_model.set_joints(model, self.dof, gain * self.kp, gain * self.kd, tuple(parameters["losses"].value))
         if self.settings.biases:
-            gain = self.gains(parameters)  # a motor's own loop is wrong by the same factor as the torque it reports
             model.actuator_biasprm[:, 0] = -self.kp * gain * parameters["zeros"].value  # it closes on the encoders
-            model.actuator_gainprm[:, 0] *= gain
-            model.actuator_biasprm[:, 1:3] *= gain[:, None]
             slope = parameters["slope"].value
             down = np.array([slope[0], slope[1], -1.0])
             model.opt.gravity[:] = 9.81 * down / np.linalg.norm(down)
@@ -154,7 +150,7 @@ class RobotProblem:
     def gains(self, parameters: Any) -> FloatArray:
         """(nj,) true over reported torque."""
         joints = len(self.robot.joint_names)
-        return 1 + parameters["gains"].value if self.settings.gains else np.ones(joints)
+        return 1 + parameters["gains"].value if self.settings.biases and self.settings.gains else np.ones(joints)
 
     def base(self, sysid: Any, parameters: Any) -> pin.Inertia:
         """The base's inertia."""
@@ -171,10 +167,10 @@ class RobotProblem:
         speeds = state[:, 1 + model.nq : 1 + model.nq + model.nv]
         turning = (speeds[ticks - 1] + speeds[ticks])[:, 3:6] / 2 @ self.mounting
         felt, torque = sensors[ticks][:, self.accelerometer], sensors[ticks][:, : model.nu]
+        torque = torque / self.gains(parameters) - self.kd * (speeds[ticks] - speeds[ticks - 1])[:, self.dof]
         if self.settings.biases:
             tilt = np.array(pin.exp3(parameters["tilt"].value))
             position, turning, felt = position + parameters["zeros"].value, turning @ tilt, felt @ tilt
-            torque = torque / self.gains(parameters)
         return np.concatenate([position, turning, felt, torque], axis=1)
 
     @property
@@ -278,11 +274,8 @@ def nominal_spec(robot: RobotModel, stance: Stance) -> mujoco.MjSpec:
     mujoco_model._strip(spec)
     mujoco_model._weld_held_joints(spec, robot)
     mujoco_model._add_contacts(spec, robot, stance, base, errors)
-    mujoco_model._add_actuators_and_sensors(spec, robot, stance, base, errors)
-    spec.option.timestep = 0.5e-3
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = mujoco_model._IMPRATIO
+    mujoco_model._add_actuators_and_sensors(spec, robot, base, errors)
+    mujoco_model.set_options(spec, mujoco_model.TIMESTEP)
     spec.option.gravity = [0, 0, -9.81]
     return spec
 

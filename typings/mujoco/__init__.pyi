@@ -27,7 +27,10 @@ class mjtState(_Enum):
     mjSTATE_INTEGRATION: mjtState
 
 class mjtIntegrator(_Enum):
-    mjINT_IMPLICITFAST: mjtIntegrator
+    mjINT_EULER: mjtIntegrator
+
+class mjtDisableBit(_Enum):
+    mjDSBL_EULERDAMP: mjtDisableBit
 
 class mjtCone(_Enum):
     mjCONE_ELLIPTIC: mjtCone
@@ -68,6 +71,7 @@ class mjtObj(_Enum):
 class MjOption:
     timestep: float
     integrator: int | mjtIntegrator
+    disableflags: int | mjtDisableBit
     cone: int | mjtCone
     impratio: float
     gravity: _FloatsField
@@ -111,6 +115,8 @@ class MjModel:
     dof_frictionloss: _FloatArray
     dof_damping: _FloatArray
     dof_armature: _FloatArray
+    dof_solref: _FloatArray
+    dof_solimp: _FloatArray
     actuator_gainprm: _FloatArray
     actuator_biasprm: _FloatArray
     def body(self, name: str | int, /) -> _BodyView: ...

@@ -78,10 +78,7 @@ class MujocoPlatform(SimulatedPlatform):
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
         super()._set_gains(kp, kd)
-        scale = self._errors.torque_gain
-        self._model.actuator_gainprm[:, 0] = self._kp * scale
-        self._model.actuator_biasprm[:, 1] = -self._kp * scale
-        self._model.actuator_biasprm[:, 2] = -self._kd * scale
+        self._simulated.set_gains(self._kp, self._kd)
 
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
         data, model, simulated = self._data, self._model, self._simulated
@@ -110,7 +107,8 @@ class MujocoPlatform(SimulatedPlatform):
         joints = model.nu
         raw[0, :joints], raw[1:, :joints] = initial[1 + simulated.qpos], states[:-1, 1 + simulated.qpos]
         raw[:, joints : 2 * joints] = velocities[:, simulated.dof]
-        np.divide(sensors[:, :joints], simulated.errors.torque_gain, out=raw[:, 2 * joints : 3 * joints])
+        speeds = np.concatenate([initial[None], states])[:, 1 + model.nq + simulated.dof]
+        raw[:, 2 * joints : 3 * joints] = self._reported_torque(sensors[:, :joints], np.diff(speeds, axis=0))
         raw[:, -6:-3] = velocities[:, 3:6] @ self._imu_rotation
         raw[:, -3:] = sensors[:, self._accelerometer]
 
@@ -127,8 +125,13 @@ class MujocoPlatform(SimulatedPlatform):
             [
                 data.qpos[simulated.qpos],
                 velocity[simulated.dof],
-                ahead.sensordata[: model.nu] / simulated.errors.torque_gain,
+                self._reported_torque(ahead.sensordata[: model.nu], (ahead.qvel - data.qvel)[simulated.dof]),
                 velocity[3:6] @ self._imu_rotation,
                 ahead.sensordata[self._accelerometer],
             ]
         )
+
+    def _reported_torque(self, torque: FloatArray, speed_change: FloatArray) -> FloatArray:
+        """(..., nj) what motors say of a torque that the speed at a step's end damps; they have no more than their limit."""
+        damped = torque / self._errors.torque_gain - self._kd * speed_change
+        return np.clip(damped, -self._robot.effort_limit, self._robot.effort_limit)

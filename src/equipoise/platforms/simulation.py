@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
-import numpy as np
-import pinocchio as pin
-
 from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.platforms.glimpse import Glimpse
 from equipoise.platforms.payload import Payload
@@ -21,8 +18,6 @@ if TYPE_CHECKING:
     from equipoise.platforms.disturbance import Disturbance
 
 Engine = Literal["mujoco", "dart"]
-
-_LARGEST_DAMPING = 2.0
 
 
 class Witness(Protocol):
@@ -77,12 +72,13 @@ def simulate(
         payload: on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
         seed: of everything drawn. Robots of the same seed have the same errors in all engines.
         start: how the robot begins.
-        timestep: of the engine [s]; default 0.5 ms, less for legs so light that their damping would not be stable.
+        timestep: of the engine [s]; default 0.5 ms, less in DART for legs so light that their damping would not be stable.
         engine: "mujoco", or "dart", the engine of Gazebo.
         noise_seed: of the noise alone, for several runs of one robot; default `seed`.
 
     Raises:
         MissingDependencyError: the engine is not installed.
+        SettingsError: a setting means nothing, or the time step is too long.
     """
     if isinstance(noise, str) and noise not in PRESETS:
         raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
@@ -112,13 +108,11 @@ def _in_mujoco(
 
         from equipoise.platforms.disturbance import Disturbance  # noqa: PLC0415
         from equipoise.platforms.mujoco import MujocoPlatform  # noqa: PLC0415
-        from equipoise.platforms.mujoco_model import build_simulated_robot  # noqa: PLC0415
+        from equipoise.platforms.mujoco_model import TIMESTEP, build_simulated_robot  # noqa: PLC0415
         from equipoise.platforms.truth import MujocoWitness, simulated_truth  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
-    if timestep is None:
-        timestep = stable_timestep(robot, stance, errors.sizes.armature)
-    simulated = build_simulated_robot(robot, stance, errors, payload, timestep)
+    simulated = build_simulated_robot(robot, stance, errors, payload, TIMESTEP if timestep is None else timestep)
     truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
     disturbance = Disturbance(simulated)
@@ -147,17 +141,3 @@ def _in_dart(
     truth = dart_truth(robot, simulated, stance.joint_position)
     platform = DartPlatform(robot, simulated, stance, start)
     return Simulation(platform, truth, dartpy.__version__, errors, DartWitness(simulated))
-
-
-def stable_timestep(robot: RobotModel, stance: Stance, armature: float = 0.0) -> float:
-    """0.5 ms, or 0.25 ms where the joints' damping would not be stable in contact, in MuJoCo [s].
-
-    At 1 ms the planted feet of an A1 that shakes its body give way by what half a millisecond's delay would look like.
-
-    A damping kd takes the fraction kd h / I of a joint's speed in a step h. Up to 1.4, the largest of the catalogue (HyQ),
-    robots stand still; at 3.9 (Spirit 40, whose shanks weigh 90 g) the feet chatter and the robot wanders off.
-    """
-    inertia = pin.crba(robot.pinocchio, robot.pinocchio_data, robot.configuration(stance.joint_position))
-    _, kd = robot.gains(stance.hip_height)
-    lightest = float(np.diag(inertia)[6:].min()) + armature
-    return 0.5e-3 if kd * 0.5e-3 <= _LARGEST_DAMPING * lightest else 0.25e-3
