@@ -334,7 +334,7 @@ def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
 @pytest.mark.parametrize("timestep", [0.5e-3, 1e-3])
 @pytest.mark.parametrize("payload", [None, "4,0.03,0.01,0.06"])
 def test_planted_feet_hold_while_the_body_shakes(a1, payload, timestep):
-    with simulate(a1, payload=payload, timestep=timestep) as simulation:
+    with simulate(a1, "ideal", payload=payload, timestep=timestep) as simulation:
         platform = simulation.platform
         hold = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 1000, axis=0))
         platform.play(hold)

@@ -68,7 +68,7 @@ def simulate(
     """A robot in a physics engine, with sensor and actuator errors, perhaps a payload.
 
     Args:
-        noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are; "ideal" is a robot without any.
+        noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are; "ideal" has none.
         payload: on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
         seed: of everything drawn. Robots of the same seed have the same errors in all engines.
         start: how the robot begins.
