@@ -132,9 +132,9 @@ def test_exports_are_frozen():
     assert sorted(equipoise.__all__) == sorted(
         [
             "Audit", "Calibration", "CalibrationSettings", "ComSearchSettings", "Delta", "EquipoiseError",
-            "InertialParameters", "JointCommand", "Payload", "Platform", "Recording", "RobotDescription", "RobotModel",
-            "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "Simulation", "Stance", "SwaySettings", "Trajectory",
-            "__version__", "audit", "calibrate", "estimate", "export", "find_delta", "load_robot", "nominal_stance",
+            "InertialParameters", "JointCommand", "Payload", "Platform", "PreciseSettings", "Recording", "RobotDescription",
+            "RobotModel", "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "Simulation", "Stance", "SwaySettings",
+            "Trajectory", "__version__", "audit", "calibrate", "estimate", "export", "find_delta", "load_robot", "nominal_stance",
             "simulate",
         ]
     )  # fmt: skip

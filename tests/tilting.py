@@ -101,11 +101,15 @@ def wandering(momentum):
     return float(np.std(momentum))
 
 
-def contact_jacobian(robot, q, down):
-    """(12, 6 + nj) of the points where the feet touch, as frames of the legs there."""
+def contact_jacobian(robot, q, down=None):
+    """(12, 6 + nj) of the points where the feet touch, as frames of the legs there; by default on a floor of their own."""
     model = robot.pinocchio.copy()
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
+    centres = np.array([data.oMf[leg.foot_frame_id].translation for leg in robot.legs.values()])
+    if down is None:
+        normal = np.linalg.eigh(np.cov(centres.T))[1][:, 0]
+        down = normal * np.sign(normal @ centres.mean(axis=0))  # the base is above its feet
     frames = []
     for leg in robot.legs.values():
         touching = data.oMf[leg.foot_frame_id].translation + leg.foot_radius * down
@@ -138,11 +142,11 @@ def moving_robot(robot, seed, still=False):
             np.concatenate(parts) for parts in ((np.zeros(3), turning, velocity), (felt, turning_rate, acceleration))
         )
         needed = pin.rnea(model, data, q, v, a)
-        jacobian = contact_jacobian(robot, q, -at_imu / np.linalg.norm(at_imu))
+        jacobian = contact_jacobian(robot, q)
         force = 30 * generator.standard_normal(12)
         force += np.linalg.pinv(jacobian.T[:6]) @ (needed[:6] - jacobian.T[:6] @ force)  # the feet carry the base
         torque = needed - jacobian.T @ force
         assert np.abs(torque[:6]).max() < 1e-9
         rows.append((position, velocity, acceleration, torque[6:], turning, turning_rate, at_imu))
     columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return TorqueSamples(*columns[:4], *(column @ mounting for column in columns[4:]))
+    return TorqueSamples(*columns[:4], *(column @ mounting for column in columns[4:]), np.full(SAMPLES, 2e-3))

@@ -19,7 +19,7 @@ from equipoise.estimation.lift_samples import LiftSamples
 from equipoise.estimation.parameters import Unknowns
 from equipoise.estimation.planted_moves import PlantedMove, PlantedRows
 from equipoise.estimation.tilt_equation import GRAVITY, TiltEquation
-from equipoise.estimation.torque_balance import TorqueSamples, torque_rows
+from equipoise.estimation.torque_balance import TorqueSamples, sawtooth, torque_rows
 
 FloatArray = NDArray[np.float64]
 
@@ -241,6 +241,8 @@ class TorqueBlock:
         direction = np.abs(rows.friction_direction)
         unknown = coulomb**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2
         noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, unknown, rows.torque)
+        stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
+        noise += sawtooth(rows, self.samples.period, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
         # The accelerometer's noise acts through the mass: a hundredth of a metre per second squared on all of it.
         weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
         noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)

@@ -17,6 +17,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from equipoise.estimation.leg_motion import LegChains
+from equipoise.estimation.screening import floor_normals
 from equipoise.estimation.smoothing import fit_spline
 from equipoise.estimation.tilt_equation import SensorBiases
 from equipoise.recordings.recording import Recording
@@ -36,6 +38,7 @@ class TorqueSamples:
     Attributes:
         joint_position, joint_velocity, joint_acceleration, joint_torque: (n, nj) [rad], [rad/s], [rad/s2], [Nm].
         angular_velocity, angular_acceleration, acceleration: (n, 3) in the IMU frame [rad/s], [rad/s2], [m/s2].
+        period: (n,) time between two of the samples that were smoothed [s].
     """
 
     joint_position: FloatArray
@@ -45,6 +48,7 @@ class TorqueSamples:
     angular_velocity: FloatArray
     angular_acceleration: FloatArray
     acceleration: FloatArray
+    period: FloatArray
 
     @classmethod
     def of_rest(cls, still: Recording) -> TorqueSamples | None:
@@ -55,7 +59,7 @@ class TorqueSamples:
         none, still_base = np.zeros_like(position), np.zeros((1, 3))
         return cls(
             position, none, none, still.joints.torque.mean(axis=0)[None],
-            still_base, still_base, still.imu.acceleration.mean(axis=0)[None],
+            still_base, still_base, still.imu.acceleration.mean(axis=0)[None], np.zeros(1),
         )  # fmt: skip
 
     @classmethod
@@ -82,6 +86,7 @@ class TorqueSamples:
         return cls(
             position(time), position.derivative()(time), position.derivative(2)(time), torque(time),
             turning(time), turning.derivative()(time), acceleration(time),
+            np.full(len(time), np.median(np.diff(joints.time))),
         )  # fmt: skip
 
     @classmethod
@@ -128,6 +133,8 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases)
     position = samples.joint_position - biases.joint_zero
     legs = list(robot.legs.values())
     radii = np.array([leg.foot_radius for leg in legs]) * biases.foot_radius
+    # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
+    down = -floor_normals(LegChains(robot).feet(position))[0]
     count, joints = position.shape
     regressor = np.empty((count, 6 + joints, 10 * (model.njoints - 1)))
     contact = np.empty((count, 12, 6 + joints))
@@ -138,10 +145,11 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases)
         regressor[index] = pin.computeJointTorqueRegressor(model, data, q, v, a)
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
-        down = -sensed[index] / np.linalg.norm(sensed[index])
         for number, leg in enumerate(legs):
             jacobian = pin.getFrameJacobian(model, data, leg.foot_frame_id, pin.LOCAL_WORLD_ALIGNED)
-            contact[index, 3 * number : 3 * number + 3] = jacobian[:3] - pin.skew(radii[number] * down) @ jacobian[3:]
+            contact[index, 3 * number : 3 * number + 3] = (
+                jacobian[:3] - pin.skew(radii[number] * down[index]) @ jacobian[3:]
+            )
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
     free = np.swapaxes(full[:, :, 12:], 1, 2)  # what contact forces cannot reach
     rows = free @ regressor
@@ -160,3 +168,17 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases)
         samples.joint_acceleration,
         free[:, :, :6],
     )
+
+
+def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArray:
+    """(n,) size of the balance's error from where in a control period its samples were taken [Nm].
+
+    Position targets move in steps, so torques and accelerations are sawteeth, of half a step times the stiffness to either
+    side. A sample is one moment of them; joint accelerations, which come from positions, are their mean.
+
+    Args:
+        period: (n,) of control [s].
+        stiffness: of the joints' position control [Nm/rad].
+    """
+    half_step = stiffness * period[:, None] / 2 * rows.joint_velocity
+    return np.linalg.norm(np.einsum("nrj,nj->nr", rows.torque, half_step), axis=1)
