@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 
 from equipoise.errors import CommunicationError
@@ -11,10 +9,11 @@ from equipoise.errors import CommunicationError
 _COMPARED_AFTER = 1.0  # [s] of samples, the clock is compared with this computer's
 _RATIO = 10.0  # between the two clocks; a wrong unit is off by 1000
 _UNITS = (1e-3, 1e-6)  # [s] that a counter is known to have: users say milliseconds, headers microseconds
-_LOOKED_AT = 0.25  # [s] of samples, to tell a unit
-_LEAST_SAMPLES = 12  # among them
+_STRETCH, _LEAST_SAMPLES = 0.25, 12  # [s] and number of samples that a rate is taken from
+_STRETCHES = 8  # after which a unit is told or refused
 _AGREES = 1.2  # ratio of a unit to what was seen; between the units it is 1000
-_UNKNOWN_AFTER = 3.0  # [s] in which samples never agreed with a unit
+_SLOWEST = 10.0  # ratio by which a robot may seem slow that does not keep time: a simulated one on a busy machine
+_STEADY = 1.05  # ratio between the rates of a clock that does keep time
 
 
 class RobotClock:
@@ -63,8 +62,9 @@ class RobotClock:
 class UnitSearch:
     """The unit of a robot's counter, learnt from when the first samples arrive.
 
-    Some samples come late, twice or never, and the system may hold them up: the rate is that between the medians of the first
-    and the last third of a quarter of a second, and a stretch that agrees with no unit is followed by the next.
+    Some samples come late, twice or never, and the system may hold them up: so a rate is that between the medians of the first
+    and the last third of a quarter of a second. The first rate that agrees with a unit tells it. If none does, a clock that is
+    steady has another unit, and one that is not is a simulated robot's that gets too little of a computer.
 
     Attributes:
         learnt: unit [s]; None: not yet.
@@ -72,8 +72,8 @@ class UnitSearch:
 
     def __init__(self) -> None:
         self.learnt: float | None = None
-        self._seen: deque[tuple[int, float]] = deque()
-        self._began: float | None = None
+        self._seen: list[tuple[int, float]] = []
+        self._rates: list[float] = []
 
     def hear(self, count: int, received: float) -> None:
         """Look at one more sample's counter, and when it arrived [s].
@@ -81,28 +81,38 @@ class UnitSearch:
         Raises:
             CommunicationError: the counter has another unit than the known ones, or stands still.
         """
-        if self.learnt is not None:
-            return
-        self._began = received if self._began is None else self._began
         self._seen.append((count, received))
-        if received - self._seen[0][1] < _LOOKED_AT or len(self._seen) < _LEAST_SAMPLES:
+        if self.learnt is not None or received - self._seen[0][1] < _STRETCH or len(self._seen) < _LEAST_SAMPLES:
             return
-        rate = self._rate()
-        self.learnt = next((unit for unit in _UNITS if 1 / _AGREES < rate * unit < _AGREES), None)
-        self._seen.popleft()
-        if self.learnt is None and received - self._began > _UNKNOWN_AFTER:
+        self._rates.append(_rate(self._seen))
+        self._seen.clear()
+        self.learnt = _unit(self._rates[-1], 1 / _AGREES)
+        if self.learnt is None and len(self._rates) >= _STRETCHES:
+            self._decide()
+
+    def _decide(self) -> None:
+        fastest = max(self._rates)
+        steady = fastest < _STEADY * min(self._rates)
+        self.learnt = None if steady else _unit(fastest, 1 / _SLOWEST)
+        if self.learnt is None:
             raise CommunicationError(
-                f"the robot's clock counts {rate:.4g} steps in a second, neither milliseconds nor microseconds: set tick, the "
-                "seconds of a step (0 if it stands still: samples then get the time when they arrive)"
+                f"the robot's clock counts {np.median(self._rates):.4g} steps in a second, neither milliseconds nor "
+                "microseconds: set tick, the seconds of a step (0 if it stands still: samples then get the time when they "
+                "arrive)"
             )
 
-    def _rate(self) -> float:
-        """Counts a second."""
-        first = self._seen[0][0]
-        seen = np.array([(_ahead(count, first), received) for count, received in self._seen])
-        third = len(seen) // 3
-        counts, passed = np.median(seen[-third:], axis=0) - np.median(seen[:third], axis=0)
-        return float(counts / passed) if passed > 0 else 0.0
+
+def _rate(seen: list[tuple[int, float]]) -> float:
+    """Counts a second."""
+    table = np.array([(_ahead(count, seen[0][0]), received) for count, received in seen])
+    third = len(table) // 3
+    counts, passed = np.median(table[-third:], axis=0) - np.median(table[:third], axis=0)
+    return float(counts / passed) if passed > 0 else 0.0
+
+
+def _unit(rate: float, slowest: float) -> float | None:
+    """The known unit of so many counts a second, which may be slower than it by a ratio."""
+    return next((unit for unit in _UNITS if slowest < rate * unit < _AGREES), None)
 
 
 def _ahead(count: int, other: int) -> int:
