@@ -136,7 +136,7 @@ def table(rows: list[Row]) -> str:
         f"`python benchmarks/udp.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {machine.system()} on "
         f"{os.cpu_count()} cores. The A1 with 1 kg on it, preset `realistic`, method `precise` with 60 s of robot time. "
         "Errors are of the whole robot's parameters, estimate less truth; sd: as the result claims. The robot is a process "
-        "of its own that speaks the A1's or the Go1's packets over loopback UDP; no real robot was tried. "
+        "of its own that speaks the A1's compressed or the Go1's plain packets over loopback UDP; no real robot was tried. "
         f"{'Real-time' if os.sched_getscheduler(0) == os.SCHED_RR else 'Ordinary'} priority; load average at the end "
         f"{os.getloadavg()[0]:.0f}.",
         "",

@@ -20,7 +20,7 @@ from equipoise.platforms.robot_clock import RobotClock, UnitSearch
 from equipoise.platforms.unitree_form_search import FormSearch
 from equipoise.platforms.unitree_packets import CommandPacket, Damage, LowState, MotorCommands
 from equipoise.platforms.unitree_udp_settings import UnitreeUdpSettings
-from equipoise.platforms.unitree_udp_socket import NOTES, Address, address_towards, arrival, no_way, open_socket
+from equipoise.platforms.unitree_udp_socket import Address, address_towards, no_way, open_socket, receive
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
@@ -29,7 +29,6 @@ FloatArray = NDArray[np.float64]
 
 _CONTROL_PERIOD = 2e-3  # [s]
 _KEPT = 512  # datagrams that wait while nobody reads: a second's
-_LARGEST = 2048  # [bytes] of a datagram
 _RELEASES = 5  # some may get lost
 _PATIENCE = 3.0  # [s] of packets that cannot be used, and no other
 _PAUSE = 0.1  # [s] without a look at the socket; who did not look heard no silence
@@ -194,16 +193,16 @@ class UnitreeUdpLink:
             self._looked, ahead = now, now - time.time()
             for _ in range(_KEPT):
                 try:
-                    data, notes, _, sender = self._socket.recvmsg(_LARGEST, NOTES)
-                except BlockingIOError:
-                    return
+                    datagram = receive(self._socket, ahead)
                 except OSError as error:
                     raise CommunicationError(f"cannot hear {self.name}: {error.strerror or error}") from error
+                if datagram is None:
+                    return
+                received, data, sender = datagram
                 if sender != self._robot:
                     self.counts.strangers += 1
                     continue
                 self.counts.unread += len(self._arrived) == _KEPT
-                received = arrival(notes, ahead)
                 self._forms.hear(data, received)
                 self._arrived.append((received, data))
 

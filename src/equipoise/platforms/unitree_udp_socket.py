@@ -14,8 +14,7 @@ Address = tuple[str, int]
 _BUFFER = 1 << 20  # [bytes] of datagrams that the system may keep for us; it may grant less
 _TIMESTAMPS = 35  # SO_TIMESTAMPNS, which Python has no name for: the system notes when a datagram arrived
 _TIMESTAMP = struct.Struct("@ll")  # seconds and nanoseconds
-NOTES = socket.CMSG_SPACE(_TIMESTAMP.size)
-"""[bytes] of the system's notes about a datagram."""
+_LARGEST = 2048  # [bytes] of a datagram
 
 
 def open_socket(local: Address) -> socket.socket:
@@ -62,8 +61,22 @@ def no_way(name: str, error: OSError) -> CommunicationError:
     )
 
 
-def arrival(notes: list[tuple[int, int, bytes]], ahead: float) -> float:
-    """When a datagram arrived by the monotonic clock [s], which is so much ahead of the system's; now, if nobody noted it."""
+def receive(opened: socket.socket, ahead: float) -> tuple[float, bytes, Address] | None:
+    """A datagram that waits: when it arrived by the monotonic clock [s], what, and from where; None: there is none.
+
+    Args:
+        opened: socket.
+        ahead: of the system's clock, by which it notes arrivals, is the monotonic one [s].
+    """
+    try:
+        data, notes, _, sender = opened.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMESTAMP.size))
+    except BlockingIOError:
+        return None
+    return _arrival(notes, ahead), data, sender
+
+
+def _arrival(notes: list[tuple[int, int, bytes]], ahead: float) -> float:
+    """When the system noted that a datagram arrived; now, if it did not."""
     for level, kind, value in notes:
         if level == socket.SOL_SOCKET and kind == _TIMESTAMPS and len(value) == _TIMESTAMP.size:
             seconds, nanoseconds = _TIMESTAMP.unpack(value)
