@@ -10,7 +10,7 @@ from cyclonedds.idl import IdlStruct
 
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.platforms import ros2_messages, unitree_messages
-from equipoise.platforms.dds import DdsDomain, RawSample, check_version, configuration, raw
+from equipoise.platforms.dds import DdsDomain, RawSample, configuration, raw
 from equipoise.platforms.unitree_messages import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
 
 DOMAIN = 87  # of these tests
@@ -122,7 +122,7 @@ def test_unproven_versions_may_not_unless_the_user_names_them(installed, accepte
 
 
 def test_beyond_loopback_the_version_is_checked_before_anything_is_sent(monkeypatch):
-    monkeypatch.setattr("equipoise.platforms.dds.version", lambda _: "11.0.1")
+    monkeypatch.setattr("equipoise.platforms.dds.VERSION", "11.0.1")
     monkeypatch.setattr("socket.if_nameindex", lambda: [(1, "lo"), (2, "eth7")])
     monkeypatch.setattr("equipoise.platforms.dds.Domain", lambda *_: pytest.fail("the domain was opened"))
     with pytest.raises(SettingsError, match=r"cyclonedds 11\.0\.1 is not proven"):
@@ -130,8 +130,8 @@ def test_beyond_loopback_the_version_is_checked_before_anything_is_sent(monkeypa
 
 
 def test_only_loopback_goes_without_multicast():
-    assert "<AllowMulticast>false" in configuration("lo")
-    assert 'address="localhost"' in configuration("lo")
-    assert "AllowMulticast" not in configuration("eth0")
-    assert configuration("eth0", ("10.0.0.7",)).count("<Peer ") == 1
-    assert 'address="10.0.0.7"' in configuration("eth0", ("10.0.0.7",))
+    assert "<AllowMulticast>false" in configuration("lo", (), "notes")
+    assert 'address="localhost"' in configuration("lo", (), "notes")
+    assert "AllowMulticast" not in configuration("eth0", (), "notes")
+    assert configuration("eth0", ("10.0.0.7",), "notes").count("<Peer ") == 1
+    assert 'address="10.0.0.7"' in configuration("eth0", ("10.0.0.7",), "notes")
