@@ -4,13 +4,19 @@ import itertools
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from older_dds import SOURCES, CannotBuildError, older_python
-from peer_processes import running_peer
+from peer_processes import PATIENCE, running_peer
 
 pytest.importorskip("cyclonedds")
+
+from equipoise.errors import SettingsError
+from equipoise.platforms.catalog import open_link
+from equipoise.platforms.platform import JointCommand
 
 TESTS = {  # the two differ in Python alone, where both are built against the same library
     "0.10.2": ["test_dds.py", "test_dds_versions.py", "test_unitree_samples.py", "test_unitree_dds.py", "test_ros2_samples.py",
@@ -28,6 +34,12 @@ from equipoise.peers.unitree_dds import main
 main()
 """
 as_robots_run = pytest.mark.parametrize("older", ["0.10.2"], indirect=True)
+COMES = """
+import sys
+from equipoise.platforms.dds import VERSION, DdsDomain
+domain = DdsDomain(int(sys.argv[1]), "lo", (), VERSION)
+sys.stdin.read()
+"""
 STALLS = ("sent nothing for", "stood still", "no sample", "silent", "arrived at")
 
 
@@ -114,3 +126,21 @@ def test_who_refuses_a_version_that_would_crash_it_is_not_crashed(older):
         assert "has Cyclone DDS 11" in told
         code, told = run(python, *looks, "--set", f"accept_cyclonedds={older[0]}")
         assert code == -11, told  # a segmentation fault: what the refusal is for
+
+
+@as_robots_run
+@pytest.mark.parametrize("platform", ["unitree-go2", "ros2"])
+def test_a_version_that_comes_later_is_refused_before_the_first_command(older, a1, platform):
+    _, python = older
+    domain = next(DOMAINS)
+    link = open_link(platform, a1, {"interface": "lo", "domain": domain})
+    try:
+        with subprocess.Popen([python, "-c", COMES, str(domain)], stdin=subprocess.PIPE) as process:
+            until = time.monotonic() + PATIENCE
+            while not link._domain._notes.processes() and time.monotonic() < until:
+                time.sleep(0.01)
+            with pytest.raises(SettingsError, match=r"\(process \d+ on .*\) has Cyclone DDS 0\.10"):
+                link.send(JointCommand(np.zeros(12)))
+            process.communicate()
+    finally:
+        link.close()
