@@ -64,10 +64,9 @@ def flags(domain, *others):
 def test_the_tests_of_dds_pass(older):
     number, python = older
     assert run(python, "-c", "from equipoise.platforms.cyclone import VERSION; print(VERSION)") == (0, f"{number}\n")
-    folder = Path(__file__).parent
-    code, told = run(
-        python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *(str(folder / name) for name in TESTS[number])
-    )
+    files = [str(Path(__file__).parent / name) for name in TESTS[number]]
+    chosen = ["-k", "not doctor"]  # which is asked below
+    code, told = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *chosen, *files)
     assert code == 0, told[-5000:]
 
 
