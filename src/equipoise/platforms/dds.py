@@ -206,8 +206,6 @@ class DdsDomain:
                 f"DDS {self._where} cannot be opened ({error}): is the interface up, or the domain open in "
                 "this process already?"
             ) from error
-        finally:
-            self._notes.forget_name()
 
     def inbox(self, topic: str, sample_type: Any) -> Inbox:
         """Listen to a topic whose samples are of an IDL type or what `raw` makes of it."""

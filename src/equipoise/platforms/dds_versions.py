@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-import tempfile
 from dataclasses import dataclass
 
 from equipoise.errors import CommunicationError, SettingsError
@@ -36,34 +35,30 @@ class DdsProcess:
 
 
 class DiscoveryNotes:
-    """A file into which Cyclone notes whom it discovers; it grows with others that come, not with time.
+    """A file in memory into which Cyclone notes whom it discovers; it grows with others that come, not with time.
 
     Attributes:
         path: of the file, for Cyclone's configuration.
     """
 
     def __init__(self) -> None:
-        try:
-            handle, self.path = tempfile.mkstemp(prefix="equipoise-dds-")
-        except OSError as error:
-            raise CommunicationError(f"DDS cannot be used without a temporary file: {error}") from error
-        self._file = os.fdopen(handle, "rb")
-
-    def forget_name(self) -> None:
-        """Once Cyclone has opened the file: nothing is left behind then, however this process ends."""
-        os.unlink(self.path)
+        self._file = os.fdopen(
+            os.memfd_create("discovery"), "rb"
+        )  # no disk: it may be full when a robot must be let down
+        self.path = f"/proc/self/fd/{self._file.fileno()}"
 
     def processes(self) -> list[DdsProcess]:
         """Processes with Cyclone DDS that were seen so far, in order of their arrival.
 
         Raises:
-            CommunicationError: nothing was noted, not even this process.
+            CommunicationError: nothing was noted, not even what this process does.
         """
         self._file.seek(0)
         notes = self._file.read().decode(errors="replace")
         if not notes:
             raise CommunicationError(
-                f"which versions of Cyclone DDS there are is not seen: nothing was written to {self.path}. Is the disk full?"
+                f"which versions of Cyclone DDS there are cannot be seen: cyclonedds writes nothing to {self.path}. Is it "
+                "another version than 0.10 or 11?"
             )
         found = _ANNOUNCED.finditer(notes)
         return [DdsProcess(_named(match["name"], match["pid"], match["host"]), match["version"]) for match in found]
