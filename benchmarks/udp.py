@@ -1,7 +1,8 @@
 """Whole precise calibrations over UDP, through networks good and bad, beside the same robots without a network.
 
 In real time, about a minute and a half each. Writes benchmarks/results/udp.md. The simulated robot runs in its own process; a
-machine that keeps it waiting shows in the last columns.
+machine that keeps it waiting shows in the last columns. Every calibration appends a row to benchmarks/results/udp.jsonl, so
+that an interrupted benchmark goes on where it was; delete it to begin anew.
 
     python benchmarks/udp.py               # on a machine that does nothing else
     sudo chrt -r 5 python benchmarks/udp.py   # on one that does
@@ -37,6 +38,7 @@ from equipoise.platforms.hardware import HardwarePlatform
 from equipoise.platforms.unitree_udp import UnitreeUdpSettings, open_link
 
 RESULTS = Path(__file__).parent / "results"
+ROWS = RESULTS / "udp.jsonl"
 SETTINGS = CalibrationSettings("precise", precise=PreciseSettings(budget=60.0))
 PAYLOAD = "1,0.05,0.02,0.08"
 BAD = ("--loss", "0.02", "--duplicate", "0.02", "--reorder", "0.02")
@@ -80,11 +82,14 @@ def direct(seed: int) -> Row:
         return Row("no network", seed, calibrate(simulation.platform, ROBOT, SETTINGS).with_truth(simulation.truth))
 
 
+def named(protocol: str, faults: tuple[str, ...]) -> str:
+    return f"{protocol}, 2 % lost, doubled, overtaken" if faults else f"{protocol}, good network"
+
+
 def over_udp(protocol: str, faults: tuple[str, ...], seed: int) -> Row:
     """Over loopback, guarded."""
     with simulate(ROBOT, "realistic", PAYLOAD, seed) as simulation:
         truth = simulation.truth
-    what = f"{protocol}, 2 % lost, doubled, overtaken" if faults else f"{protocol}, good network"
     port = free_port()
     with peer("--protocol", protocol, "--port", str(port), "--payload", PAYLOAD, "--seed", str(seed), *faults) as log:
         link = open_link(ROBOT, UnitreeUdpSettings(protocol, "127.0.0.1", port, local_port=free_port()))
@@ -98,7 +103,7 @@ def over_udp(protocol: str, faults: tuple[str, ...], seed: int) -> Row:
         "late": f"{100 * np.mean(late > 1e-3):.2f} ({1000 * late.max():.0f} ms)",
         "waited": f"{1000 * sum(entry.get('behind', 0.0) for entry in log):.0f}",
     }
-    return Row(what, seed, result, told)
+    return Row(named(protocol, faults), seed, result, told)
 
 
 @contextmanager
@@ -125,7 +130,7 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-def table(rows: list[Row]) -> str:
+def table(rows: list[list[str]]) -> str:
     columns = (
         "over", "seed", "mass [g]", "CoM [mm]", "Ixx Iyy Izz [%]", f"worst of {len(COMPONENTS)} [sd]", "samples arrived",
         "fresh ones used", "commands over 1 ms late [%] (worst)", "robot kept waiting [ms]",
@@ -136,24 +141,30 @@ def table(rows: list[Row]) -> str:
         f"`python benchmarks/udp.py`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {machine.system()} on "
         f"{os.cpu_count()} cores. The A1 with 1 kg on it, preset `realistic`, method `precise` with 60 s of robot time. "
         "Errors are of the whole robot's parameters, estimate less truth; sd: as the result claims. The robot is a process "
-        "of its own that speaks the A1's or the Go1's packets over loopback UDP; no real robot was tried. "
+        "of its own that speaks the A1's compressed or the Go1's plain packets over loopback UDP; no real robot was tried. "
         f"{'Real-time' if os.sched_getscheduler(0) == os.SCHED_RR else 'Ordinary'} priority; load average at the end "
         f"{os.getloadavg()[0]:.0f}.",
         "",
         "| " + " | ".join(columns) + " |",
         "|" + "---|" * len(columns),
-        *("| " + " | ".join(row.cells()) + " |" for row in rows),
+        *("| " + " | ".join(row) + " |" for row in rows),
     ]
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    rows: list[Row] = []
+    kept = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
+    done = {(row[0], row[1]): row for row in kept}
+    planned = [("no network", direct, ())] + [(named(*run), over_udp, run) for run in RUNS]
+    rows: list[list[str]] = []
     for seed in SEEDS:
-        rows.append(direct(seed))
-        for protocol, faults in RUNS:
-            rows.append(over_udp(protocol, faults, seed))
-            print(rows[-1].cells(), flush=True)
+        for what, calibrated, run in planned:
+            row = done.get((what, str(seed))) or calibrated(*run, seed).cells()
+            rows.append(row)
+            if row not in kept:
+                with ROWS.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps(row) + "\n")
+                print(row, flush=True)
     text = table(rows)
     (RESULTS / "udp.md").write_text(text, encoding="utf-8")
     print(text)

@@ -1,6 +1,7 @@
 """Fixtures that many tests share."""
 
 import signal
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,10 +25,13 @@ settings.load_profile("equipoise")
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Pages that were not tried look like pages that work."""
+    """What was not tried looks like what works."""
     reason = why_no_browser()
     if reason is not None:
         terminalreporter.write_line(f"WARNING: {reason}", yellow=True)
+    skipped = (str(report.longrepr[2]) for report in terminalreporter.getreports("skipped") if report.longrepr)
+    for reason in dict.fromkeys(reason for reason in skipped if "NOT TRIED" in reason):
+        print(f"WARNING: {reason.removeprefix('Skipped: ')}", file=sys.stderr)
 
 
 @pytest.fixture(scope="session")

@@ -36,7 +36,7 @@ from equipoise import (
 )
 from equipoise.errors import EquipoiseError
 from equipoise.platforms.catalog import given_settings
-from equipoise.platforms.unitree_formats import FORMATS
+from equipoise.platforms.unitree_formats import FORMS
 from equipoise.platforms.unitree_packets import (
     CommandPacket,
     LowState,
@@ -91,8 +91,7 @@ def corpus(folder):
         "bag": [log],
         "csv": [table_of(recording)],
         "joint map": [b'FL_hip_joint = "front_left_hip"\nFR_hip_joint = 3\n'],
-        "udp a1": packets_of("a1"),
-        "udp go1": packets_of("go1"),
+        **{target: packets_of(form) for target, form in UDP.items()},
     }
 
 
@@ -107,18 +106,19 @@ def table_of(recording):
     return "\n".join(rows[:120]).encode()
 
 
-def packets_of(protocol):
+def packets_of(layout):
     """A state and a command."""
 
-    layout, values = FORMATS[protocol], np.linspace(0.1, 1.2, 12)
+    values = np.linspace(0.1, 1.2, 12)
     state = LowState(values, values, values, 30 + values, values[:3], values[:3], 1234, 0.8, 24.0)
     command = MotorCommands(values, values, values, 10 * values, values)
     return [bytes(StatePacket(layout).write(state)), bytes(CommandPacket(layout).write(command))]
 
 
+UDP = {f"udp {protocol} {name}": form for protocol, forms in FORMS.items() for name, form in forms.items()}
 SUFFIX = {
     "urdf": ".urdf", "mjcf": ".xml", "description": ".toml", "settings": ".toml", "run log": ".mcap", "run header": ".json",
-    "calibration": ".json", "csv": ".csv", "bag": ".mcap", "joint map": ".toml", "udp a1": ".bin", "udp go1": ".bin",
+    "calibration": ".json", "csv": ".csv", "bag": ".mcap", "joint map": ".toml", **dict.fromkeys(UDP, ".bin"),
 }  # fmt: skip
 
 
@@ -191,9 +191,7 @@ def readers():
         folder.settings()
         folder.robot()
 
-    def packets(name):
-        layout = FORMATS[name]
-
+    def packets(layout):
         def read(path):
             data = path.read_bytes()
             read_state(layout, data)
@@ -213,8 +211,7 @@ def readers():
         "csv": lambda path: read_foreign(path, robot),
         "bag": lambda path: read_foreign(path, robot),
         "joint map": read_joint_map,
-        "udp a1": packets("a1"),
-        "udp go1": packets("go1"),
+        **{target: packets(form) for target, form in UDP.items()},
     }
 
 

@@ -19,12 +19,13 @@ TRIES = 3
 
 
 class PeerProcess:
-    """A running peer and what it logged so far."""
+    """A running peer and what it logged so far; of a module, or a program of its own."""
 
-    def __init__(self, module, *flags):
+    def __init__(self, module, *flags, python=sys.executable, code=None):
         self.log = []
+        program = ["-m", f"equipoise.peers.{module}"] if code is None else ["-c", code]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", f"equipoise.peers.{module}", *map(str, flags)],
+            [python, *program, *map(str, flags)],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -67,9 +68,9 @@ class PeerProcess:
 
 
 @contextmanager
-def running_peer(module, *flags):
+def running_peer(module, *flags, **others):
     """A peer that listens."""
-    peer = PeerProcess(module, *flags)
+    peer = PeerProcess(module, *flags, **others)
     try:
         peer.wait_for("ready")
         yield peer

@@ -78,6 +78,11 @@ def test_only_an_engines_own_modules_import_it(engine):
             assert path.relative_to(SOURCE).as_posix() in ENGINES[engine]
 
 
+def test_one_module_imports_cyclonedds_whose_versions_differ():
+    users = {path.name for path in MODULES if any(name.split(".")[0] == "cyclonedds" for name in imported(path))}
+    assert users == {"cyclone.py"}
+
+
 def test_engines_share_no_module_that_imports_one():
     for engine, modules in ENGINES.items():
         others = {"equipoise." + path.removesuffix(".py").replace("/", ".")

@@ -80,13 +80,6 @@ def test_messages_are_on_the_wire_what_ros_makes_of_them(message):
     assert type(message).deserialize(ours) == message
 
 
-def test_no_message_holds_what_older_versions_of_cyclonedds_do_not_know():
-    """They crash at the type uint8 in a description that version 11 announces."""
-    for message in MESSAGES:
-        kinds = type(message).__annotations__.values()
-        assert not any("uint8" in str(kind) or "int8" in str(kind) for kind in kinds)
-
-
 def test_topics_have_the_names_that_ros_gives_them():
     assert dds_topic("/joint_states") == "rt/joint_states"
 

@@ -16,6 +16,7 @@ from scipy.interpolate import interp1d
 pytest.importorskip("cyclonedds")
 
 from equipoise import nominal_stance, simulate
+from equipoise.cli import main
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platforms.hardware import HardwarePlatform
 from equipoise.platforms.platform import JointCommand, Trajectory
@@ -285,6 +286,49 @@ def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, t
             recording = platform.play(sway(a1))
     assert len(recording.joints.time) > 50
     assert recording.joints.time[-1] < time.monotonic()
+
+
+@pytest.mark.parametrize(
+    ("flags", "given", "fine", "says"),
+    [
+        ([], [], True, "'normal' holds the motors; calibrate will have it let go"),
+        ([], ["release_sport_mode=false"], False, "'normal' holds the motors, and calibrate will not have it let go"),
+        (
+            ["--start", "standing"],
+            [],
+            False,
+            "'normal' holds the motors, and the robot does not lie: calibrate will refuse",
+        ),
+        (["--start", "standing"], ["hanging=true"], True, "'normal' holds the motors; calibrate will have it let go"),
+        (["--no-sport-mode"], [], True, "none holds the motors; calibrate will command them at once"),
+        (["--bare"], [], False, "was not found within 3 s; a simulator that has none needs release_sport_mode=false"),
+        (["--bare"], ["release_sport_mode=false"], None, "no answer which; calibrate will not ask"),
+    ],
+)
+def test_the_doctor_asks_who_holds_the_motors_and_has_nobody_let_go(tmp_path_factory, capsys, flags, given, fine, says):
+    with running(tmp_path_factory, *flags) as peer:
+        pairs = ["interface=lo", f"domain={peer.domain}", "silence=5", *given]
+        code = main(
+            [
+                "doctor",
+                "--platform",
+                "unitree-go2",
+                "--duration",
+                "0.5s",
+                "--json",
+                *(f"--set={pair}" for pair in pairs),
+            ]
+        )
+        time.sleep(0.2)
+        assert {*peer.said("request")} == (set() if "--bare" in flags else {1001})
+        assert (peer.said("asked"), peer.said("sport_mode"), peer.said("ignored")) == ([], [], [])
+        assert peer.said("mode") == ["own stance"]
+    findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
+    found = findings["robot's own controller"]
+    assert found["fine"] is fine
+    assert says in found["value"]
+    assert bool(found["advice"]) == (fine is False)
+    assert code in ((1,) if fine is False else (0, 1))  # a busy machine's samples come late, and the doctor says so
 
 
 def test_samples_that_are_all_damaged_are_told_apart_from_none(tmp_path_factory, a1):

@@ -41,7 +41,7 @@ def platforms(*, json: bool = False, quiet: bool = False, debug: bool = False) -
         try:
             settings[name] = settings_of(name)
         except MissingDependencyError as error:
-            settings[name] = str(error)
+            settings[name] = f"cannot be used here: {error}"
     if json:
         rows = [dataclasses.asdict(driver) | {"settings": settings[driver.name]} for driver in DRIVERS.values()]
         print(json_module.dumps({"schema": "equipoise.platforms/1", "platforms": rows}, indent=2))
@@ -64,7 +64,8 @@ def doctor(
 ) -> int:
     """Connect to a robot, look for five seconds, move nothing, and say what is right and what is not.
 
-    Rates, jitter, the joint map, gravity against the stance, joint torques, battery and temperatures where there are any.
+    Rates, jitter, the joint map, gravity against the stance, joint torques, battery and temperatures where there are any; on a
+    Go2 or B2 which controller holds the motors, and what 'calibrate' will do about it.
     Ends with 0 if nothing speaks against a calibration, else with 1.
 
     Example: equipoise doctor go2 --platform unitree-go2 --set interface=eth0
@@ -79,11 +80,11 @@ def doctor(
         debug: Show a traceback if something goes wrong.
     """
     from equipoise.outputs.platform_terminal import print_checkup
-    from equipoise.platforms.checkup import examine, joint_table
+    from equipoise.platforms.checkup import examine, foretold, joint_table
 
     model = load(robot, description_file, description)
     with connected(platform, model, set, settings) as connection:
-        findings = examine(connection, model, seconds(duration) or 5.0)
+        findings = examine(connection, model, seconds(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
     if json:
         rows = [dataclasses.asdict(finding) for finding in findings]

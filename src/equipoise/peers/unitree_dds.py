@@ -122,6 +122,7 @@ class UnitreeDdsWire:
         """Answer requests to the motion_switcher service."""
         for _, request in self._requests.take():
             function, code = request.header.identity.api_id, 0
+            self._say(request=function)
             if function == RELEASE_MODE:
                 self._say(asked="release")
                 self._lets_go = self._now + _LETS_GO if self._lets_go is None else self._lets_go

@@ -2,8 +2,8 @@
 
     python -m equipoise.peers.unitree_udp --protocol go1 --robot unitree_a1 --loss 0.02 --reorder 0.02
 
-Any quadruped with three joints a leg can speak either protocol. It answers the first address that a good command comes
-from, as the robots do, and sends nothing before.
+Any quadruped with three joints a leg can speak either protocol. It speaks one form of its packets, and answers the first
+address from which a good command in that form comes, as the robots do; it sends nothing before, and heeds no other packets.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tyro.conf import OmitArgPrefixes
 from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platforms.platform import JointCommand, RobotState
-from equipoise.platforms.unitree_formats import FORMATS, PacketFormat, Protocol
+from equipoise.platforms.unitree_formats import PacketFormat, Protocol, forms_of
 from equipoise.platforms.unitree_packets import (
     POSITION_STOP,
     VELOCITY_STOP,
@@ -31,7 +31,7 @@ from equipoise.platforms.unitree_packets import (
     StatePacket,
     read_command,
 )
-from equipoise.platforms.unitree_udp import Address
+from equipoise.platforms.unitree_udp_socket import Address
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
@@ -100,7 +100,7 @@ class UnitreeUdpWire:
         packets: how it writes.
         local: where it listens.
         faults: of the network.
-        first_tick: of its clock; it begins anew at 2^32.
+        clock: first count and step [s] of its clock, which begins anew at 2^32; a step of 0: it stands still.
         say: takes what is worth noting.
     """
 
@@ -110,14 +110,14 @@ class UnitreeUdpWire:
         packets: PacketFormat,
         local: Address,
         faults: NetworkFaults,
-        first_tick: int,
+        clock: tuple[int, float],
         say: Callable[..., None],
     ) -> None:
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._packets, self._packet = packets, StatePacket(packets)
         self._inward, self._outward = FaultyNetwork(faults, 0), FaultyNetwork(faults, 1)
-        self._first_tick, self._say = first_tick, say
+        (self._first_tick, self._tick), self._say = clock, say
         self._client: Address | None = None
         self._gains: tuple[float, float] | None = None
         self._gains_said = -np.inf
@@ -202,7 +202,7 @@ class UnitreeUdpWire:
             np.full(MOTORS, _TEMPERATURE),
             state.angular_velocity,
             state.acceleration,
-            self._first_tick + round(state.time * 1000),
+            self._first_tick + (round(state.time / self._tick) if self._tick else 0),
             _CHARGE,
             _VOLTAGE,
         )
@@ -221,7 +221,9 @@ class Options:
         robot: the quadruped that it is: a name, or a URDF or MJCF file.
         address: that it listens on.
         port: that it listens on.
-        first_tick: of its clock, in milliseconds.
+        form: of its packets; default: the likeliest.
+        first_tick: of its clock.
+        tick: a step of its clock [s].
         peer: what is simulated.
         faults: of the network.
     """
@@ -230,7 +232,9 @@ class Options:
     robot: str = "unitree_a1"
     address: str = "127.0.0.1"
     port: int = 8007
+    form: str | None = None
     first_tick: int = 0
+    tick: float = 1e-3
     peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
     faults: OmitArgPrefixes[NetworkFaults] = field(default_factory=NetworkFaults)
 
@@ -239,10 +243,12 @@ def main() -> None:
     """Run until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
     options = tyro.cli(Options)
+    packets = next(iter(forms_of(options.protocol, options.form).values()))
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)
     local = (options.address, options.port)
-    wire = UnitreeUdpWire(robot, FORMATS[options.protocol], local, options.faults, options.first_tick, peer.say)
+    clock = (options.first_tick, options.tick)
+    wire = UnitreeUdpWire(robot, packets, local, options.faults, clock, peer.say)
     peer.serve(wire)
 
 

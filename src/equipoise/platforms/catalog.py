@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from equipoise.errors import SettingsError
+from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.platforms.hardware import Link
 from equipoise.robot.model import RobotModel
 
@@ -80,16 +80,16 @@ DRIVERS: dict[str, Driver] = {
 def open_link(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
     """The link alone; raises SettingsError, MissingDependencyError and CommunicationError."""
     driver = _driver(name)
-    module = importlib.import_module(driver.module)
+    module = _module(driver)
     settings = read_settings(getattr(module, driver.settings), {**driver.preset, **given}, name)
     link: Link = module.open_link(robot, settings)
     return link
 
 
 def settings_of(name: str) -> list[tuple[str, str, Any]]:
-    """Names, types and defaults of a driver's settings."""
+    """Names, types and defaults of a driver's settings; raises MissingDependencyError if it cannot be used here."""
     driver = _driver(name)
-    kind = getattr(importlib.import_module(driver.module), driver.settings)
+    kind = getattr(_module(driver), driver.settings)
     return [
         (field.name, _named(hint), driver.preset.get(field.name, field.default))
         for field, hint in _fields(kind).values()
@@ -134,6 +134,18 @@ def _driver(name: str) -> Driver:
         raise SettingsError(
             f"platform {name!r} is not known; robots are {', '.join(DRIVERS)}, simulators are {', '.join(SIMULATED)}"
         ) from None
+
+
+def _module(driver: Driver) -> Any:
+    """A driver's module; whatever a broken package of its does when it is imported, the error is ours."""
+    try:
+        return importlib.import_module(driver.module)
+    except MissingDependencyError:
+        raise
+    except Exception as error:
+        raise MissingDependencyError(
+            f"platform {driver.name!r} needs a package that is broken ({type(error).__name__}: {error}): install it again"
+        ) from error
 
 
 def _fields(kind: type[Any]) -> dict[str, tuple[dataclasses.Field[Any], Any]]:

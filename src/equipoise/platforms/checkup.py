@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,20 @@ class Finding:
     fine: bool | None
     advice: str = ""
     serious: bool = False
+
+
+@runtime_checkable
+class Foretelling(Protocol):
+    """A platform, or a driver's link, that can say what its first command will meet."""
+
+    def foretell(self) -> list[Finding]:
+        """What `calibrate` will meet when it takes over the motors; commands nothing, and lets go of nothing."""
+        ...
+
+
+def foretold(source: object) -> list[Finding]:
+    """What a platform or a link foretells; nothing if it cannot."""
+    return source.foretell() if isinstance(source, Foretelling) else []
 
 
 def watch(

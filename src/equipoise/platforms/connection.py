@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from equipoise.platforms.catalog import open_link
 from equipoise.platforms.hardware import HardwarePlatform
 from equipoise.platforms.watchdog import Watchdog
 from equipoise.robot.model import RobotModel
+
+
+@runtime_checkable
+class Learner(Protocol):
+    """A link that finds out by itself what could be set: who connects anew, as the watchdog, is told and need not.
+
+    Attributes:
+        learnt: settings by name.
+    """
+
+    @property
+    def learnt(self) -> Mapping[str, Any]: ...
 
 
 def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform:
@@ -26,4 +38,9 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
         MissingDependencyError: the driver's package is not installed.
         CommunicationError: the network cannot be used.
     """
-    return HardwarePlatform(open_link(name, robot, given), watchdog=lambda: Watchdog(name, robot, given))
+    link = open_link(name, robot, given)
+
+    def watchdog() -> Watchdog:
+        return Watchdog(name, robot, {**given, **(link.learnt if isinstance(link, Learner) else {})})
+
+    return HardwarePlatform(link, watchdog=watchdog)

@@ -6,26 +6,33 @@ import socket
 import threading
 import time
 from collections import deque
-from importlib.metadata import version
 from typing import Any
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr
 
-from equipoise.errors import CommunicationError, MissingDependencyError, SettingsError
-
-try:
-    from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
-    from cyclonedds.domain import Domain, DomainParticipant
-    from cyclonedds.idl import IdlStruct
-    from cyclonedds.pub import DataWriter
-    from cyclonedds.qos import Policy, Qos
-    from cyclonedds.sub import DataReader
-    from cyclonedds.topic import Topic
-    from cyclonedds.util import duration
-except ModuleNotFoundError as error:
-    raise MissingDependencyError("talking over DDS needs cyclonedds: pip install 'equipoise[dds]'") from error
+from equipoise.errors import CommunicationError, SettingsError
+from equipoise.platforms.cyclone import (
+    VERSION,
+    DataReader,
+    DataWriter,
+    DDSException,
+    Domain,
+    DomainParticipant,
+    IdlStruct,
+    InstanceState,
+    Listener,
+    Policy,
+    Qos,
+    ReadCondition,
+    SampleState,
+    Topic,
+    ViewState,
+    WaitSet,
+    duration,
+)
+from equipoise.platforms.dds_versions import DiscoveryNotes, check_company, check_version
 
 LOOPBACK = "lo"
-_PROVEN = "0.10."  # what Unitree pins and most ROS 2 nodes run
+_MEETING = 0.3  # [s] in which others on the domain have answered; on loopback they take 10 ms
 
 # A best-effort reader matches whatever a robot offers; a reliable writer of the plain encoding whatever it asks for.
 _PLAIN = Policy.DataRepresentation(use_cdrv0_representation=True)
@@ -162,7 +169,7 @@ class DdsDomain:
         domain: its number.
         interface: by name, as "eth0"; on "lo" nothing leaves this computer, and others are found without multicast.
         peers: addresses to look for others at, besides what multicast finds.
-        accept_cyclonedds: version of cyclonedds to use beyond loopback though it is not proven there.
+        accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
 
     Raises:
         SettingsError: there is no such interface, or the version may crash others and was not asked for by name.
@@ -172,14 +179,31 @@ class DdsDomain:
     def __init__(self, domain: int, interface: str, peers: tuple[str, ...] = (), accept_cyclonedds: str = "") -> None:
         _check_interface(interface)
         if interface != LOOPBACK:
-            check_version(version("cyclonedds"), accept_cyclonedds)
+            check_version(VERSION, accept_cyclonedds)
+        self._where, self._accepted = f"domain {domain} on {interface}", accept_cyclonedds
         self._boxes: list[Inbox | Outbox] = []
+        self._domain: Any = None
+        self._participant: Any = None
+        self._notes = DiscoveryNotes()
         try:
-            self._domain: Any = Domain(domain, configuration(interface, peers))
-            self._participant: Any = DomainParticipant(domain)
+            self._join(domain, configuration(interface, peers, self._notes.path))
+            time.sleep(_MEETING)
+            self.check_company()  # before a topic is announced, which is what others crash at
+        except BaseException:
+            self.close()
+            raise
+
+    def check_company(self) -> None:
+        """Raises SettingsError if a version that is unsafe beside this one has been seen on the domain."""
+        check_company(VERSION, self._accepted, self._notes.processes(), self._where)
+
+    def _join(self, domain: int, settings: str) -> None:
+        try:
+            self._domain = Domain(domain, settings)
+            self._participant = DomainParticipant(domain)
         except DDSException as error:
             raise CommunicationError(
-                f"DDS domain {domain} on {interface} cannot be opened ({error}): is the interface up, or the domain open in "
+                f"DDS {self._where} cannot be opened ({error}): is the interface up, or the domain open in "
                 "this process already?"
             ) from error
 
@@ -200,33 +224,19 @@ class DdsDomain:
         while self._boxes:
             self._boxes.pop().close()
         self._participant = self._domain = None
+        self._notes.close()
 
 
-def configuration(interface: str, peers: tuple[str, ...] = ()) -> str:
-    """Cyclone DDS's own settings for one interface, as XML."""
+def configuration(interface: str, peers: tuple[str, ...], notes: str) -> str:
+    """Cyclone DDS's own settings for one interface and a file that notes whom it discovers, as XML."""
     on_loopback = interface == LOOPBACK
     found = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in (*peers, *(["localhost"] if on_loopback else [])))
     return (
         "<CycloneDDS><Domain Id='any'><General>"
         f"<Interfaces><NetworkInterface name={quoteattr(interface)}/></Interfaces>"
         f"{'<AllowMulticast>false</AllowMulticast>' if on_loopback else ''}</General>"
-        f"<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>{found}</Peers></Discovery></Domain></CycloneDDS>"
-    )
-
-
-def check_version(installed: str, accepted: str = "") -> None:
-    """Only a proven version of cyclonedds joins a network where robots are.
-
-    Raises:
-        SettingsError: it is another one, and the user has not accepted it by name.
-    """
-    if installed.startswith(_PROVEN) or installed == accepted:
-        return
-    asked = f" (and is not {accepted}, which accept_cyclonedds names)" if accepted else ""
-    raise SettingsError(
-        f"cyclonedds {installed} is not proven beside robots, which run {_PROVEN}x{asked}: version 11 crashes 0.10 "
-        "processes on the same domain, and one of them may hold a robot up. Use Python 3.10 with 'cyclonedds==0.10.5'; or, if "
-        f"nothing on this network runs another version, say so by name: accept_cyclonedds={installed}"
+        f"<Discovery><ParticipantIndex>auto</ParticipantIndex><Peers>{found}</Peers></Discovery>"
+        f"<Tracing><Category>discovery</Category><OutputFile>{escape(notes)}</OutputFile></Tracing></Domain></CycloneDDS>"
     )
 
 

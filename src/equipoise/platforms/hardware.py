@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.platforms.checkup import Finding, foretold
 from equipoise.platforms.platform import JointCommand, RobotState, TiltLimit, Trajectory
 from equipoise.platforms.stepping import play_by_stepping
 from equipoise.recordings.recording import Recording
@@ -174,6 +175,10 @@ class HardwarePlatform:
 
     def read(self) -> RobotState:
         return self._sense(self._patience if self._newest is None else 2 * self.control_period)
+
+    def foretell(self) -> list[Finding]:
+        """What the link knows of what its first command will meet; commands nothing."""
+        return foretold(self._link)
 
     def step(self, command: JointCommand) -> RobotState:
         """Send a command at its deadline, wait for the next one, and sense shortly before.

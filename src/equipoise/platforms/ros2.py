@@ -46,7 +46,7 @@ class Ros2Settings:
         interface: network interface of this computer; on "lo" ROS runs here too, and is told to stay here (docs/ros2.md).
         domain: ROS_DOMAIN_ID of the robot.
         peers: addresses to look for the robot at, besides what multicast finds.
-        accept_cyclonedds: version of cyclonedds to use beyond loopback though it is not proven there.
+        accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
         joint_state_topic: of sensor_msgs/JointState.
         imu_topic: of sensor_msgs/Imu; with Gazebo often "/imu".
         command_type: "float64_multi_array" or "joint_trajectory".
@@ -161,12 +161,15 @@ class Ros2Link:
 
         Raises:
             CommunicationError: no controller listens.
+            SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
         """
         if not self._outbox.heard and time.monotonic() - self._opened > _PATIENCE:
             raise CommunicationError(
                 f"nobody listens to {self._settings.commands_to} in {self.name}: is the controller loaded and active "
                 "('ros2 control list_controllers'), is command_topic its name?"
             )
+        if not self._commanded:
+            self._domain.check_company()  # others may have come since
         target = command.position
         if command.torque is not None and self._settings.stiffness:
             target = target + command.torque / self._settings.stiffness

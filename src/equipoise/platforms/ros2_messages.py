@@ -10,13 +10,7 @@ None of them holds a uint8, which is what crashes cyclonedds 0.10 when 11 announ
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from equipoise.errors import MissingDependencyError
-
-try:
-    from cyclonedds.idl import IdlStruct
-    from cyclonedds.idl.types import array, float64, int32, sequence, uint32
-except ModuleNotFoundError as error:
-    raise MissingDependencyError("talking to ROS 2 needs cyclonedds: pip install 'equipoise[dds]'") from error
+from equipoise.platforms.cyclone import IdlStruct, array, float64, int32, sequence, uint32
 
 if TYPE_CHECKING:  # what they are in Python
     Strings = list[str]

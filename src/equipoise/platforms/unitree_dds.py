@@ -14,12 +14,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.errors import CommunicationError, MotionError, SettingsError
+from equipoise.platforms.checkup import Finding
 from equipoise.platforms.dds import DdsDomain, raw
 from equipoise.platforms.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.platforms.robot_clock import RobotClock
 from equipoise.platforms.unitree_messages import LowCmd, LowState
 from equipoise.platforms.unitree_samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
-from equipoise.platforms.unitree_sport import MotionSwitcher
+from equipoise.platforms.unitree_sport import MotionSwitcher, outlook
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
@@ -49,7 +50,7 @@ class UnitreeDdsSettings:
         hanging: the robot hangs in a frame; otherwise it must lie when its controller lets go.
         check_crc: leave out samples with a wrong checksum.
         silence: without a sample after which the link counts as lost [s].
-        accept_cyclonedds: version of cyclonedds to use beyond "lo" though it is not proven beside robots.
+        accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
     """
 
     interface: str = "eth0"
@@ -118,7 +119,7 @@ class UnitreeDdsLink:
         self._sample = raw(LowCmd)
         self._states = self._domain.inbox(STATE_TOPIC, raw(LowState))
         self._commands = self._domain.outbox(COMMAND_TOPIC, self._sample)
-        self._switcher = MotionSwitcher(self._domain, self.name) if settings.release_sport_mode else None
+        self._switcher = MotionSwitcher(self._domain, self.name)
 
     @property
     def name(self) -> str:
@@ -150,6 +151,7 @@ class UnitreeDdsLink:
 
         Raises:
             MotionError: it holds them, and the robot does not lie.
+            SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
         """
         if len(command.position) != MOTORS:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
@@ -165,6 +167,10 @@ class UnitreeDdsLink:
         for name, given, default in values:
             self._motors[name][:MOTORS] = default if given is None else given[order]
         self._transmit()
+
+    def foretell(self) -> list[Finding]:
+        """What the first command will meet: which controller holds the motors. The question lets go of none."""
+        return [outlook(self._switcher, self._settings.release_sport_mode, self._may_let_go())]
 
     def release(self) -> None:
         """No torque. A robot that was never commanded is left to its own controller."""
@@ -189,14 +195,18 @@ class UnitreeDdsLink:
             self._motors[name][:] = value
 
     def _take_over(self) -> None:
-        if self._switcher is not None and (mode := self._switcher.mode()):
-            if not self._settings.hanging and not self._lies():
+        self._domain.check_company()  # others may have come since
+        if self._settings.release_sport_mode and (mode := self._switcher.mode()):
+            if not self._may_let_go():
                 raise MotionError(
                     f"the controller {mode!r} of {self.name} holds its motors, and the robot does not lie: it would fall when "
                     "they are let go. Have it lie down with its remote control; if it hangs in a frame, set hanging=true"
                 )
             self._switcher.release()
         self._obeys = True
+
+    def _may_let_go(self) -> bool:
+        return self._settings.hanging or self._lies()
 
     def _lies(self) -> bool:
         """Whether all legs are folded."""

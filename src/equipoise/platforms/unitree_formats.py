@@ -1,23 +1,21 @@
 """How the Unitree A1 and Go1 lay out their low-level packets.
 
-Beta: this comes from public headers and public programs; no packet of a real robot was seen. Sure are the totals (A1 730
-and 891 bytes, Go1 614 and 807), the A1's fields (its header, packed), the Go1's motors and IMU and the unit of its torque,
-and the checksum's polynomial. Not proven are
-
-- the scrambling of a Go1's checksum, which the programs that move one do to commands; states are taken either way;
-- that the A1's is not scrambled;
-- the unit of the Go1's kd: one public program counts 16 to a unit, another 32; if 16 is wrong, joints damp less than meant;
-- the Go1's battery: public programs read a byte a cell, and one of them takes its unit to be 32 mV;
-- the unit of the tick: programs that use it divide by 1000, older headers say microseconds.
+Each robot may speak one of two forms; which one, its answers tell. The A1's compressed form and the Go1's plain one are held
+against packets that the makers' own SDKs sent and accepted (docs/unitree-udp.md says how); no packet of a real robot was
+seen. Not proven are the A1's structures as they are (its header, packed) and the Go1's scrambled checksum, which one public
+program sends.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+
+from equipoise.errors import SettingsError
 
 _IMU = np.dtype(
     [
@@ -29,7 +27,7 @@ _IMU = np.dtype(
     ]
 )
 _A1_HEAD = [("level", "u1"), ("version", "<u2"), ("robot", "<u2"), ("serial", "<u4"), ("bandwidth", "u1")]
-_A1_MOTOR_COMMAND = np.dtype(
+_MOTOR_COMMAND = np.dtype(
     [
         ("mode", "u1"),
         ("position", "<f4"),
@@ -40,7 +38,7 @@ _A1_MOTOR_COMMAND = np.dtype(
         ("reserve", "<u4", 3),
     ]
 )
-_A1_MOTOR_STATE = np.dtype(
+_MOTOR_STATE = np.dtype(
     [
         ("mode", "u1"),
         ("position", "<f4"),
@@ -60,18 +58,18 @@ _GO1_HEAD = [
     ("version", "<u4", 2),
     ("bandwidth", "<u2"),
 ]
-_GO1_MOTOR_COMMAND = np.dtype(
+_COMPRESSED_COMMAND = np.dtype(
     [
         ("mode", "u1"),
         ("position", "<f4"),
         ("velocity", "<f4"),
         ("torque", "<i2"),
-        ("kp", "<u2"),
-        ("kd", "<u2"),
+        ("kp", "<i2"),
+        ("kd", "<i2"),
         ("reserve", "<u4", 3),
     ]
 )
-_GO1_MOTOR_STATE = np.dtype(
+_COMPRESSED_STATE = np.dtype(
     [
         ("mode", "u1"),
         ("position", "<f4"),
@@ -100,6 +98,9 @@ _TAIL = [("remote", "u1", 40), ("reserve", "<u4"), ("checksum", "<u4")]
 _FEET = [("foot_force", "<i2", 4), ("foot_force_estimate", "<i2", 4), ("tick", "<u4")]
 
 
+_COUNTS = {"torque": 256.0, "kp": 32.0, "kd": 16.0}  # per Nm, Nm/rad, Nm s/rad in a compressed record
+
+
 @dataclass(frozen=True, eq=False)
 class PacketFormat:
     """How a robot writes numbers.
@@ -110,7 +111,7 @@ class PacketFormat:
         begins: first bytes of both packets, by which they are known.
         state_lengths: that states may have [bytes]; what is longer is padding.
         counts: per SI unit, of fields that are integers.
-        scrambled: whether the checksum is scrambled.
+        scrambled: whether the checksum of commands is scrambled; states are then taken either way.
         bandwidth: a field of commands whose meaning is not known.
     """
 
@@ -124,23 +125,53 @@ class PacketFormat:
 
 
 A1 = PacketFormat(
-    np.dtype([*_A1_HEAD, ("motors", _A1_MOTOR_COMMAND, 20), ("led", "u1", (4, 3)), *_TAIL]),
-    np.dtype([*_A1_HEAD, ("imu", _IMU), ("motors", _A1_MOTOR_STATE, 20), *_FEET, *_TAIL]),
+    np.dtype([*_A1_HEAD, ("motors", _COMPRESSED_COMMAND, 20), ("led", "u1", (4, 3)), *_TAIL]),
+    np.dtype([*_A1_HEAD, ("imu", _IMU), ("motors", _COMPRESSED_STATE, 20), *_FEET, *_TAIL]),
+    begins=b"\xff",
+    state_lengths=(771,),
+    counts=_COUNTS,
+)
+"""What its SDK sends as `UDP(LOWLEVEL)`, the constructor of public programs: 610 bytes, 771 back."""
+
+A1_STRUCT = PacketFormat(
+    np.dtype([*_A1_HEAD, ("motors", _MOTOR_COMMAND, 20), ("led", "u1", (4, 3)), *_TAIL]),
+    np.dtype([*_A1_HEAD, ("imu", _IMU), ("motors", _MOTOR_STATE, 20), *_FEET, *_TAIL]),
     begins=b"\xff",
     state_lengths=(891,),
 )
-"""SDK 3.3.1, its structures without padding."""
+"""What its SDK sends when it is given the sizes of its structures: those, without padding; 730 bytes, 891 back."""
 
 GO1 = PacketFormat(
-    np.dtype([*_GO1_HEAD, ("motors", _GO1_MOTOR_COMMAND, 20), ("battery", "u1", 4), *_TAIL]),
-    np.dtype([*_GO1_HEAD, ("imu", _IMU), ("motors", _GO1_MOTOR_STATE, 20), ("battery", _GO1_BATTERY), *_FEET, *_TAIL]),
+    np.dtype([*_GO1_HEAD, ("motors", _COMPRESSED_COMMAND, 20), ("battery", "u1", 4), *_TAIL]),
+    np.dtype([*_GO1_HEAD, ("imu", _IMU), ("motors", _COMPRESSED_STATE, 20), ("battery", _GO1_BATTERY), *_FEET, *_TAIL]),
     begins=b"\xfe\xef\xff",
     state_lengths=(807, 820),  # public programs receive 13 bytes of zeros more
-    counts={"torque": 256.0, "kp": 32.0, "kd": 16.0, "cells": 1 / 0.032},
-    scrambled=True,
-    bandwidth=0xC03A,  # as public programs send it
+    counts={**_COUNTS, "cells": 1 / 0.032},
 )
-"""SDK 3.8, its structures compressed."""
+"""SDK 3.8.4: 614 bytes, 807 back."""
+
+GO1_SCRAMBLED = dataclasses.replace(GO1, scrambled=True, bandwidth=0xC03A)
+"""As one public program sends it; the maker's SDK rejects states with such a checksum."""
 
 Protocol = Literal["a1", "go1"]
-FORMATS: dict[Protocol, PacketFormat] = {"a1": A1, "go1": GO1}
+FORMS: dict[Protocol, dict[str, PacketFormat]] = {
+    "a1": {"compressed": A1, "struct": A1_STRUCT},
+    "go1": {"plain": GO1, "scrambled": GO1_SCRAMBLED},
+}
+"""By robot and name, the likeliest first."""
+
+
+def forms_of(protocol: Protocol, form: str | None) -> dict[str, PacketFormat]:
+    """What a robot may speak: the form of that name, or any.
+
+    Raises:
+        SettingsError: there is no such robot or form.
+    """
+    if protocol not in FORMS:
+        raise SettingsError(f"protocol is {protocol!r}; it is one of {', '.join(FORMS)}")
+    known = FORMS[protocol]
+    if form is None:
+        return known
+    if form not in known:
+        raise SettingsError(f"form is {form!r}; of protocol {protocol!r} it is one of {', '.join(known)}")
+    return {form: known[form]}

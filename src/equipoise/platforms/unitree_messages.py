@@ -1,20 +1,24 @@
 """What Unitree's Go2 and B2 say and hear over DDS: the layouts of its messages, field by field in their order on the wire.
 
-Its uint8 are called byte here. On the wire they are the same; but cyclonedds 11 announces a uint8 as a kind of type that 0.10
-does not know and crashes at, and a byte as what 0.10 itself announces for both.
+Its uint8 are called byte here, for peace between versions of DDS: `cyclone.py` says why.
 """
 
 # No `from __future__ import annotations` here: the types are read from the annotations when a class is made.
 
 from dataclasses import dataclass
 
-from equipoise.errors import MissingDependencyError
-
-try:
-    from cyclonedds.idl import IdlStruct
-    from cyclonedds.idl.types import array, byte, float32, int16, int32, int64, sequence, uint16, uint32
-except ModuleNotFoundError as error:
-    raise MissingDependencyError("talking to a Unitree robot needs cyclonedds: pip install 'equipoise[dds]'") from error
+from equipoise.platforms.cyclone import (
+    IdlStruct,
+    array,
+    byte,
+    float32,
+    int16,
+    int32,
+    int64,
+    sequence,
+    uint16,
+    uint32,
+)
 
 Bytes = sequence[byte]
 MOTORS = 20

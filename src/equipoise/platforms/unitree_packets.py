@@ -1,6 +1,6 @@
 """The low-level packets of the Unitree A1 and Go1, both ways: as the driver and as the robot.
 
-Beta: `unitree_formats` says what is sure of the layouts and what is not.
+What is held against packets of the makers' SDKs and what is not, `unitree_formats` says.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ from equipoise.robot.unitree_motors import MOTORS
 
 FloatArray = NDArray[np.float64]
 
-"""Whose motors come when: hip, thigh and calf of each."""
-
 POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # instead of a target: do not control this
 _SERVO = 0x0A
 _SCRAMBLE = 0xEDCAB9DE
@@ -29,6 +27,7 @@ _CHECKSUM_SIZE = 4
 _CELLS = 6  # of a Go1's battery
 _COMMANDED = ("position", "velocity", "torque", "kp", "kd")
 _SENSED = ("position", "velocity", "torque")
+_GAINS = ("kp", "kd")  # never negative: what a robot makes of such a count is not known
 
 
 class Damage(Enum):
@@ -100,10 +99,10 @@ class CommandPacket:
         record["bandwidth"] = packets.bandwidth
         motors = record["motors"]
         motors["mode"], motors["position"], motors["velocity"] = _SERVO, POSITION_STOP, VELOCITY_STOP
-        self._motors = _Columns(motors[:MOTORS], _COMMANDED, packets.counts)
+        self._motors = _Columns(motors[:MOTORS], _COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
 
     def write(self, commands: MotorCommands) -> bytearray:
-        """The packet; the next call writes over it. What a field cannot hold becomes the nearest that it can.
+        """The packet; the next call writes over it. Beyond what a field can hold, it holds the most that it can.
 
         Raises:
             SettingsError: a command is no number.
@@ -115,13 +114,13 @@ class CommandPacket:
 
 
 class StatePacket:
-    """A state's bytes, as the robot writes them."""
+    """A state's bytes, as the robot writes them; how it rounds is not known."""
 
     def __init__(self, packets: PacketFormat) -> None:
         self._format = packets
         self._bytes, self._record = _blank(packets.state, packets.begins)
-        self._motors = _Columns(self._record["motors"][:MOTORS], (*_SENSED, "temperature"), packets.counts)
-        self._imu = _Columns(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts)
+        self._motors = _Columns(self._record["motors"][:MOTORS], (*_SENSED, "temperature"), packets.counts, np.rint)
+        self._imu = _Columns(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
 
     def write(self, state: LowState) -> bytearray:
         """The packet; the next call writes over it. Raises SettingsError if something is no number."""
@@ -186,24 +185,29 @@ def _battery(packets: PacketFormat, record: Any) -> dict[str, float]:
 class _Columns:
     """Fields that are written together: one row of values each."""
 
-    def __init__(self, record: Any, names: tuple[str, ...], counts: Mapping[str, float]) -> None:
+    def __init__(self, record: Any, names: tuple[str, ...], counts: Mapping[str, float], whole: np.ufunc) -> None:
         self._views: list[NDArray[Any]] = [record[name] for name in names]
         kinds = [view.dtype for view in self._views]
         limits = [np.iinfo(kind) if kind.kind in "iu" else np.finfo(kind) for kind in kinds]
+        lowest = [0.0 if name in _GAINS else float(limit.min) for name, limit in zip(names, limits, strict=True)]
         self._counts = np.array([counts.get(name, 1.0) for name in names])[:, None]
-        self._low = np.array([float(limit.min) for limit in limits])[:, None] / self._counts
+        self._low = np.array(lowest)[:, None] / self._counts
         self._high = np.array([float(limit.max) for limit in limits])[:, None] / self._counts
-        self._whole = [row for row, kind in enumerate(kinds) if kind.kind in "iu"]
+        self._rows = [row for row, kind in enumerate(kinds) if kind.kind in "iu"]
+        self._whole = whole
 
     def write(self, values: FloatArray) -> None:
-        """Write (n, width) values in SI units, rounded and limited to what the fields can hold."""
+        """Write (n, width) values in SI units, limited to what the fields can hold, and made whole where they are integers.
+
+        As float32 first, as the SDKs' structures hold them: there 12.5 - 1e-9 is 12.5, which may be one count more.
+        """
         if not np.isfinite(values).all():
             raise SettingsError(f"what is sent must be numbers, not {values}")
         np.minimum(np.maximum(values, self._low, out=values), self._high, out=values)
-        values *= self._counts
-        for row in self._whole:
-            np.rint(values[row], out=values[row])
-        for view, row in zip(self._views, values, strict=True):
+        counted = values.astype(np.float32) * self._counts
+        for row in self._rows:
+            self._whole(counted[row], out=counted[row])
+        for view, row in zip(self._views, counted, strict=True):
             view[:] = row
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from equipoise.errors import CommunicationError
+from equipoise.platforms.checkup import Finding
 from equipoise.platforms.dds import DdsDomain
 from equipoise.platforms.unitree_messages import (
     Request,
@@ -97,6 +98,38 @@ class MotionSwitcher:
 
     def _failure(self, what: str) -> CommunicationError:
         return CommunicationError(f"the motion_switcher service of {self._robot} {what}")
+
+
+def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> Finding:
+    """What `calibrate` will meet when it takes over the motors; nothing lets go of them meanwhile.
+
+    Args:
+        switcher: of the robot; is asked for its mode alone.
+        asks: whether `calibrate` will have the robot's own controller let go (release_sport_mode).
+        may_let_go: whether the robot would not fall then: it lies, or hangs.
+    """
+    name = "robot's own controller"
+    try:
+        mode = switcher.mode()
+    except CommunicationError as error:
+        if not asks:
+            return Finding(name, "no answer which; calibrate will not ask (release_sport_mode=false)", None)
+        return Finding(
+            name, f"{error}. calibrate will refuse", False,
+            "on a robot: is this its interface? A simulator without the service needs release_sport_mode=false",
+        )  # fmt: skip
+    if not mode:
+        return Finding(name, "none holds the motors; calibrate will command them at once", True)
+    if not asks:
+        value = f"{mode!r} holds the motors, and calibrate will not have it let go: both would command them"
+        return Finding(name, value, False, "leave out release_sport_mode=false", serious=True)
+    if not may_let_go:
+        value = f"{mode!r} holds the motors, and the robot does not lie: calibrate will refuse, it would fall"
+        return Finding(
+            name, value, False, "have it lie down with its remote control; if it hangs in a frame, set hanging=true",
+            serious=True,
+        )  # fmt: skip
+    return Finding(name, f"{mode!r} holds the motors; calibrate will have it let go, the legs are limp then", True)
 
 
 def _wait_for(look: Callable[[], Any], patience: float) -> Any | None:

@@ -1,16 +1,14 @@
-"""Unitree A1 and Go1 over UDP. Beta: tried against a simulated robot that speaks their packets, never on a real one.
+"""Unitree A1 and Go1 over UDP. Beta: held against packets of the makers' SDKs, never tried on a real robot.
 
 The robot must be in its low-level mode, lying or hanging: docs/unitree-udp.md.
 """
 
 from __future__ import annotations
 
-import socket
-import struct
-import sys
 import threading
 import time
 from collections import Counter, deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,25 +16,22 @@ from numpy.typing import NDArray
 
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.platforms.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
-from equipoise.platforms.robot_clock import RobotClock
-from equipoise.platforms.unitree_packets import CommandPacket, Damage, LowState, MotorCommands, read_state
+from equipoise.platforms.robot_clock import RobotClock, UnitSearch
+from equipoise.platforms.unitree_form_search import FormSearch
+from equipoise.platforms.unitree_packets import CommandPacket, Damage, LowState, MotorCommands
 from equipoise.platforms.unitree_udp_settings import UnitreeUdpSettings
+from equipoise.platforms.unitree_udp_socket import Address, address_towards, no_way, open_socket, receive
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 FloatArray = NDArray[np.float64]
-Address = tuple[str, int]
 
 _CONTROL_PERIOD = 2e-3  # [s]
 _KEPT = 512  # datagrams that wait while nobody reads: a second's
-_LARGEST = 2048  # [bytes] of a datagram
-_BUFFER = 1 << 20  # [bytes] of datagrams that the system may keep for us; it may grant less
 _RELEASES = 5  # some may get lost
 _PATIENCE = 3.0  # [s] of packets that cannot be used, and no other
 _PAUSE = 0.1  # [s] without a look at the socket; who did not look heard no silence
-_TIMESTAMPS = 35  # SO_TIMESTAMPNS, which Python has no name for: the system notes when a datagram arrived
-_TIMESTAMP = struct.Struct("@ll")  # seconds and nanoseconds
 
 
 @dataclass
@@ -63,8 +58,9 @@ class PacketCounts:
 class UnitreeUdpLink:
     """To a robot in low-level mode: the link of a `HardwarePlatform`.
 
-    Until the first command it is asked for samples by packets that set no torque: it answers whom it hears. The system notes
-    when datagrams arrive; they are fetched whenever something is sent or asked for, and read when samples are asked for.
+    Until the first command it is asked for samples by packets that set no torque: it answers whom it hears. By its answers are
+    learnt the form of its packets and the unit of its clock; no sample is handed over and no command sent before. The system
+    notes when datagrams arrive; they are fetched whenever something is sent or asked for, and read when samples are asked for.
 
     Args:
         robot: with three joints a leg.
@@ -75,7 +71,7 @@ class UnitreeUdpLink:
 
     Raises:
         SettingsError: the robot has other legs.
-        CommunicationError: the local port is taken.
+        CommunicationError: the local port is taken, or there is no way to the robot's network.
     """
 
     def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings) -> None:
@@ -86,10 +82,13 @@ class UnitreeUdpLink:
         kp, kd = robot.gains(nominal_stance(robot).hip_height)
         self._kp, self._kd = np.full(MOTORS, kp), np.full(MOTORS, kd)
         self._zeros = np.zeros(MOTORS)
-        self._packets = settings.packets
-        self._packet = CommandPacket(self._packets)
-        self._passive = bytes(CommandPacket(self._packets).write(MotorCommands.without_torque()))
-        self._clock = RobotClock(settings.tick)
+        self._packets = {name: CommandPacket(form) for name, form in settings.forms.items()}
+        limp = MotorCommands.without_torque()
+        self._passive = {name: bytes(packet.write(limp)) for name, packet in self._packets.items()}
+        self._forms = FormSearch(settings.forms, settings.check)
+        self._unit = UnitSearch()
+        self._clock = None if settings.tick is None else RobotClock(settings.tick)
+        self._untimed: list[tuple[LowState, float]] = []
         self._robot: Address = (settings.address, settings.port)
         self._arrived: deque[tuple[float, bytes]] = deque(maxlen=_KEPT)
         self._opened = self._looked = self._since = time.monotonic()
@@ -98,7 +97,8 @@ class UnitreeUdpLink:
         self.counts = PacketCounts()
         self._closed = False
         self._fetching = threading.Lock()
-        self._socket = _open_socket((settings.local_address, settings.listens_on))
+        local = settings.local_address or address_towards(self._robot, self.name)
+        self._socket = open_socket((local, settings.listens_on))
 
     @property
     def name(self) -> str:
@@ -116,43 +116,73 @@ class UnitreeUdpLink:
     def control_period(self) -> float:
         return _CONTROL_PERIOD
 
+    @property
+    def learnt(self) -> Mapping[str, str]:
+        """Settings that the robot's answers told."""
+        return {} if self._forms.learnt is None else {"form": self._forms.learnt}
+
     def receive(self) -> list[RobotState]:
         """As a link's; raises CommunicationError also if only packets arrive that cannot be used."""
-        if self._asked is not None and time.monotonic() - self._asked >= _CONTROL_PERIOD:
-            self._asked = time.monotonic()
-            self._transmit(self._passive)
+        if self._asked is not None:
+            self._ask()
         self._fetch()
-        samples: list[RobotState] = []
+        states: list[tuple[LowState, float]] = []
         while self._arrived:
             received, data = self._arrived.popleft()
             if self._looked - received > self._settings.silence:  # what the system kept while nobody looked
                 self.counts.unread += 1
                 continue
-            state = read_state(self._packets, data, self._settings.check)
+            state = self._forms.read(data)
             if isinstance(state, Damage):
                 self.counts.damaged[state] += 1
             else:
-                samples.append(self._sample(state, received))
-        self._note(samples)
-        return samples
+                states.append((state, received))
+        self._note(states)
+        return self._samples(states)
 
     def send(self, command: JointCommand) -> None:
+        """As a link's; waits until the robot has answered, and raises CommunicationError if it does not."""
         if len(command.position) != MOTORS:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
+        packet = self._packets[self._spoken()]
         self._asked = None
-        self._transmit(self._packet.write(self._for_motors(command)))
+        self._transmit(packet.write(self._for_motors(command)))
         self._fetch()
 
     def release(self) -> None:
         """No torque; the motors' own watchdog sees to it that it stays so."""
         self._asked = None
+        forms = self._passive if self._forms.learnt is None else (self._forms.learnt,)
         for _ in range(0 if self._closed else _RELEASES):
-            self._transmit(self._passive)
+            for form in forms:
+                self._transmit(self._passive[form])
             time.sleep(_CONTROL_PERIOD)
 
     def close(self) -> None:
         self._closed = True
         self._socket.close()
+
+    def _ask(self) -> None:
+        """For a sample, once a control period, in the form that is known or tried."""
+        now = time.monotonic()
+        if self._asked is None or now - self._asked >= _CONTROL_PERIOD:
+            self._asked = now
+            if (form := self._forms.asks_in(now)) is not None:
+                self._transmit(self._passive[form])
+
+    def _spoken(self) -> str:
+        """The form that the robot speaks; who commands without having sensed waits for it here."""
+        until = time.monotonic() + _PATIENCE
+        while self._forms.learnt is None:
+            if time.monotonic() > until:
+                raise CommunicationError(
+                    f"{self.name} has answered to no packets ({', '.join(self._packets)}) in {_PATIENCE:g} s: is it on, in "
+                    "low-level mode, and the cable in? 'form' says which packets it speaks, if you know"
+                )
+            self._ask()
+            self._fetch()
+            time.sleep(_CONTROL_PERIOD / 4)
+        return self._forms.learnt
 
     def _fetch(self) -> None:
         """Take what has arrived out of the socket; two threads may want that."""
@@ -163,16 +193,18 @@ class UnitreeUdpLink:
             self._looked, ahead = now, now - time.time()
             for _ in range(_KEPT):
                 try:
-                    data, notes, _, sender = self._socket.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMESTAMP.size))
-                except BlockingIOError:
-                    return
+                    datagram = receive(self._socket, ahead)
                 except OSError as error:
                     raise CommunicationError(f"cannot hear {self.name}: {error.strerror or error}") from error
+                if datagram is None:
+                    return
+                received, data, sender = datagram
                 if sender != self._robot:
                     self.counts.strangers += 1
                     continue
                 self.counts.unread += len(self._arrived) == _KEPT
-                self._arrived.append((_noted(notes, ahead), data))
+                self._forms.hear(data, received)
+                self._arrived.append((received, data))
 
     def _transmit(self, data: bytes | bytearray) -> None:
         try:
@@ -180,10 +212,7 @@ class UnitreeUdpLink:
         except BlockingIOError:
             return  # the network is busy: as good as lost on the way
         except OSError as error:
-            raise CommunicationError(
-                f"cannot send to {self.name}: {error.strerror or error}; is the cable in, and has this computer an address "
-                "in the robot's network, as in 192.168.123.162?"
-            ) from error
+            raise no_way(self.name, error) from error
 
     def _for_motors(self, command: JointCommand) -> MotorCommands:
         order = self._joint_of_motor
@@ -195,10 +224,21 @@ class UnitreeUdpLink:
             self._kd if command.kd is None else command.kd[order],
         )
 
-    def _sample(self, state: LowState, received: float) -> RobotState:
+    def _samples(self, states: list[tuple[LowState, float]]) -> list[RobotState]:
+        """With times; those that arrive before the unit of the robot's clock is known come as soon as it is."""
+        if self._clock is None:
+            self._untimed += states
+            for state, received in states:
+                self._unit.hear(state.tick, received)
+            if self._unit.learnt is None:
+                return []
+            self._clock, states, self._untimed = RobotClock(self._unit.learnt), self._untimed, []
+        return [self._sample(state, self._clock.time(state.tick, received), received) for state, received in states]
+
+    def _sample(self, state: LowState, taken: float, received: float) -> RobotState:
         order = self._motor_of_joint
         return RobotState(
-            self._clock.time(state.tick, received),
+            taken,
             state.position[order],
             state.velocity[order],
             state.torque[order],
@@ -208,12 +248,12 @@ class UnitreeUdpLink:
             health=Health(state.temperature[order], state.battery_voltage, state.battery_charge),
         )
 
-    def _note(self, samples: list[RobotState]) -> None:
+    def _note(self, states: list[tuple[LowState, float]]) -> None:
         """Keep count; complain when the robot has fallen silent, or cannot be understood."""
-        self.counts.samples += len(samples)
+        self.counts.samples += len(states)
         now = time.monotonic()
-        if samples:
-            self._heard = samples[-1].received
+        if states:
+            self._heard = states[-1][1]
         elif self._heard is None:
             if now - self._opened > _PATIENCE and (self.counts.damaged or self.counts.strangers):
                 raise CommunicationError(
@@ -229,29 +269,3 @@ class UnitreeUdpLink:
 def open_link(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink:
     """A link to an A1 or a Go1, which one the settings say."""
     return UnitreeUdpLink(robot, settings)
-
-
-def _open_socket(local: Address) -> socket.socket:
-    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    opened.setblocking(False)
-    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-    if sys.platform == "linux":
-        opened.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
-    try:
-        opened.bind(local)
-    except OSError as error:
-        opened.close()
-        raise CommunicationError(
-            f"cannot listen on {local[0]}:{local[1]}: {error.strerror or error}; does another program talk to the robot? "
-            "local_port and local_address choose others"
-        ) from error
-    return opened
-
-
-def _noted(notes: list[tuple[int, int, bytes]], ahead: float) -> float:
-    """When a datagram arrived by the monotonic clock [s], which is so much ahead of the system's; now, if nobody noted it."""
-    for level, kind, value in notes:
-        if level == socket.SOL_SOCKET and kind == _TIMESTAMPS and len(value) == _TIMESTAMP.size:
-            seconds, nanoseconds = _TIMESTAMP.unpack(value)
-            return seconds + ahead + 1e-9 * nanoseconds
-    return time.monotonic()

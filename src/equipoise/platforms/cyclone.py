@@ -1,0 +1,53 @@
+"""What is used of cyclonedds, from whichever version is installed: robots run 0.10, newer Pythons have wheels of 11 only.
+
+Unitree's uint8 are called `byte` here. On the wire the two are the same; but cyclonedds 11 announces a uint8 as a kind of type
+that 0.10 does not know and crashes at, and a byte as what 0.10, which has no such name, announces for its uint8.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+from equipoise.errors import MissingDependencyError
+
+INSTALL = "'cyclonedds>=0.10.2,<0.11'" if sys.version_info < (3, 11) else "'cyclonedds>=11,<12'"
+"""What pip has a wheel of, for this Python."""
+
+
+def _why_not(error: Exception) -> str:
+    """In words that name the package that failed; a folder called cyclonedds may stand in the way of the installed one."""
+    spec = importlib.util.find_spec("cyclonedds")
+    if spec is None:
+        return f"talking over DDS needs cyclonedds: pip install {INSTALL}"
+    [place, *_] = spec.submodule_search_locations or [str(spec.origin)]
+    what = f"{type(error).__name__}: {error}".splitlines()[0]
+    return f"cyclonedds in {place} is broken or too old ({what}): pip install --force-reinstall {INSTALL}"
+
+
+try:
+    from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
+    from cyclonedds.domain import Domain, DomainParticipant
+    from cyclonedds.idl import IdlStruct, types
+    from cyclonedds.idl.types import array, float32, float64, int16, int32, int64, sequence, uint16, uint32
+    from cyclonedds.pub import DataWriter
+    from cyclonedds.qos import Policy, Qos
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+
+    VERSION = version("cyclonedds")
+    if TYPE_CHECKING:
+        from cyclonedds.idl.types import byte
+    else:
+        byte = types.byte if hasattr(types, "byte") else types.uint8
+except Exception as error:  # a package that is half there fails as it likes: ImportError, OSError, AttributeError
+    raise MissingDependencyError(_why_not(error)) from error
+
+__all__ = [
+    "INSTALL", "VERSION", "DDSException", "DataReader", "DataWriter", "Domain", "DomainParticipant", "IdlStruct",
+    "InstanceState", "Listener", "Policy", "Qos", "ReadCondition", "SampleState", "Topic", "ViewState", "WaitSet", "array",
+    "byte", "duration", "float32", "float64", "int16", "int32", "int64", "sequence", "uint16", "uint32",
+]  # fmt: skip

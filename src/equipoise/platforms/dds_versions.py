@@ -1,0 +1,125 @@
+"""Which versions of Cyclone DDS meet on a domain: 11 crashes processes of 0.10, and one of them may hold a robot up.
+
+A process says its version when it announces itself, before it announces a topic. No built-in topic hands that on: only what
+Cyclone writes down of its discovery has it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from dataclasses import dataclass
+
+from equipoise.errors import CommunicationError, SettingsError
+
+_PROVEN = "0.10"  # what Unitree pins and most ROS 2 nodes run
+# 110 is the maker of Cyclone; others say no version.
+_ANNOUNCED = re.compile(
+    r"SPDP ST0 110[0-9a-f]{4}:.* NEW \(\S+ (?P<host>[^/ ]*)/(?P<version>[^/ ]+)/[^)]*\)"
+    r'(?:.*"__ProcessName":"(?P<name>[^"]*)".*"__Pid":"(?P<pid>\d+)")?'
+)
+
+
+@dataclass(frozen=True)
+class DdsProcess:
+    """Another process on a domain.
+
+    Attributes:
+        name: of the process, with its number and its computer, as far as it says them.
+        version: of its Cyclone DDS.
+    """
+
+    name: str
+    version: str
+
+
+class DiscoveryNotes:
+    """A file in memory into which Cyclone notes whom it discovers; it grows with others that come, not with time.
+
+    Attributes:
+        path: of the file, for Cyclone's configuration.
+    """
+
+    def __init__(self) -> None:
+        self._file = os.fdopen(
+            os.memfd_create("discovery"), "rb"
+        )  # no disk: it may be full when a robot must be let down
+        self.path = f"/proc/self/fd/{self._file.fileno()}"
+
+    def processes(self) -> list[DdsProcess]:
+        """Processes with Cyclone DDS that were seen so far, in order of their arrival.
+
+        Raises:
+            CommunicationError: nothing was noted, not even what this process does.
+        """
+        self._file.seek(0)
+        notes = self._file.read().decode(errors="replace")
+        if not notes:
+            raise CommunicationError(
+                f"which versions of Cyclone DDS there are cannot be seen: cyclonedds writes nothing to {self.path}. Is it "
+                "another version than 0.10 or 11?"
+            )
+        found = _ANNOUNCED.finditer(notes)
+        return [DdsProcess(_named(match["name"], match["pid"], match["host"]), match["version"]) for match in found]
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._file.close()
+
+
+def check_version(installed: str, accepted: str = "") -> None:
+    """Only a proven version of cyclonedds joins a network where robots are.
+
+    Raises:
+        SettingsError: it is another one, and the user has not accepted it by name.
+    """
+    if _series(installed) == _PROVEN or installed == accepted:
+        return
+    asked = f" (and is not {accepted}, which accept_cyclonedds names)" if accepted else ""
+    raise SettingsError(
+        f"cyclonedds {installed} is not proven beside robots, which run {_PROVEN}.x{asked}: version 11 crashes 0.10 "
+        f"processes on the same domain, and one of them may hold a robot up. {_proven()}; or, if nothing on this "
+        f"network runs another version, say so by name: accept_cyclonedds={installed}"
+    )
+
+
+def check_company(installed: str, accepted: str, others: list[DdsProcess], where: str) -> None:
+    """Versions that crash each other do not meet by accident.
+
+    Args:
+        installed: version of cyclonedds here.
+        accepted: the same, if the user has named it.
+        others: processes that were seen.
+        where: they were seen, as in "domain 0 on eth0".
+
+    Raises:
+        SettingsError: one of them has a version of another series.
+    """
+    strangers = [other for other in others if _series(other.version) != _series(installed)]
+    if not strangers or installed == accepted:
+        return
+    other = strangers[0]
+    remedy = "End that process, or have it use 0.10 too" if _series(installed) == _PROVEN else _proven()
+    raise SettingsError(
+        f"in {where} {other.name} has Cyclone DDS {other.version}, and this is cyclonedds {installed}: version 11 crashes "
+        f"0.10 processes, and one of them may hold a robot up. {remedy}; or, if you know that the two bear each other, say so "
+        f"by name: accept_cyclonedds={installed}"
+    )
+
+
+def _series(version: str) -> str:
+    """What versions that go together have in common: 0.10 of 0.10.5, 11 of 11.0.1."""
+    first, _, rest = version.partition(".")
+    return f"{first}.{rest.partition('.')[0]}" if first == "0" else first
+
+
+def _proven() -> str:
+    """How to come by a proven version, for this Python."""
+    if sys.version_info < (3, 11):
+        return "Use 0.10: pip install 'cyclonedds==0.10.5'"
+    return "Use 0.10: Python 3.10 and pip install 'cyclonedds==0.10.5', or build it (docs/unitree-go2.md)"
+
+
+def _named(name: str | None, pid: str | None, host: str) -> str:
+    return f"{name} (process {pid} on {host})" if name and pid else f"a process on {host}"
