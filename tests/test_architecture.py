@@ -137,10 +137,10 @@ def test_exports_are_frozen():
     assert sorted(equipoise.__all__) == sorted(
         [
             "Audit", "Calibration", "CalibrationSettings", "ComSearchSettings", "Delta", "EquipoiseError",
-            "InertialParameters", "JointCommand", "Payload", "Platform", "PreciseSettings", "Recording", "RobotDescription",
-            "RobotModel", "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "Simulation", "Stance", "SwaySettings",
-            "Trajectory", "__version__", "audit", "calibrate", "estimate", "export", "find_delta", "load_robot", "nominal_stance",
-            "simulate",
+            "InertialParameters", "JointCommand", "Payload", "Platform", "PreciseSettings", "Recording",
+            "RobotDescription", "RobotModel", "RobotState", "RunFolder", "ScaleReadings", "SensorErrors",
+            "Simulation", "Stance", "SwaySettings", "Trajectory", "__version__", "audit", "calibrate", "estimate",
+            "export", "find_delta", "load_robot", "nominal_stance", "simulate",
         ]
     )  # fmt: skip
     for name in equipoise.__all__:
