@@ -92,6 +92,41 @@ def quadruped_urdf(
     return "\n".join(['<robot name="synthetic">', *parts, extra, "</robot>"])
 
 
+def urdf_arm_on_a_mount(trunk: str = "trunk") -> str:
+    """An arm on a turned, fixed mount, a turned fixed link in its middle and a gripper of two fingers: `extra` of a URDF."""
+    chain = [
+        ("mount", "fixed", trunk, (0.12, 0.01, 0.07), "0.2 -0.3 0.5", None),
+        ("upper", "revolute", "mount", (0.02, -0.01, 0.04), "0.1 0.2 -0.4", (0, 1, 0)),
+        ("elbow", "fixed", "upper", (0.15, 0.0, 0.03), "-0.3 0.4 0.2", None),
+        ("lower", "revolute", "elbow", (0.02, 0.03, 0.0), "0.5 0 0.1", (0, 0, 1)),
+        ("gripper", "fixed", "lower", (0.1, 0.0, 0.01), "0 0.7 0", None),
+        ("left_finger", "prismatic", "gripper", (0.03, 0.02, 0.0), "0.3 0 0", (0, 1, 0)),
+        ("right_finger", "prismatic", "gripper", (0.03, -0.02, 0.0), "0 0 0.3", (0, -1, 0)),
+    ]
+    parts = []
+    for place, (link, kind, parent, origin, rpy, axis) in enumerate(chain):
+        mass, com, inertia = ARM
+        parts.append(f'<link name="{link}">{_urdf_inertial(mass + 0.1 * place, com, inertia)}</link>')
+        limits = None if axis is None else (-1.5, 1.5)
+        parts.append(_urdf_joint(f"to_{link}", kind, parent, link, origin, axis or (1, 0, 0), limits, rpy))
+    return "".join(parts)
+
+
+def mjcf_arm_on_a_mount() -> str:
+    """What `urdf_arm_on_a_mount` writes, with joints that turn off their bodies' origins: `trunk_extra` of an MJCF."""
+    masses = [_mjcf_inertial(ARM[0] + 0.1 * place, *ARM[1:]) for place in range(7)]
+    return (
+        f'<body name="mount" pos="0.12 0.01 0.07" euler="0.2 -0.3 0.5">{masses[0]}'
+        f'<body name="upper" pos="0.02 -0.01 0.04" euler="0.1 0.2 -0.4"><joint name="to_upper" axis="0 1 0"/>{masses[1]}'
+        f'<body name="elbow" pos="0.15 0 0.03" euler="-0.3 0.4 0.2">{masses[2]}'
+        f'<body name="lower" pos="0.02 0.03 0"><joint name="to_lower" axis="0 0.6 0.8" pos="0.03 0 -0.02"/>{masses[3]}'
+        f'<body name="gripper" pos="0.1 0 0.01" euler="0 0.7 0">{masses[4]}'
+        f'<body name="left" pos="0.03 0.02 0"><joint name="to_left_finger" type="slide" axis="0 1 0"/>{masses[5]}</body>'
+        f'<body name="right" pos="0.03 -0.02 0"><joint name="to_right_finger" type="slide" axis="0 -1 0"/>{masses[6]}</body>'
+        "</body></body></body></body></body>"
+    )
+
+
 def _urdf_leg(
     leg: str,
     joints: int,

@@ -163,7 +163,8 @@ def test_settings_without_sense_are_refused_with_value_and_remedy(settings, word
         ({"robot": "rex"}, ModelError, "no robot is called 'rex'"),
         ({"robot": "no/such.urdf"}, ModelError, "does not exist"),
         ({"tolerance": 0.9}, SettingsError, "leaves nothing to search"),
-        ({"timestep": 0.0015}, SettingsError, "whole number of times"),
+        ({"timestep": 0.0003}, SettingsError, "whole number of times"),
+        ({"timestep": 0.002}, SettingsError, "feet on the floor would be softer"),
         ({"description": RobotDescription(stance_height=0.99)}, EquipoiseError, "stance"),
     ],
 )
