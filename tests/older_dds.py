@@ -37,6 +37,7 @@ def older_python(version, folder):
         "--disable-pip-version-check",
         "--no-deps",
         "--require-hashes",
+        "--no-cache-dir",
     ]
     _run([*pip, "-r", str(wanted)], {**os.environ, "CYCLONEDDS_HOME": home})
     _add_what_is_installed(python)
@@ -75,7 +76,11 @@ def _run(command, environment):
     except (OSError, subprocess.TimeoutExpired) as error:
         raise CannotBuildError(str(error)) from error
     if done.returncode != 0:
-        last = [line for line in (done.stderr or done.stdout).splitlines() if line.strip()] or ["without a word"]
-        errors = [line for line in last if "error" in line.lower()] or last
-        raise CannotBuildError(f"{' '.join(command[1:4])}: {errors[0].strip()}")
+        lines = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()] or [
+            "without a word"
+        ]
+        why = [line for line in lines if line.startswith(("Could not", "ERROR:", "ImportError", "OSError"))] or lines[
+            -1:
+        ]
+        raise CannotBuildError(f"{' '.join(command[1:4])}: {why[0]}")
     return done.stdout

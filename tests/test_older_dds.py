@@ -40,7 +40,6 @@ from equipoise.platforms.dds import VERSION, DdsDomain
 domain = DdsDomain(int(sys.argv[1]), "lo", (), VERSION)
 sys.stdin.read()
 """
-STALLS = ("sent nothing for", "stood still", "no sample", "silent", "arrived at")
 
 
 @pytest.fixture(scope="module", params=SOURCES)
@@ -82,7 +81,7 @@ def test_a_go2_is_calibrated(older, tmp_path):
             )
         if code == 0:
             break
-        assert any(words in told for words in STALLS), told
+        assert any("behind" in entry for entry in peer.log), told
     else:
         pytest.skip(f"this machine is too busy for real time: {told.splitlines()[-1]}")
     modes = [entry["mode"] for entry in peer.log if "mode" in entry and entry["mode"] != "silence"]
