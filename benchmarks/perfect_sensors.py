@@ -1,6 +1,6 @@
 """Whether intervals hold and checks are quiet without any sensor error: `make bench-perfect-sensors`.
 
-Every robot of the catalogue with the preset `ideal`, bare and with a payload drawn from the seed, 60 and 120 s of an A1's robot
+Every robot of the catalogue with the preset `ideal`, bare and with payloads drawn from seeds, 60 and 120 s of an A1's robot
 time, by the precise method. What the noise model leaves out of the simulated world shows here: it does not shrink with the
 sensors' noise. Writes benchmarks/results/perfect_sensors.md; rows are kept in perfect_sensors.jsonl: it goes on where it was.
 """
