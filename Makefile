@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-BENCHES := $(addprefix bench-,accuracy balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
+BENCHES := $(addprefix bench-,accuracy perfect-sensors balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report view)
 
 .PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
@@ -59,6 +59,11 @@ bench: $(BENCHES)
 bench-accuracy: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/accuracy_paper.py
+
+# Twenty minutes on two cores; it goes on like bench-accuracy.
+bench-perfect-sensors: $(ROBOTS_STAMP)
+	$(PIP) pybullet
+	$(BIN)/python benchmarks/perfect_sensors.py
 
 # Half an hour on two cores; it goes on like bench-accuracy.
 bench-balance: $(ROBOTS_STAMP)

@@ -1,0 +1,131 @@
+"""Whether intervals hold and checks are quiet without any sensor error: `make bench-perfect-sensors`.
+
+Every robot of the catalogue with the preset `ideal`, bare and with payloads drawn from seeds, 60 and 120 s of an A1's robot
+time, by the precise method. What the noise model leaves out of the simulated world shows here: it does not shrink with the
+sensors' noise. Writes benchmarks/results/perfect_sensors.md; rows are kept in perfect_sensors.jsonl: it goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import product
+from pathlib import Path
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+import numpy as np
+from commit import commit
+
+from equipoise import CalibrationSettings, PreciseSettings, calibrate, load_robot, nominal_stance, simulate
+from equipoise.errors import EquipoiseError
+from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.robot.catalog import CATALOG
+from equipoise.robot.model import RobotModel
+
+RESULTS = Path(__file__).parent / "results"
+ROWS = RESULTS / "perfect_sensors.jsonl"
+BUDGETS = (60, 120)  # [s] on an A1
+SEEDS = (None, 10_000, 10_001)  # of the payload
+LIGHTEST, HEAVIEST = 0.05, 0.2  # of the robot's mass
+
+Row = dict[str, object]
+Case = tuple[str, int, int | None]
+
+
+def payload_of(robot: RobotModel, seed: int | None) -> str | None:
+    """A point mass on the trunk, as text."""
+    if seed is None:
+        return None
+    generator, stance = np.random.default_rng(seed), nominal_stance(robot)
+    half = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
+    place = [*(generator.uniform(-0.3, 0.3, 2) * half), generator.uniform(0.2, 0.4) * stance.hip_height]
+    return ",".join(f"{value:.6g}" for value in (generator.uniform(LIGHTEST, HEAVIEST) * robot.mass, *place))
+
+
+def run(case: Case) -> Row:
+    """One calibration."""
+    warnings.simplefilter("ignore")
+    name, budget, seed = case
+    robot = load_robot(name)
+    payload = payload_of(robot, seed)
+    settings = CalibrationSettings(precise=PreciseSettings(budget=budget * nominal_stance(robot).clock))
+    row: Row = {"robot": name, "budget": budget, "seed": seed, "payload": payload}
+    with simulate(robot, "ideal", payload) as simulation:
+        try:
+            result = calibrate(simulation.platform, robot, settings)
+        except EquipoiseError as error:
+            return row | {"failed": f"{type(error).__name__}: {error}"}
+    error = components(result.composite.parameters()) - components(simulation.truth.composite)
+    deviation = np.array([result.uncertainty["composite"].intervals[name].deviation for name in COMPONENTS])
+    posterior = result.evidence.posterior
+    unused = sum(not misfit.used for misfit in (*posterior.lifts, *posterior.moves))
+    unread = sum(motion.left_out is not None for motion in result.evidence.motions)
+    alarms = [check.name for check in result.checks if not check.passed]
+    return row | {
+        "error": error.tolist(), "deviation": deviation.tolist(), "left_out": unused + unread, "alarms": alarms,
+    }  # fmt: skip
+
+
+def table(rows: list[Row]) -> list[str]:
+    """A line for each robot and budget, and one for all."""
+    text = [
+        "| robot | budget [s] | runs | failed | intervals hold | largest error / sd | CoM x, y, z [mm] | left out | alarms |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, budget in [*product(CATALOG, BUDGETS), ("all", "")]:
+        of = [row for row in rows if name == "all" or (row["robot"], row["budget"]) == (name, budget)]
+        told = [row for row in of if "error" in row]
+        if not told:
+            continue
+        error, deviation = (np.array([row[what] for row in told]) for what in ("error", "deviation"))
+        ratio, com = np.abs(error / deviation), 1e3 * np.sqrt(np.mean(error[:, 1:4] ** 2, axis=0))
+        alarms = ", ".join(sorted({alarm for row in told for alarm in row["alarms"]}))
+        text.append(
+            f"| {name} | {budget} | {len(of)} | {len(of) - len(told)} | {np.sum(ratio < 1.96)} of {ratio.size} | "
+            f"{ratio.max():.1f} | {com[0]:.2f} {com[1]:.2f} {com[2]:.2f} | {sum(row['left_out'] for row in told)} | "
+            f"{sum(bool(row['alarms']) for row in told)} {alarms} |"
+        )
+    return text
+
+
+ABOUT = """# Perfect sensors
+
+`make bench-perfect-sensors`, at commit {commit}: the precise method in simulation with the preset `ideal`, no scale, bare and
+with two payloads of 5 to 20 % of the robot's mass. Budgets are an A1's; larger robots take longer. CoM errors are root mean
+square. Target: at least 95 % of all intervals hold, no check fails (*alarms*), nothing is left out.
+
+**{share:.1%} of {count} intervals hold.**
+"""
+
+
+def page(rows: list[Row]) -> str:
+    """The page."""
+    ratio = np.abs(np.concatenate([np.array(row["error"]) / row["deviation"] for row in rows if "error" in row]))
+    about = ABOUT.format(commit=commit(), share=np.mean(ratio < 1.96), count=ratio.size)
+    failed = [
+        f"- {row['robot']}, {row['budget']} s, {row['payload']}: {row['failed']}" for row in rows if "failed" in row
+    ]
+    return "\n".join([about, *table(rows), *(["", "Ended with an error:", "", *failed] if failed else []), ""])
+
+
+def main() -> None:
+    """What is missing, then the page."""
+    rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
+    done = {(row["robot"], row["budget"], row["seed"]) for row in rows}
+    missing = [case for case in product(CATALOG, BUDGETS, SEEDS) if case not in done]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for future in as_completed([pool.submit(run, case) for case in missing]):
+            rows.append(future.result())
+            with ROWS.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+            print(rows[-1]["robot"], rows[-1]["budget"], rows[-1]["seed"], rows[-1].get("failed", ""), flush=True)
+    (RESULTS / "perfect_sensors.md").write_text(page(rows), encoding="utf-8")
+    print(page(rows))
+
+
+if __name__ == "__main__":
+    main()
