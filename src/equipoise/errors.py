@@ -80,6 +80,10 @@ class OverrunError(MotionError):
     """This computer did not keep up with the control loop."""
 
 
+class HungError(OverrunError):
+    """The program that moves the robot does not go on: it gives no sign of life."""
+
+
 class CommunicationError(MotionError, ConnectionError):
     """The robot cannot be reached, or fell silent."""
 

@@ -69,6 +69,8 @@ class UnitreeUdpLink:
     Args:
         robot: with three joints a leg.
         settings: of an A1 or a Go1.
+        beside: another process has the local port, and may hang: it is shared from the first command on, not before, for it
+            takes what the robot sends away from the other one. The robot hears the sender that it knows.
 
     Attributes:
         counts: what arrived so far.
@@ -78,8 +80,8 @@ class UnitreeUdpLink:
         CommunicationError: the local port is taken.
     """
 
-    def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings) -> None:
-        self._settings = settings
+    def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings, beside: bool = False) -> None:
+        self._settings, self._beside = settings, beside
         self._joint_names = robot.joint_names
         self._joint_of_motor = joints_of_motors(robot, settings.name)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
@@ -98,7 +100,7 @@ class UnitreeUdpLink:
         self.counts = PacketCounts()
         self._closed = False
         self._fetching = threading.Lock()
-        self._socket = _open_socket((settings.local_address, settings.listens_on))
+        self._opened_socket = None if beside else self._open_socket()
 
     @property
     def name(self) -> str:
@@ -152,7 +154,17 @@ class UnitreeUdpLink:
 
     def close(self) -> None:
         self._closed = True
-        self._socket.close()
+        if self._opened_socket is not None:
+            self._opened_socket.close()
+
+    @property
+    def _socket(self) -> socket.socket:
+        if self._opened_socket is None:
+            self._opened_socket = self._open_socket()
+        return self._opened_socket
+
+    def _open_socket(self) -> socket.socket:
+        return _open_socket((self._settings.local_address, self._settings.listens_on), self._beside)
 
     def _fetch(self) -> None:
         """Take what has arrived out of the socket; two threads may want that."""
@@ -231,14 +243,23 @@ def open_link(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink
     return UnitreeUdpLink(robot, settings)
 
 
-def _open_socket(local: Address) -> socket.socket:
+def open_beside(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink:
+    """The same, for a watchdog: `platforms/catalog.py` says what that is."""
+    return UnitreeUdpLink(robot, settings, beside=True)
+
+
+def _open_socket(local: Address, beside: bool) -> socket.socket:
+    """A socket that has its port alone, and shares it afterwards with one that is opened beside it; with no other."""
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
     if sys.platform == "linux":
         opened.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
     try:
+        if beside:
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind(local)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     except OSError as error:
         opened.close()
         raise CommunicationError(

@@ -8,7 +8,15 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import CommunicationError, FallError, LimitError, MotionError, SensorError, TrackingError
+from equipoise.errors import (
+    CommunicationError,
+    FallError,
+    HungError,
+    LimitError,
+    MotionError,
+    SensorError,
+    TrackingError,
+)
 from equipoise.platforms.command_check import CommandCheck
 from equipoise.platforms.footing import Footing
 from equipoise.platforms.guard_report import GuardReport, Vitals
@@ -133,12 +141,14 @@ class WatchedRobot:
         return state
 
     def situation(self, error: BaseException | None) -> Situation | None:
-        """What is known when a run ends, by an error or without; None if nothing was ever sent."""
+        """What is known when a run ends, by an error or without; None if nothing was ever sent: a link may have refused to."""
         if self.sent is None or self._planted is None or self._state is None:
+            return None
+        if not getattr(self._platform, "commanded", True):
             return None
         heard = not isinstance(error, CommunicationError)
         believed = heard and not isinstance(error, SensorError)
-        well = self._well and believed and not isinstance(error, (FallError, TrackingError))
+        well = self._well and believed and not isinstance(error, (FallError, TrackingError, HungError))
         here = self._state.joint_position
         if believed:
             with contextlib.suppress(Exception):
