@@ -167,7 +167,7 @@ def test_a_program_that_was_stopped_does_not_go_on_holding(link, a1):
         stopped = len(link.sent) + 20
         link.act = lambda count: time.sleep(0.4) if count == stopped else None
         wait_until(lambda: link.closed)
-        with pytest.raises(OverrunError, match="sent nothing for|stood still for|nothing was sent"):
+        with pytest.raises(OverrunError, match="^this computer sent nothing for"):
             guard.read()
 
 

@@ -96,6 +96,18 @@ class RecordingError(EquipoiseError, ValueError):
     exit_code = 5
 
 
+class UnrecordedError(RecordingError):
+    """What was sensed and sent makes no recording.
+
+    Attributes:
+        steps: it, as JSON values: names of the joints, and what was sensed before each command that was sent.
+    """
+
+    def __init__(self, message: str, steps: Mapping[str, Any]) -> None:
+        super().__init__(message)
+        self.steps = steps
+
+
 class ResumeError(RecordingError):
     """A run that was interrupted cannot be gone on with: what it would do now is not what was recorded."""
 

@@ -85,7 +85,7 @@ def open_link(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
 
 
 def open_beside(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
-    """A link for a watchdog, beside one by which another process commands the robot and may never close; raises as `open_link`.
+    """A watchdog's link, beside that of another process, which commands the robot and may hang; raises as `open_link`.
 
     A driver's module may have an `open_beside(robot, settings)` for it. That takes nothing over and disturbs nothing until it
     sends, and its `send` raises CommunicationError while nobody hears it.

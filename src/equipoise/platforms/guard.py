@@ -11,7 +11,6 @@ import atexit
 import contextlib
 import time
 from collections.abc import Callable, Generator
-from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from equipoise.platforms.piece_log import MotionLog, PieceLog
 from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platforms.safe_ending import SafeEnding
 from equipoise.platforms.soft_start import soft_start
-from equipoise.platforms.stepping import Steps
+from equipoise.platforms.stepping import Steps, following
 from equipoise.platforms.watched_robot import WatchedRobot
 from equipoise.recordings.recording import PHASE, Recording
 from equipoise.robot.model import RobotModel
@@ -203,9 +202,7 @@ class Guard:
 
     def _present(self) -> RobotState:
         """The present state, and with it the last one of the motion before, which no recording has yet."""
-        last = None if self._steps is None else self._steps.state
-        state = self._held.read()
-        return state if last is None or last.time >= state.time else replace(state, earlier=(last, *state.earlier))
+        return following(self._held.read(), self._steps)
 
     def _check_pace(self, state: RobotState) -> None:
         """Nothing is sent to a robot that has had to do without for too long: it may be somewhere else by now."""

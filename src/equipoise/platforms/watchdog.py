@@ -66,8 +66,8 @@ class Watchdog:
         ready = stdout is not None and select.select([stdout], [], [], _STARTS)[0]
         if not ready or stdout is None or stdout.read(1) != _READY:
             raise CommunicationError(
-                f"the watchdog, which lets the robot down if this program dies, did not start within {_STARTS:g} s: nothing was "
-                "moved. What it says itself stands above; 'equipoise doctor' looks at the connection"
+                f"the watchdog, which lets the robot down if this program dies, did not start within {_STARTS:g} s: nothing "
+                "was moved. What it says itself stands above; 'equipoise doctor' looks at the connection"
             )
         if self._process.stdin is not None:  # one that hangs must not keep the robot waiting
             os.set_blocking(self._process.stdin.fileno(), False)
