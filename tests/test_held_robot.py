@@ -100,6 +100,7 @@ def test_what_goes_wrong_meanwhile_ends_the_run_and_is_told_at_the_next_call(lin
                 call()
         assert "start again to move it" not in str(caught.value)
     assert guard.report().ending[-1] == "released"
+    assert guard.report().trouble == str(caught.value)
     assert is_damped(link.sent[-1])
     assert dog.dismissed == 1
 
@@ -167,7 +168,7 @@ def test_a_program_that_was_stopped_does_not_go_on_holding(link, a1):
         stopped = len(link.sent) + 20
         link.act = lambda count: time.sleep(0.4) if count == stopped else None
         wait_until(lambda: link.closed)
-        with pytest.raises(OverrunError, match="^this computer sent nothing for"):
+        with pytest.raises(OverrunError, match=r"^this computer sent nothing for"):
             guard.read()
 
 

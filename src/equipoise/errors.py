@@ -103,7 +103,7 @@ class UnrecordedError(RecordingError):
         steps: it, as JSON values: names of the joints, and what was sensed before each command that was sent.
     """
 
-    def __init__(self, message: str, steps: Mapping[str, Any]) -> None:
+    def __init__(self, message: str, steps: Mapping[str, Any] = MappingProxyType({})) -> None:
         super().__init__(message)
         self.steps = steps
 

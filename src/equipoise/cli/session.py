@@ -196,3 +196,5 @@ def _tell_ending(report: Any) -> None:
     if report.hottest_motor is not None:
         words.append(f"hottest motor {report.hottest_motor:.0f} deg C")
     print(f"{', '.join(words)}; at the end: {', '.join(report.ending) or 'nothing was moved'}", file=sys.stderr)
+    if report.trouble:
+        print(f"guard: it was ended while nothing moved: {report.trouble}", file=sys.stderr)

@@ -1,8 +1,8 @@
 """The guard: what stands between an experiment and a robot that can break.
 
 It is a platform around a platform. Nothing passes it: `play` is stepped, every command is checked before it is sent, every
-sample when it arrives: see `watched_robot`. While nobody moves the robot it is held: see `held_robot`. Whatever goes wrong, and however the program ends, the robot is put down: see
-`safe_ending`.
+sample when it arrives: see `watched_robot`. While nobody moves the robot it is held: see `held_robot`. Whatever goes wrong,
+and however the program ends, the robot is put down: see `safe_ending`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import atexit
 import contextlib
 import time
 from collections.abc import Callable, Generator
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Guard:
         robot: what is known about it.
         limits: how far it may go.
         log: is told of every motion when it begins, and takes pieces of it every quarter of a second while it goes on.
-        watchdog: starts what lets the robot down if this process dies or hangs; called before the first command.
+        watchdog: starts what lets the robot down if this process dies or hangs; called when the robot is looked at first.
 
     Attributes:
         phase: of the motion that is played, as its events name it.
@@ -93,6 +94,7 @@ class Guard:
         with self._ending_on_trouble(), self._held.turn():
             if self._trouble is not None:
                 raise self._trouble
+            self._be_watched()
             return self._held.read()
 
     def step(self, command: JointCommand) -> RobotState:
@@ -132,7 +134,8 @@ class Guard:
 
     def report(self) -> GuardReport:
         """What the run was like so far."""
-        return self._watched.report(self._ending.done)
+        report = self._watched.report(self._ending.done)
+        return report if self._trouble is None else replace(report, trouble=str(self._trouble))
 
     def __enter__(self) -> Guard:
         self._interruptions.__enter__()
@@ -151,16 +154,12 @@ class Guard:
         self._check_going()
         if self._watched.sent is not None:
             return
-        if self._start_watchdog is not None:
-            self._watchdog = self._start_watchdog()
+        self._be_watched()
         state = self._watched.read()
         if state.received is not None:
             for _ in range(round(_LOOK_TIME / self.control_period)):
                 time.sleep(self.control_period)
                 state = self._watched.read()
-        if self._watchdog is not None:
-            self._watchdog.wait()
-            state = self._watched.read()
         self._watched.take_over(state, first)
         lying = lies(self._robot, self._stance, state.joint_position)
         allowed = np.stack([self._robot.lower_limit, self._robot.upper_limit])
@@ -170,6 +169,12 @@ class Guard:
             if number == 0 and state.received is not None:  # a simulated robot waits
                 self._held.begin(self._watchdog)
             self._interruptions.check()
+
+    def _be_watched(self) -> None:
+        """Before anybody decides what to send: it takes seconds, in which limp legs slide."""
+        if self._start_watchdog is not None and self._watchdog is None and not self._ended:
+            self._watchdog = self._start_watchdog()
+            self._watchdog.wait()
 
     def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: Steps) -> None:
         turned = np.zeros(3)

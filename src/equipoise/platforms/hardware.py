@@ -84,6 +84,7 @@ class LoopTiming:
         lateness: (n,) of every command so far [s].
         overruns: commands more than a millisecond late.
         lost: how often deadlines passed without a command; they are skipped, not caught up with.
+        paused: nothing is noted: the robot is only held, while this computer has other things to do.
     """
 
     def __init__(self) -> None:
@@ -91,13 +92,17 @@ class LoopTiming:
         self._count = 0
         self.overruns = 0
         self.lost = 0
+        self.paused = False
 
     @property
     def lateness(self) -> FloatArray:
         return self._lateness[: self._count]
 
-    def add(self, late: float) -> None:
-        """Note one command."""
+    def add(self, late: float, lost: int) -> None:
+        """Note one command, and how often deadlines passed without one before."""
+        if self.paused:
+            return
+        self.lost += lost
         if self._count == len(self._lateness):
             self._lateness = np.concatenate([self._lateness, np.zeros(len(self._lateness))])
         self._lateness[self._count] = late
@@ -159,9 +164,9 @@ class HardwarePlatform:
             OverrunError: this program was stopped before the command could leave.
             MotionError: the platform is closed.
         """
-        now = time.monotonic()
+        now, lost = time.monotonic(), 0
         if now - self._deadline > _LOST * self.control_period:
-            self.timing.lost += self._deadline > self._stepped
+            lost += self._deadline > self._stepped
             self._deadline = now
         _wait_until(self._deadline)
         if (late := time.monotonic() - self._deadline) > _ASLEEP:
@@ -172,9 +177,8 @@ class HardwarePlatform:
         if first:
             self._deadline = self._stepped
         late = self._stepped - self._deadline
-        self.timing.add(late)
         missed = int(late / self.control_period)  # deadlines that are skipped: commands in a burst would be a jerk
-        self.timing.lost += missed > 0
+        self.timing.add(late, lost + (missed > 0))
         self._deadline += (1 + missed) * self.control_period
         _wait_until(self._deadline - max(_LEAD, _LEAD_SHARE * self.control_period))
         return self._sense(0.0)

@@ -11,7 +11,6 @@ import gc
 import threading
 import time
 from collections.abc import Callable, Generator
-from dataclasses import replace
 from typing import Protocol
 
 from equipoise.alive import alive, last_sign
@@ -156,14 +155,12 @@ class HeldRobot:
             )
         if now - sign > _PATIENCE:
             raise HungError(
-                f"the program that moves the robot has given no sign of life for {now - sign:.1f} s, and the robot was let down: "
-                "a loop that does not end, a disk or a terminal that does not answer? What computes for long calls "
+                f"the program that moves the robot has given no sign of life for {now - sign:.1f} s, and the robot was let down: a "
+                "loop that does not end, a disk or a terminal that does not answer? What computes for long calls "
                 "equipoise.alive.alive()"
             )
-        sent = self._watched.sent
-        if sent is not None:
-            if self._collects:
-                gc.enable()
-            self._stepped = now  # not when it is done: this process may be stopped meanwhile
-            self._watched.step(replace(sent, velocity=None))
-            self._pass_on()
+        if self._collects:
+            gc.enable()
+        self._stepped = now  # not when it is done: this process may be stopped meanwhile
+        self._watched.hold()
+        self._pass_on()

@@ -212,7 +212,9 @@ def _plain(value: Any) -> Any:
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, (tuple, list)):
         return [_plain(part) for part in value]  # pyright: ignore[reportUnknownVariableType]
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    if isinstance(value, np.ndarray):
+        return np.asarray(value, dtype=float).tolist()
+    return float(value) if isinstance(value, np.generic) else value
 
 
 def started_events(events: tuple[Event, ...], start: float, last: float) -> tuple[Event, ...]:

@@ -2,8 +2,8 @@
 
 Nothing that a process does can end safely a process that is gone. So the watchdog reads a pipe: while something comes, all is
 well; when nothing has come for too long, or the pipe ends without a goodbye, it damps the joints by a connection of its own
-until the robot has sunk to the floor. It has that connection before the robot moves, and says what it did afterwards: a terminal
-that is gone, too, must not keep it from anything.
+until the robot has sunk to the floor. It has that connection before the robot moves, and says what it did afterwards: a
+terminal that is gone, too, must not keep it from anything.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from equipoise.errors import (
 from equipoise.platforms.command_check import CommandCheck
 from equipoise.platforms.footing import Footing
 from equipoise.platforms.guard_report import GuardReport, Vitals
+from equipoise.platforms.hardware import LoopTiming
 from equipoise.platforms.joint_watch import JointWatch
 from equipoise.platforms.limits import Limits
 from equipoise.platforms.platform import JointCommand, Platform, RobotState
@@ -131,6 +133,20 @@ class WatchedRobot:
             self._well = False
             raise
         return state
+
+    def hold(self) -> RobotState:
+        """`step` with the last command again, but nothing pushes on, and how late it is does not count."""
+        assert self.sent is not None
+        self._pause_timing(True)
+        try:
+            return self.step(replace(self.sent, velocity=None))
+        finally:
+            self._pause_timing(False)
+
+    def _pause_timing(self, paused: bool) -> None:
+        timing = getattr(self._platform, "timing", None)
+        if isinstance(timing, LoopTiming):
+            timing.paused = paused
 
     def push(self, command: JointCommand) -> RobotState:
         """One control period of the ending, in which nothing is checked."""
