@@ -129,7 +129,7 @@ def test_a_program_that_hangs_lets_the_robot_down_before_the_watchdog_must(guard
     assert took > held_robot._PATIENCE
     wait_until(lambda: link.closed, thinking=False)
     assert dog.dismissed == 1
-    with pytest.raises(HungError, match=r"given no sign of life for 1\.\d s, and the robot was let down: a loop"):
+    with pytest.raises(HungError, match=r"gave no sign of life for 1\.\d s, and the robot was let down: a loop"):
         hold(guard, link, 0.1)
 
 

@@ -35,22 +35,35 @@ class Program:
     def since(self, entry, count):
         return [e for e in self.peer.log[count:] if entry.items() <= e.items()]
 
-    def wait_for_damping(self, hung, seen):
+    def wait_for(self, mode, hung, seen):
         """How long it took from then [s]; only modes that are entered behind those seen count."""
         while time.monotonic() - hung < PATIENCE:
-            if self.since({"mode": "damped"}, seen):
+            if self.since({"mode": mode}, seen):
                 return time.monotonic() - hung
             time.sleep(0.01)
-        raise AssertionError(f"never damped: {self.peer.log}")
+        raise AssertionError(f"never {mode}: {self.peer.log}")
+
+
+def over_udp():
+    """A standing robot: its peer and its flags, and how it is reached."""
+    port, local = free_port(), free_port()
+    peer = "unitree_udp", "--port", port, "--start", "standing", "--noise", "ideal"
+    return peer, ("unitree-a1", "address=127.0.0.1", f"port={port}", f"local_port={local}")
+
+
+def over_dds():
+    """One that lies, and whose own controller has to let go first."""
+    domain = 1 + os.getpid() % 200
+    return ("unitree_dds", "--domain", domain, "--noise", "ideal"), ("unitree-go2", "interface=lo", f"domain={domain}")
 
 
 @contextmanager
-def program(tmp_path, how, stderr=subprocess.PIPE):
-    port, local, log = free_port(), free_port(), tmp_path / "watchdog.log"
+def program(tmp_path, how, stderr=subprocess.PIPE, wire=over_udp):
+    (flags, reached), log = wire(), tmp_path / "watchdog.log"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
-    with running_peer("unitree_udp", "--port", port, "--start", "standing", "--noise", "ideal") as peer:
+    with running_peer(*flags) as peer:
         process = subprocess.Popen(
-            [sys.executable, str(SCRIPT), how, str(port), str(local), str(log)], stdin=subprocess.DEVNULL,
+            [sys.executable, str(SCRIPT), how, str(log), *reached], stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE, stderr=stderr, text=True, env=environment,
         )  # fmt: skip
         try:
@@ -78,7 +91,7 @@ def test_whatever_becomes_of_the_program_the_robot_is_damped(tmp_path, how, save
     with program(tmp_path, how) as run:
         seen = len(run.peer.log)
         hung = run.hangs()
-        took = run.wait_for_damping(hung, seen)
+        took = run.wait_for("damped", hung, seen)
         run.peer.wait_for("mode", "released")
         stiff = [entry["stiff"] for entry in run.peer.log if "stiff" in entry]
         until = time.monotonic() + PATIENCE
@@ -100,6 +113,22 @@ def test_whatever_becomes_of_the_program_the_robot_is_damped(tmp_path, how, save
         assert f" watchdog: {saved_by}; its joints were damped (" in run.log.read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("how", ["sleep", "stop", "kill"])
+def test_over_dds_too_though_finding_services_takes_its_time(tmp_path, how):
+    pytest.importorskip("cyclonedds")
+    with program(tmp_path, how, wire=over_dds) as run:
+        hung, seen = run.hangs(), len(run.peer.log)
+        took = run.wait_for("damped", hung, seen)
+        run.wait_for("released", hung, seen)
+        run.process.kill()
+        run.process.wait(timeout=PATIENCE)
+    counts = next(entry for entry in run.peer.end() if "ended" in entry)
+    print(f"{how}, DDS: damped after {took:.2f} s; {counts['stiff']} stiff and {counts['limp']} limp commands in all")
+    assert took < DAMPED_WITHIN + SLACK
+    assert counts["limp"] > 100
+    assert [entry["asked"] for entry in run.peer.log if "asked" in entry] == ["release"]  # the watchdog asks nobody
+
+
 @pytest.mark.parametrize("stderr", ["closed pipe", "full pipe"])
 def test_a_watchdog_that_nobody_listens_to_damps_all_the_same(tmp_path, stderr):
     """It once spoke first, and ended by that."""
@@ -116,7 +145,7 @@ def test_a_watchdog_that_nobody_listens_to_damps_all_the_same(tmp_path, stderr):
                 os.close(reading)
                 reading = None
             seen = len(run.peer.log)
-            run.wait_for_damping(run.hangs(), seen)
+            run.wait_for("damped", run.hangs(), seen)
             run.peer.wait_for("mode", "released")
         assert next(entry for entry in run.peer.end() if "ended" in entry)["limp"] > 100
     finally:

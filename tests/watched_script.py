@@ -1,10 +1,10 @@
 """A program that holds a robot up with a guard and a watchdog, for tests in which it goes wrong.
 
-    python watched_script.py HOW PORT LOCAL_PORT LOG
+    python watched_script.py HOW LOG PLATFORM KEY=VALUE...
 
-The robot is an A1 on UDP at 127.0.0.1. Says "hangs" when it stands, and then: "sleep" waits for ever, "loop" runs in circles,
-"grip" does so without letting other threads run, "stop" is stopped as by Ctrl-Z, "kill" is killed, "motion" is killed in a
-motion, "exit" ends in good order, "think" thinks for five seconds and ends in good order.
+The robot is an A1 that speaks as the platform does, with these settings. Says "hangs" when it stands, and then: "sleep" waits
+for ever, "loop" runs in circles, "grip" does so without letting other threads run, "stop" is stopped as by Ctrl-Z, "kill" is
+killed, "motion" is killed in a motion, "exit" ends in good order, "think" thinks for five seconds and ends in good order.
 """
 
 import os
@@ -19,14 +19,14 @@ import numpy as np
 
 from equipoise import load_robot
 from equipoise.alive import alive
-from equipoise.platforms.catalog import open_link
+from equipoise.platforms.catalog import given_settings, open_link
 from equipoise.platforms.guard import Guard
 from equipoise.platforms.hardware import HardwarePlatform
 from equipoise.platforms.limits import Limits
 from equipoise.platforms.platform import Trajectory
 from equipoise.platforms.watchdog import Watchdog
 
-BUSY = Limits(silence=1.0, stall=1.0)  # for a machine that has other things to do, too
+BUSY = Limits(silence=1.0, stall=1.0, missing_torque=50.0)  # for a machine that has other things to do, too
 
 
 def kill(number):
@@ -45,26 +45,25 @@ def think():
         alive()
 
 
-def stand(guard, duration):
-    """Where it stands."""
-    here = guard.read().joint_position
+def stand(guard, robot, duration):
+    """Where it stands, or lies."""
+    here = np.clip(guard.read().joint_position, robot.lower_limit, robot.upper_limit)
     guard.play(Trajectory(np.repeat(here[None], round(duration / guard.control_period), axis=0)))
 
 
-def killed_in_motion(guard):
+def killed_in_motion(guard, robot):
     threading.Timer(0.5, kill, [signal.SIGKILL]).start()
-    stand(guard, 5.0)
+    stand(guard, robot, 5.0)
 
 
-def main(how, port, local_port, log):
-    robot = load_robot("unitree_a1")
-    given = {"address": "127.0.0.1", "port": port, "local_port": local_port}
-    platform = HardwarePlatform(open_link("unitree-a1", robot, given))
-    with Guard(platform, robot, BUSY, watchdog=lambda: Watchdog("unitree-a1", robot, given, Path(log))) as guard:
-        stand(guard, 0.3)
+def main(how, log, name, *settings):
+    robot, given = load_robot("unitree_a1"), given_settings(settings, None)
+    platform = HardwarePlatform(open_link(name, robot, given))
+    with Guard(platform, robot, BUSY, watchdog=lambda: Watchdog(name, robot, given, Path(log))) as guard:
+        stand(guard, robot, 0.3)
         print("hangs", flush=True)
         if how == "motion":
-            killed_in_motion(guard)
+            killed_in_motion(guard, robot)
         {
             "sleep": lambda: time.sleep(3600.0),
             "loop": loop,

@@ -155,8 +155,8 @@ class HeldRobot:
             )
         if now - sign > _PATIENCE:
             raise HungError(
-                f"the program that moves the robot has given no sign of life for {now - sign:.1f} s, and the robot was let down: a "
-                "loop that does not end, a disk or a terminal that does not answer? What computes for long calls "
+                f"the program that moves the robot gave no sign of life for {now - sign:.1f} s, and the robot was let down: "
+                "a loop that does not end, a disk or a terminal that does not answer? What computes for long calls "
                 "equipoise.alive.alive()"
             )
         if self._collects:
