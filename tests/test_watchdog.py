@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from peer_processes import free_port, running_peer
+from peer_processes import StalledError, free_port, in_real_time, running_peer
 
 SCRIPT = Path(__file__).with_name("watched_script.py")
 PATIENCE = 90.0  # [s], on a machine that has other things to do
@@ -28,9 +28,11 @@ class Program:
 
     def hangs(self):
         """Wait until it says that it will; when that was."""
-        line = self.process.stdout.readline()
-        assert line == "hangs\n", line + (self.process.stderr.read() if self.process.stderr else "")
-        return time.monotonic()
+        if self.process.stdout.readline() == "hangs\n":
+            return time.monotonic()
+        errors = self.process.stderr.read() if self.process.stderr else ""
+        assert "CommunicationError" in errors or "OverrunError" in errors, errors
+        raise StalledError(errors)
 
     def since(self, entry, count):
         return [e for e in self.peer.log[count:] if entry.items() <= e.items()]
@@ -48,13 +50,14 @@ def over_udp():
     """A standing robot: its peer and its flags, and how it is reached."""
     port, local = free_port(), free_port()
     peer = "unitree_udp", "--port", port, "--start", "standing", "--noise", "ideal"
-    return peer, ("unitree-a1", "address=127.0.0.1", f"port={port}", f"local_port={local}")
+    return peer, ("unitree-a1", "address=127.0.0.1", f"port={port}", f"local_port={local}", "silence=5")
 
 
 def over_dds():
-    """One that lies, and whose own controller has to let go first."""
+    """The same; a service has to be found and asked who holds the motors before the first command."""
     domain = 1 + os.getpid() % 200
-    return ("unitree_dds", "--domain", domain, "--noise", "ideal"), ("unitree-go2", "interface=lo", f"domain={domain}")
+    peer = "unitree_dds", "--domain", domain, "--noise", "ideal", "--start", "standing", "--no-sport-mode"
+    return peer, ("unitree-go2", "interface=lo", f"domain={domain}", "silence=5")
 
 
 @contextmanager
@@ -87,6 +90,7 @@ def program(tmp_path, how, stderr=subprocess.PIPE, wire=over_udp):
         ("motion", "the program is gone"),
     ],
 )
+@in_real_time
 def test_whatever_becomes_of_the_program_the_robot_is_damped(tmp_path, how, saved_by):
     with program(tmp_path, how) as run:
         seen = len(run.peer.log)
@@ -114,6 +118,7 @@ def test_whatever_becomes_of_the_program_the_robot_is_damped(tmp_path, how, save
 
 
 @pytest.mark.parametrize("how", ["sleep", "stop", "kill"])
+@in_real_time
 def test_over_dds_too_though_finding_services_takes_its_time(tmp_path, how):
     pytest.importorskip("cyclonedds")
     with program(tmp_path, how, wire=over_dds) as run:
@@ -126,10 +131,11 @@ def test_over_dds_too_though_finding_services_takes_its_time(tmp_path, how):
     print(f"{how}, DDS: damped after {took:.2f} s; {counts['stiff']} stiff and {counts['limp']} limp commands in all")
     assert took < DAMPED_WITHIN + SLACK
     assert counts["limp"] > 100
-    assert [entry["asked"] for entry in run.peer.log if "asked" in entry] == ["release"]  # the watchdog asks nobody
+    assert not any("ignored" in entry or "asked" in entry for entry in run.peer.log)
 
 
 @pytest.mark.parametrize("stderr", ["closed pipe", "full pipe"])
+@in_real_time
 def test_a_watchdog_that_nobody_listens_to_damps_all_the_same(tmp_path, stderr):
     """It once spoke first, and ended by that."""
     reading, writing = os.pipe()
@@ -155,6 +161,7 @@ def test_a_watchdog_that_nobody_listens_to_damps_all_the_same(tmp_path, stderr):
 
 
 @pytest.mark.parametrize("how", ["exit", "think"])
+@in_real_time
 def test_nothing_is_said_of_a_program_that_ends_in_good_order(tmp_path, how):
     """And one that thinks for longer than a hung one may hang is none that hangs."""
     with program(tmp_path, how) as run:

@@ -212,9 +212,7 @@ def _plain(value: Any) -> Any:
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, (tuple, list)):
         return [_plain(part) for part in value]  # pyright: ignore[reportUnknownVariableType]
-    if isinstance(value, np.ndarray):
-        return np.asarray(value, dtype=float).tolist()
-    return float(value) if isinstance(value, np.generic) else value
+    return np.asarray(value, dtype=float).tolist() if isinstance(value, np.ndarray) else value
 
 
 def started_events(events: tuple[Event, ...], start: float, last: float) -> tuple[Event, ...]:
