@@ -53,7 +53,9 @@ def test_what_is_no_regular_file_stays(tmp_path, monkeypatch, make, linked):
         named.symlink_to(path)
     with pytest.raises(OutputError) as caught:
         write_file(named, "text")
-    assert str(caught.value) == f"{str(named)!r} is {kind}, which no result replaces; name a regular file, or a new one"
+    assert str(caught.value) == (
+        f"cannot write {str(named)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
+    )
     assert (path.lstat().st_mode, path.lstat().st_ino) == (before.st_mode, before.st_ino)
     assert sorted(os.listdir()) == sorted({"there", str(named)})
 
@@ -72,7 +74,7 @@ def test_a_link_that_leads_nowhere_is_refused(tmp_path):
     link = tmp_path / "link"
     link.symlink_to("nowhere")
     with pytest.raises(
-        OutputError, match=r"link' is a link to 'nowhere', where nothing is; remove it, or name another"
+        OutputError, match=r"link': it is a link to 'nowhere', where nothing is; remove it, or name another"
     ):
         write_file(link, "text")
     assert os.listdir(tmp_path) == ["link"]
@@ -132,6 +134,6 @@ def test_nor_does_an_export(tmp_path, monkeypatch, make):
     monkeypatch.chdir(tmp_path)
     out = Path("there")
     make(out)
-    with pytest.raises(OutputError, match="'there' is a"):
+    with pytest.raises(OutputError, match="'there': it is a"):
         Export(next(iter(FORMATS.values())), b"content", "name", (), ()).save(out)
     assert not stat.S_ISREG(out.lstat().st_mode)

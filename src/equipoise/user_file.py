@@ -32,7 +32,7 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
     """
     data = content.encode() if isinstance(content, str) else content
     try:
-        mode = replaceable(path)
+        mode = replaceable(path, what)
         target = Path(os.path.realpath(path))
         partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
         try:
@@ -53,7 +53,7 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
         ) from error
 
 
-def replaceable(path: Path) -> int | None:
+def replaceable(path: Path, what: str = "") -> int | None:
     """Permissions of the regular file at a path, links followed; None if there is nothing.
 
     Raises:
@@ -64,10 +64,13 @@ def replaceable(path: Path) -> int | None:
     except FileNotFoundError:
         if path.is_symlink():
             raise OutputError(
-                f"{str(path)!r} is a link to {os.readlink(path)!r}, where nothing is; remove it, or name another file"
+                f"cannot write {what}{str(path)!r}: it is a link to {os.readlink(path)!r}, where nothing is; remove it, or "
+                "name another file"
             ) from None
         return None
     for is_kind, kind in _KINDS:
         if is_kind(mode):
-            raise OutputError(f"{str(path)!r} is {kind}, which no result replaces; name a regular file, or a new one")
+            raise OutputError(
+                f"cannot write {what}{str(path)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
+            )
     return stat.S_IMODE(mode)

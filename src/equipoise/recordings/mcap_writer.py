@@ -100,7 +100,7 @@ class McapWriter:
         self._counts = dict.fromkeys(self._channels.values(), 0)
         self._size = 0
         with self._failures_told():
-            replaceable(path)
+            replaceable(path, "the recording ")
             self._file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed by `close`
             with suppress(OSError):  # file systems without locks do without
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -139,7 +139,7 @@ class McapWriter:
     def move_to(self, path: Path) -> None:
         """Give the file another name, in place of one that has it; writing goes on."""
         with self._failures_told():
-            replaceable(path)
+            replaceable(path, "the recording ")
             self.path.replace(path.resolve())  # a link stays one
         self.path = path
 
