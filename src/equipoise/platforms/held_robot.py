@@ -19,7 +19,7 @@ from equipoise.platforms.platform import JointCommand, RobotState
 from equipoise.platforms.watched_robot import WatchedRobot
 
 _IDLE = 5  # control periods without a step after which the last command is repeated
-_PATIENCE = 1.5  # [s] without a sign of life: with feet that come down and stiffness that fades, damped after 2.5 s
+_PATIENCE = 1.3  # [s] without a sign of life: with feet that come down and stiffness that fades, damped after 2.1 s
 _BEAT = 0.2  # [s] between signs of life to the watchdog
 _YIELD = 0.1e-3  # [s] in which somebody who wants to move the robot gets the lock
 
