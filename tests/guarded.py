@@ -1,5 +1,6 @@
 """What tests of the guard share: states of a robot at rest, and the robot's side of the guard."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -74,6 +75,65 @@ class Seen:
     def close(self):
         self.closed += 1
         self._platform.close()
+
+
+class MemoryLink:
+    """A link to a robot that moves on by a control period with every command; without a robot, to one at rest.
+
+    `act(count)` is called before the command of that number is sent.
+    """
+
+    name, accepts, control_period = "a robot in memory", ACCEPTS_EVERYTHING, PERIOD
+
+    def __init__(self, robot, platform=None, act=lambda count: None):
+        self._robot, self._platform, self.act = robot, platform, act
+        self.joint_names = robot.joint_names
+        self.sent, self.released, self.closed = [], 0, 0
+        self._arrived: list = []
+
+    @property
+    def commands(self):
+        return self.sent
+
+    def receive(self):
+        """What commands brought about; a robot that nobody commands says again and again that it is there."""
+        arrived, self._arrived = self._arrived or [self._sample()], []
+        return arrived
+
+    def send(self, command):
+        self.act(len(self.sent))
+        self.sent.append(command)
+        if self._platform is not None:
+            self._platform.step(command)
+        self._arrived.append(self._sample())
+
+    def release(self):
+        self.released += 1
+
+    def close(self):
+        self.closed += 1
+
+    def _sample(self):
+        state = at_rest(self._robot, len(self.sent)) if self._platform is None else self._platform.read()
+        return replace(state, received=time.monotonic())
+
+
+class Dog:
+    """A watchdog that only counts."""
+
+    def __init__(self):
+        self.dismissed = self.moving = self.beats = 0
+
+    def wait(self): ...
+
+    def moves(self):
+        self.moving += 1
+
+    def beat(self):
+        self.beats += 1
+
+    def dismiss(self):
+        self.dismissed += 1
 
 
 def is_damped(command):

@@ -13,6 +13,7 @@ SOURCE = Path(equipoise.__file__).parent
 # From the ground up; a module may import from lower floors and from its own.
 FLOORS = [
     ["errors", "_version"],
+    ["alive", "user_file"],
     ["robot"],
     ["recordings"],
     ["platforms", "estimation"],

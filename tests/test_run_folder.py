@@ -296,7 +296,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path, a1, below):
 def test_a_run_that_is_gone_cannot_be_written_to(new, calibrated):
     folder = new()
     shutil.rmtree(folder.path)
-    with pytest.raises(OutputError, match=r"cannot write into .*: No such file"):
+    with pytest.raises(OutputError, match=r"cannot write .*truth.json': No such file"):
         folder.save_truth(calibrated[1].truth)
     with pytest.raises(OutputError, match=r"cannot write .*calibration.json': No such file"):
         folder.save(calibrated[1])
@@ -321,12 +321,12 @@ def test_whoever_finds_a_header_finds_the_rest(tmp_path, a1, monkeypatch):
     replace = Path.replace
 
     def looked(self, target):
-        seen.append({file.name for file in Path(target).parent.iterdir()})
+        seen.append((target.name, {file.name for file in target.parent.iterdir() if not file.name.startswith(".")}))
         return replace(self, target)
 
     monkeypatch.setattr(Path, "replace", looked)
     with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}):
-        assert seen == [{"model.xml", "recording.mcap", "run.partial"}]
+        assert seen == [("model.xml", set()), ("run.json", {"model.xml", "recording.mcap"})]
 
 
 # --- gone on with

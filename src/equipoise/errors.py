@@ -80,6 +80,10 @@ class OverrunError(MotionError):
     """This computer did not keep up with the control loop."""
 
 
+class HungError(OverrunError):
+    """The program that moves the robot does not go on: it gives no sign of life."""
+
+
 class CommunicationError(MotionError, ConnectionError):
     """The robot cannot be reached, or fell silent."""
 
@@ -90,6 +94,18 @@ class RecordingError(EquipoiseError, ValueError):
     """A recording or run folder is damaged, or lacks what an estimate needs."""
 
     exit_code = 5
+
+
+class UnrecordedError(RecordingError):
+    """What was sensed and sent makes no recording.
+
+    Attributes:
+        steps: it, as JSON values: names of the joints, and what was sensed before each command that was sent.
+    """
+
+    def __init__(self, message: str, steps: Mapping[str, Any] = MappingProxyType({})) -> None:
+        super().__init__(message)
+        self.steps = steps
 
 
 class ResumeError(RecordingError):

@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise._version import __version__
-from equipoise.errors import NotEstimatedError, OutputError, RecordingError
+from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.estimation.evidence import Motion
 from equipoise.estimation.findings import Check, SensorFinding
 from equipoise.estimation.paper import AXES, AxisFit
@@ -27,6 +27,7 @@ from equipoise.estimation.tilt import SupportPlane
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
+from equipoise.user_file import write_file
 
 FloatArray = NDArray[np.float64]
 Maybe = float | None
@@ -384,12 +385,7 @@ class Calibration:
 
     def save(self, path: str | Path) -> None:
         """Write the JSON form; raises OutputError if it cannot be written. The file is there when it is complete."""
-        path = Path(path)
-        try:
-            path.with_suffix(".partial").write_text(self.to_json(), encoding="utf-8")
-            path.with_suffix(".partial").replace(path)
-        except OSError as error:
-            raise OutputError(f"cannot write {str(path)!r}: {error.strerror}") from error
+        write_file(Path(path), self.to_json())
 
     @classmethod
     def load(cls, path: str | Path) -> Calibration:

@@ -3,6 +3,7 @@
 run.json            robot, settings, provenance
 model.xml           the robot model as it was read (URDF or MJCF, cleaned)
 recording.mcap      everything that was sensed and sent, written as it happens
+unrecorded.json     what was sensed and sent that makes no recording, as it was: only if there is such
 metadata.yaml       what rosbag2 wants to know of that, once the run is over
 truth.json          simulation only
 calibration.json    the result
@@ -22,7 +23,15 @@ from pathlib import Path
 from typing import Any, cast
 
 from equipoise.calibration import CalibrationSettings, estimate
-from equipoise.errors import EquipoiseError, ModelWarning, OutputError, RecordingError, ResumeError, SettingsError
+from equipoise.errors import (
+    EquipoiseError,
+    ModelWarning,
+    OutputError,
+    RecordingError,
+    ResumeError,
+    SettingsError,
+    UnrecordedError,
+)
 from equipoise.estimation.parameters import Priors
 from equipoise.experiments.plan import Goals
 from equipoise.experiments.precise_routine import PreciseSettings
@@ -38,11 +47,13 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
+from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.run/2"
 RESULT = "calibration.json"
 LOG = "recording.mcap"
 HEADER = "run.json"
+UNRECORDED = "unrecorded.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
 _EARLIER = {
     "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
@@ -94,10 +105,9 @@ class RunFolder:
                 holds = "another run" if (path / HEADER).exists() else "other files"
                 raise OutputError(f"the output folder {str(path)!r} holds {holds}; name a new one with --out")
             path.mkdir(parents=True, exist_ok=True)
-            (path / _MODEL).write_text(robot.source.xml, encoding="utf-8")
+            write_file(path / _MODEL, robot.source.xml)
             log = RunLog(path / LOG)
-            (path / HEADER).with_suffix(".partial").write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
-            (path / HEADER).with_suffix(".partial").replace(path / HEADER)  # whoever finds a header finds the rest
+            write_file(path / HEADER, json.dumps(header, indent=2) + "\n")  # whoever finds a header finds the rest
         except OutputError:
             raise
         except OSError as error:
@@ -188,6 +198,8 @@ class RunFolder:
 
     def __exit__(self, *exception: object) -> None:
         with suppress(OutputError) if exception[0] else nullcontext():  # the first error says why
+            if isinstance(exception[1], UnrecordedError):
+                write_file(self.path / UNRECORDED, json.dumps(exception[1].steps) + "\n")
             self.close()
 
     def robot(self) -> RobotModel:
@@ -229,10 +241,7 @@ class RunFolder:
 
     def save_truth(self, truth: RobotInertia) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
-        try:
-            (self.path / _TRUTH).write_text(json.dumps(inertia_to_dict(truth), indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"cannot write into {str(self.path)!r}: {error.strerror}") from error
+        write_file(self.path / _TRUTH, json.dumps(inertia_to_dict(truth), indent=2) + "\n")
 
     def estimate(self, settings: CalibrationSettings | None = None) -> Calibration:
         """Estimate again from the recordings, without a robot or a simulator."""

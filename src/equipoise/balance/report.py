@@ -14,6 +14,7 @@ from equipoise.balance.routine import BalanceSettings
 from equipoise.balance.run import BalanceRun
 from equipoise.errors import OutputError
 from equipoise.recordings.run_log import save_recording
+from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.balance/1"
 
@@ -98,7 +99,7 @@ class BalanceReport:
             if folder.is_dir() and any(folder.iterdir()):
                 raise OutputError(f"the output folder {str(folder)!r} is not empty; name a new one with --out")
             folder.mkdir(parents=True, exist_ok=True)
-            files[0].write_text(self.to_json(), encoding="utf-8")
+            write_file(files[0], self.to_json())
         except OutputError:
             raise
         except OSError as error:

@@ -34,8 +34,9 @@ from equipoise.cli.refusals import (
 )
 from equipoise.cli.session import Place, Session, confirm
 from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
-from equipoise.errors import OutputError, SettingsError
+from equipoise.errors import SettingsError
 from equipoise.robot.description import RobotDescription
+from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
     from equipoise.calibration import CalibrationSettings
@@ -272,10 +273,7 @@ def _repeated(
             save_report(result, folder.path)
     repeated = repeatability(list(results.values()))
     table = to_dict(repeated, count)
-    try:
-        (out / "repeatability.json").write_text(json_module.dumps(table, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write into {str(out)!r}: {error.strerror}") from error
+    write_file(out / "repeatability.json", json_module.dumps(table, indent=2) + "\n")
     if report:
         save_comparison(results, out)
     if json:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from equipoise.cli.flags import File, Kilograms
-from equipoise.errors import OutputError, SettingsError
+from equipoise.errors import SettingsError
+from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
     from equipoise.estimation.two_runs import ScaleReadings
@@ -63,10 +64,7 @@ def delta(
     found = replace(found, provenance={"before": str(before), "after": str(after), "masses": scale.masses})
     text = json_module.dumps(found.to_dict(), indent=2)
     if out is not None:
-        try:
-            out.write_text(text + "\n", encoding="utf-8")
-        except OSError as error:
-            raise OutputError(f"cannot write {str(out)!r}: {error.strerror}") from error
+        write_file(out, text + "\n")
     if json:
         print(text)
     else:

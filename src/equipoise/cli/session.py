@@ -14,7 +14,6 @@ from equipoise.errors import MotionError, ResumeError, SettingsError
 
 if TYPE_CHECKING:
     from equipoise.calibration import CalibrationSettings
-    from equipoise.platforms.hardware import HardwarePlatform
     from equipoise.platforms.platform import Platform
     from equipoise.platforms.simulation import Simulation
     from equipoise.recordings.run_log_reader import LogContent
@@ -140,22 +139,18 @@ class Session:
             logged = Logged(bare, folder.log)
             yield (logged if content is None else RepeatedSimulation(logged, bare, content)), {}
             return
-        from equipoise.platforms.guard import Guard
+        from equipoise.platforms.connection import open_guarded
 
         ending: dict[str, Any] = {}
-        guard = Guard(_connection(self.place, self.robot), self.robot, log=folder.log)
+        guard = open_guarded(
+            self.place.platform, self.robot, self.place.given, folder.log, folder.path / "watchdog.log"
+        )
         try:
             with guard:
                 yield (guard if content is None else ResumedRobot(guard, content)), ending
         finally:
             ending["guard"] = dataclasses.asdict(guard.report())
             _tell_ending(guard.report())
-
-
-def _connection(place: Place, robot: RobotModel) -> HardwarePlatform:
-    from equipoise.platforms.connection import open_platform
-
-    return open_platform(place.platform, robot, place.given)
 
 
 def confirm(place: Place, robot: RobotModel, settings: CalibrationSettings, yes: bool) -> None:
@@ -170,8 +165,9 @@ def confirm(place: Place, robot: RobotModel, settings: CalibrationSettings, yes:
     from equipoise.methods.rehearsal import rehearse
     from equipoise.outputs.platform_terminal import rehearsal_lines
     from equipoise.platforms.checkup import examine
+    from equipoise.platforms.connection import open_platform
 
-    with _connection(place, robot) as connection:
+    with open_platform(place.platform, robot, place.given) as connection:
         wrong = [finding for finding in examine(connection, robot, _LOOK_TIME) if finding.fine is False]
     for line in rehearsal_lines(rehearse(robot, settings), place.platform):
         print(line, file=sys.stderr)
@@ -200,3 +196,5 @@ def _tell_ending(report: Any) -> None:
     if report.hottest_motor is not None:
         words.append(f"hottest motor {report.hottest_motor:.0f} deg C")
     print(f"{', '.join(words)}; at the end: {', '.join(report.ending) or 'nothing was moved'}", file=sys.stderr)
+    if report.trouble:
+        print(f"guard: it was ended while nothing moved: {report.trouble}", file=sys.stderr)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.alive import alive
 from equipoise.errors import RecordingError
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.lift_samples import LiftSamples, read_lift
@@ -75,6 +76,7 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
 def _read(
     robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray
 ) -> Motion:
+    alive()
     about = recording.trial
     lift: LiftSamples | None = None
     move: PlantedMove | None = None

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.alive import alive
 from equipoise.errors import RecordingError
 
 FloatArray = NDArray[np.float64]
@@ -68,6 +69,7 @@ def _descend(problem: Problem, x: FloatArray, first_round: bool) -> tuple[FloatA
     cost, full, deviation = problem.cost(x), np.full(len(x), np.inf), np.ones(len(x))
     renew = True
     for iteration in range(_ITERATIONS):
+        alive()
         renewed = renew or (first_round and iteration == _RENEWED)
         if renewed:
             problem.differentiate(x)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.alive import alive
 from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import joint_axis
 
@@ -84,6 +85,7 @@ class LegChains:
             joint_velocity: (n, nj) [rad/s].
             angular_velocity: (n, 3) of the base, in base axes [rad/s].
         """
+        alive()
         count, links = len(joint_position), self.joints.shape[1]
         rotation = np.broadcast_to(np.eye(3), (count, 4, 3, 3))
         position, velocity = np.zeros((count, 4, 3)), np.zeros((count, 4, 3))

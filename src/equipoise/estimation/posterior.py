@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.alive import alive
 from equipoise.errors import RecordingError
 from equipoise.estimation.evidence import Evidence
 from equipoise.estimation.gauss_newton import solve
@@ -180,6 +181,7 @@ class MapProblem:
         by_motion: dict[int, FloatArray] = {}
         gradients: dict[int, FloatArray] = {}
         for block in self.blocks:
+            alive()
             residual, jacobian = block.residual(x), block.jacobian(x)
             for motion, rows in block.motions:
                 by_motion[motion] = by_motion.get(motion, 0.0) + jacobian[rows].T @ jacobian[rows]

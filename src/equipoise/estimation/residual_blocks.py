@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.alive import alive
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.lift_samples import LiftSamples
 from equipoise.estimation.parameters import Unknowns
@@ -158,6 +159,7 @@ def tilt_noise(lift: LiftSamples, by_velocity: float, growth: float) -> FloatArr
         by_velocity: how the residual changes with a joint's velocity.
         growth: M g h over the moment of inertia about the line: what an attitude error adds per second [1/s2].
     """
+    alive()
     count, step = len(lift.joint_position), lift.step
     before = int(np.ceil(lift.since_rest / step))
     time = step * np.arange(count)

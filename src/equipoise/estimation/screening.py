@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from equipoise.alive import alive
 from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.lift_samples import attitudes
@@ -66,6 +67,7 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     _check_gravity(acceleration)
     _check_radians(robot, position)
     for recording in recordings:
+        alive()
         _check_frozen(recording)
     _check_velocity(recordings)
     _check_gyroscope(recordings)
@@ -182,6 +184,7 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
     def disagreement(factor: FloatArray) -> float:
         angles: list[float] = []
         for move, (before, after) in zip(moves, rests, strict=True):
+            alive()
             turning = move.between(before.time[0], after.time[0]).imu
             path = attitudes(turning.time, (turning.angular_velocity - bias) * factor)
             up, then = before.acceleration.mean(axis=0), after.acceleration.mean(axis=0)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from equipoise.alive import alive
 from equipoise.errors import ReachError, SettingsError
 from equipoise.estimation.leg_motion import LegChains
 from equipoise.estimation.parameters import COMPONENTS, Priors, Unknowns, components
@@ -293,6 +294,7 @@ def make_plan(
     count = len(candidates.lifts)
     total = budget - left
     while True:
+        alive()
         best, gain, cost_of_best, added_by_best = None, 0.0, 0.0, prior
         covariance = np.linalg.inv(information)
         weighted = weights @ covariance

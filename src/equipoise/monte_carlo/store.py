@@ -23,6 +23,7 @@ from equipoise.estimation.paper import AXES
 from equipoise.estimation.parameters import COMPONENTS
 from equipoise.monte_carlo.study import SOURCES, Study
 from equipoise.monte_carlo.trial import Row
+from equipoise.user_file import write_file
 
 try:
     import pyarrow as arrow
@@ -130,9 +131,7 @@ class TrialStore:
             raise OutputError(f"the output folder {str(self.folder)!r} holds other files; name a new one with --out")
         self.folder.mkdir(parents=True, exist_ok=True)
         table = {"schema": SCHEMA, "fingerprint": study.fingerprint, "study": study.to_dict()}
-        unfinished = self.folder / f".{_HEADER}"
-        unfinished.write_text(json.dumps(table, indent=2) + "\n", encoding="utf-8")
-        os.replace(unfinished, header)
+        write_file(header, json.dumps(table, indent=2) + "\n")
 
 
 def read_rows(folder: str | Path, columns: Sequence[str] | None = None) -> list[Row]:

@@ -20,6 +20,7 @@ from equipoise.outputs.precise_picture import draw_precise
 from equipoise.outputs.search_picture import draw_search
 from equipoise.outputs.sway_picture import draw_sways
 from equipoise.result import Calibration
+from equipoise.user_file import write_file
 
 
 def save_pictures(calibration: Calibration, folder: str | Path) -> list[Path]:
@@ -44,10 +45,10 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path) -> list[Path
     paths = [Path(folder) / name for name in figures]
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
-        for path, figure in zip(paths, figures.values(), strict=True):
-            path.write_bytes(_png(figure))
     except OSError as error:
         raise OutputError(f"cannot write the pictures to {str(folder)!r}: {error.strerror or error}") from error
+    for path, figure in zip(paths, figures.values(), strict=True):
+        write_file(path, _png(figure), "the picture ")
     return paths
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from equipoise.errors import OutputError
 from equipoise.monte_carlo.reproduction import (
     PAPER_ESTIMATE,
     PAPER_ITERATIONS,
@@ -29,6 +28,7 @@ from equipoise.outputs.figure import BLACK, BLUE, GREY, SMALL, TEXT, VERMILLION,
 from equipoise.outputs.pictures import save_figures
 from equipoise.outputs.study_picture import draw_line_in_squares, tidy
 from equipoise.outputs.study_report import rate_text
+from equipoise.user_file import write_file
 
 FloatArray = NDArray[np.float64]
 
@@ -59,11 +59,8 @@ def save_reproduction(done: Reproduction, folder: str | Path) -> list[Path]:
             ),
         ),
     }
-    try:
-        for name, text in texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
+    for name, text in texts.items():
+        write_file(folder / name, text)
     return [*(folder / name for name in texts), *figures]
 
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from equipoise.errors import OutputError
 from equipoise.monte_carlo.statistics import LEVELS, ErrorStatistics, MethodSummary, Rate, Slope, to_dict
 from equipoise.monte_carlo.study import Study
+from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.study-summary/1"
 
@@ -147,12 +147,8 @@ def _slope_table(slopes: Sequence[Slope], method: str) -> list[str]:
 def save_summary(folder: str | Path, table: dict[str, Any], markdown: str) -> list[Path]:
     """Write summary.json and summary.md; raises OutputError if they cannot be written."""
     paths = [Path(folder) / "summary.json", Path(folder) / "summary.md"]
-    try:
-        text = json.dumps(table, indent=2, allow_nan=False)
-        paths[0].write_text(text + "\n", encoding="utf-8")
-        paths[1].write_text(markdown, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write the summary into {str(folder)!r}: {error.strerror or error}") from error
+    write_file(paths[0], json.dumps(table, indent=2, allow_nan=False) + "\n", "the summary ")
+    write_file(paths[1], markdown, "the summary ")
     return paths
 
 

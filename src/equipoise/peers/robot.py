@@ -60,7 +60,10 @@ class PeerSettings:
 
 
 class PeerRobot:
-    """The simulated robot, and what it saw: one JSON object a line, as {"time": 1.204, "mode": "damped"}."""
+    """The simulated robot, and what it saw: one JSON object a line, as {"time": 1.204, "mode": "damped"}.
+
+    With a mode it says how many commands it got until then that were stiff, and how many that were not.
+    """
 
     def __init__(self, robot: RobotModel, settings: PeerSettings, log: TextIO = sys.stdout) -> None:
         self.robot, self.settings = robot, settings
@@ -74,6 +77,7 @@ class PeerRobot:
         self._command: JointCommand | None = None
         self._heard = -np.inf
         self._mode: Mode | None = None
+        self._stiff = self._limp = 0
 
     @property
     def control_period(self) -> float:
@@ -81,6 +85,8 @@ class PeerRobot:
 
     def hear(self, command: JointCommand) -> None:
         """A command that arrived."""
+        limp = command.kp is not None and not command.kp.any()
+        self._stiff, self._limp = self._stiff + (not limp), self._limp + limp
         self._command, self._heard = command, self._state.time
 
     def step(self) -> RobotState:
@@ -109,7 +115,7 @@ class PeerRobot:
         except KeyboardInterrupt:
             pass
         finally:
-            self.say(ended=True)
+            self.say(ended=True, stiff=self._stiff, limp=self._limp)
             wire.close()
             self._platform.close()
 
@@ -135,4 +141,4 @@ class PeerRobot:
     def _enter(self, mode: Mode) -> None:
         if mode != self._mode:
             self._mode = mode
-            self.say(mode=mode)
+            self.say(mode=mode, stiff=self._stiff, limp=self._limp)

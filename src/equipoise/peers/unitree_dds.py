@@ -10,6 +10,7 @@ real robot would fight it.
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -196,7 +197,8 @@ class Options:
 
 
 def main() -> None:
-    """Run until it is ended."""
+    """Run until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
     options = tyro.cli(Options)
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)

@@ -79,10 +79,19 @@ DRIVERS: dict[str, Driver] = {
 
 def open_link(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
     """The link alone; raises SettingsError, MissingDependencyError and CommunicationError."""
-    driver = _driver(name)
-    module = _module(driver)
-    settings = read_settings(getattr(module, driver.settings), {**driver.preset, **given}, name)
+    module, settings = _driven_by(name, given)
     link: Link = module.open_link(robot, settings)
+    return link
+
+
+def open_beside(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
+    """A watchdog's link, beside that of another process, which commands the robot and may hang; raises as `open_link`.
+
+    A driver's module may have an `open_beside(robot, settings)` for it. That takes nothing over and disturbs nothing until it
+    sends, and its `send` raises CommunicationError while nobody hears it.
+    """
+    module, settings = _driven_by(name, given)
+    link: Link = getattr(module, "open_beside", module.open_link)(robot, settings)
     return link
 
 
@@ -125,6 +134,13 @@ def read_settings(kind: type[Any], given: Mapping[str, Any], name: str) -> Any:
             f"platform {name!r} has no setting {unknown[0]!r}; it has {', '.join(fields)} (see 'equipoise platforms')"
         )
     return kind(**{key: _read(value, fields[key][1], key) for key, value in given.items()})
+
+
+def _driven_by(name: str, given: Mapping[str, Any]) -> tuple[Any, Any]:
+    """A driver's module and its settings."""
+    driver = _driver(name)
+    module = _module(driver)
+    return module, read_settings(getattr(module, driver.settings), {**driver.preset, **given}, name)
 
 
 def _driver(name: str) -> Driver:

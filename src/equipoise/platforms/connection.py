@@ -1,32 +1,32 @@
-"""A real robot by its platform's name: its link, and the watchdog that lets it down if this process dies."""
+"""A real robot by its platform's name: its link, and the guard with the watchdog that lets it down if this process dies."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from equipoise.platforms.catalog import open_link
+from equipoise.platforms.guard import Guard
 from equipoise.platforms.hardware import HardwarePlatform
+from equipoise.platforms.piece_log import MotionLog
 from equipoise.platforms.watchdog import Watchdog
 from equipoise.robot.model import RobotModel
 
 
 @runtime_checkable
 class Learner(Protocol):
-    """A link that finds out by itself what could be set: who connects anew, as the watchdog, is told and need not.
+    """A link that finds out by itself what could be set: who connects anew, as the watchdog, is told and need not."""
 
-    Attributes:
-        learnt: settings by name.
-    """
-
-    @property
-    def learnt(self) -> Mapping[str, Any]: ...
+    def learn(self) -> Mapping[str, Any]:
+        """Settings by name; waits for the robot's answer, and raises CommunicationError if none comes."""
+        ...
 
 
 def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform:
-    """Connect to a robot. Nothing moves before the first command.
+    """Connect to a robot, to look at it. Who moves it uses `open_guarded`.
 
-    Nothing is sent before it either, but over UDP, where a robot only answers: packets without torque.
+    Nothing is sent, but over UDP, where a robot only answers: packets without torque.
 
     Args:
         name: of a driver.
@@ -38,9 +38,23 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
         MissingDependencyError: the driver's package is not installed.
         CommunicationError: the network cannot be used.
     """
+    return HardwarePlatform(open_link(name, robot, given))
+
+
+def open_guarded(
+    name: str, robot: RobotModel, given: Mapping[str, Any], log: MotionLog | None = None, told: Path | None = None
+) -> Guard:
+    """Connect to a robot, to move it: guarded, and with a watchdog. Nothing moves before the first command.
+
+    Args:
+        name, robot, given: as in `open_platform`, which says what is raised.
+        log: of the guard.
+        told: file in which the watchdog says what it did, if it did something.
+    """
     link = open_link(name, robot, given)
 
     def watchdog() -> Watchdog:
-        return Watchdog(name, robot, {**given, **(link.learnt if isinstance(link, Learner) else {})})
+        learnt: Mapping[str, Any] = link.learn() if isinstance(link, Learner) else {}
+        return Watchdog(name, robot, {**given, **learnt}, told)
 
-    return HardwarePlatform(link, watchdog=watchdog)
+    return Guard(HardwarePlatform(link), robot, log=log, watchdog=watchdog)

@@ -1,23 +1,23 @@
 """The guard: what stands between an experiment and a robot that can break.
 
 It is a platform around a platform. Nothing passes it: `play` is stepped, every command is checked before it is sent, every
-sample when it arrives: see `watched_robot`. Whatever goes wrong, and however the program ends, the robot is put down: see
-`safe_ending`.
+sample when it arrives: see `watched_robot`. While nobody moves the robot it is held: see `held_robot`. Whatever goes wrong,
+and however the program ends, the robot is put down: see `safe_ending`.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
-import threading
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 
 import numpy as np
 
 from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platforms.guard_report import GuardReport
+from equipoise.platforms.held_robot import HeldRobot, WatchdogSide
 from equipoise.platforms.interruptions import Interruptions
 from equipoise.platforms.limits import Limits
 from equipoise.platforms.noted_steps import NotedSteps
@@ -25,13 +25,14 @@ from equipoise.platforms.piece_log import MotionLog, PieceLog
 from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platforms.safe_ending import SafeEnding
 from equipoise.platforms.soft_start import soft_start
-from equipoise.platforms.stepping import Steps
+from equipoise.platforms.stepping import Steps, following
 from equipoise.platforms.watched_robot import WatchedRobot
 from equipoise.recordings.recording import PHASE, Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lies, nominal_stance
 
 _LOOK_TIME = 0.3  # [s] of samples before anything moves
+_HANGS = 1.0  # [s] after which who steps hangs: it must not keep the motors from being released
 _OVER = "the robot was put down and released; start again to move it"
 
 
@@ -43,19 +44,28 @@ class Guard:
         robot: what is known about it.
         limits: how far it may go.
         log: is told of every motion when it begins, and takes pieces of it every quarter of a second while it goes on.
+        watchdog: starts what lets the robot down if this process dies or hangs; called when the robot is looked at first.
 
     Attributes:
         phase: of the motion that is played, as its events name it.
     """
 
     def __init__(
-        self, platform: Platform, robot: RobotModel, limits: Limits | None = None, log: MotionLog | None = None
+        self,
+        platform: Platform,
+        robot: RobotModel,
+        limits: Limits | None = None,
+        log: MotionLog | None = None,
+        watchdog: Callable[[], WatchdogSide] | None = None,
     ) -> None:
         self._platform, self._limits = platform, limits or Limits()
         self._robot, self._stance = robot, nominal_stance(robot)
         self._watched = WatchedRobot(platform, robot, self._stance, self._limits)
+        self._held = HeldRobot(self._watched, platform.control_period, self._limits.stall, self._end_held)
+        self._start_watchdog = watchdog
+        self._watchdog: WatchdogSide | None = None
         self._interruptions = Interruptions()
-        self._noted = NotedSteps(self._watched)
+        self._noted = NotedSteps(self._held)
         self._ending = SafeEnding(
             self._noted, robot, self._stance, platform.control_period, lambda: self._interruptions.asked
         )
@@ -64,7 +74,7 @@ class Guard:
         self.phase = ""
         self._stepped = 0.0
         self._ended = False
-        self._lock = threading.RLock()
+        self._trouble: BaseException | None = None  # what went wrong while nobody moved the robot
         atexit.register(self.close)
 
     @property
@@ -81,8 +91,11 @@ class Guard:
 
     def read(self) -> RobotState:
         """As a platform's; raises what `step` raises, and the robot has been put down by then."""
-        with self._ending_on_trouble():
-            return self._watched.read()
+        with self._ending_on_trouble(), self._held.turn():
+            if self._trouble is not None:
+                raise self._trouble
+            self._be_watched()
+            return self._held.read()
 
     def step(self, command: JointCommand) -> RobotState:
         """As a platform's. When it raises, the robot has been put down.
@@ -121,7 +134,8 @@ class Guard:
 
     def report(self) -> GuardReport:
         """What the run was like so far."""
-        return self._watched.report(self._ending.done)
+        report = self._watched.report(self._ending.done)
+        return report if self._trouble is None else replace(report, trouble=str(self._trouble))
 
     def __enter__(self) -> Guard:
         self._interruptions.__enter__()
@@ -137,10 +151,10 @@ class Guard:
 
     def _begin(self, first: JointCommand) -> None:
         """Before the first command: look, then take the robot over without a jolt."""
-        if self._ended:
-            raise MotionError(_OVER)
+        self._check_going()
         if self._watched.sent is not None:
             return
+        self._be_watched()
         state = self._watched.read()
         if state.received is not None:
             for _ in range(round(_LOOK_TIME / self.control_period)):
@@ -149,9 +163,18 @@ class Guard:
         self._watched.take_over(state, first)
         lying = lies(self._robot, self._stance, state.joint_position)
         allowed = np.stack([self._robot.lower_limit, self._robot.upper_limit])
-        for command in soft_start(first, state, self._watched.own_gains, lying, self.control_period, allowed):
+        commands = soft_start(first, state, self._watched.own_gains, lying, self.control_period, allowed)
+        for number, command in enumerate(commands):
             self._step(command)
+            if number == 0 and state.received is not None:  # a simulated robot waits
+                self._held.begin(self._watchdog)
             self._interruptions.check()
+
+    def _be_watched(self) -> None:
+        """Before anybody decides what to send: it takes seconds, in which limp legs slide."""
+        if self._start_watchdog is not None and self._watchdog is None and not self._ended:
+            self._watchdog = self._start_watchdog()
+            self._watchdog.wait()
 
     def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: Steps) -> None:
         turned = np.zeros(3)
@@ -173,16 +196,18 @@ class Guard:
         self._log.finish(wait=not self._watched.footing.lifted(trajectory.position[steps.count - 1]))
 
     def _step(self, command: JointCommand) -> RobotState:
-        with self._lock:
-            if self._ended:
-                raise MotionError(_OVER)
-            return self._watched.step(command)
+        with self._held.turn():
+            self._check_going()
+            return self._held.step(command)
+
+    def _check_going(self) -> None:
+        """Whoever wants to move the robot hears why it was put down meanwhile."""
+        if self._ended:
+            raise self._trouble or MotionError(_OVER)
 
     def _present(self) -> RobotState:
         """The present state, and with it the last one of the motion before, which no recording has yet."""
-        last = None if self._steps is None else self._steps.state
-        state = self._watched.read()
-        return state if last is None or last.time >= state.time else replace(state, earlier=(last, *state.earlier))
+        return following(self._held.read(), self._steps)
 
     def _check_pace(self, state: RobotState) -> None:
         """Nothing is sent to a robot that has had to do without for too long: it may be somewhere else by now."""
@@ -205,15 +230,22 @@ class Guard:
             self._end(error)
             raise
 
+    def _end_held(self, error: BaseException) -> None:
+        """By the thread that holds the robot."""
+        self._trouble = error
+        self._end(error)
+
     def _end(self, error: BaseException | None) -> None:
         """Put the robot down, release it, and see to it that what was recorded is written; once."""
-        with self._interruptions.noted(), self._lock:
+        with self._interruptions.noted(), self._alone() as alone:
             if self._ended:
                 return
             self._ended = True
+            self._held.stop()
             atexit.unregister(self.close)
             failures: list[BaseException] = []
-            for act in (lambda: self._put_down(error), self._release, self._log.close):
+            put_down = [lambda: self._put_down(error)] if alone else []
+            for act in (*put_down, self._release, self._log.close):
                 try:
                     act()
                 except BaseException as failure:  # nothing may keep the next act from being tried
@@ -223,6 +255,17 @@ class Guard:
                     self._noted.keep(self._motion_log)
             if error is None and failures:
                 raise failures[0]
+
+    @contextlib.contextmanager
+    def _alone(self) -> Generator[bool]:
+        """Whether nobody else steps the robot: not if a thread hangs in a step; one that ends the run is waited for."""
+        lock = self._held.lock
+        alone = lock.acquire(timeout=_HANGS) or (self._ended and lock.acquire())
+        try:
+            yield alone
+        finally:
+            if alone:
+                lock.release()
 
     def _put_down(self, error: BaseException | None) -> None:
         found = self._watched.situation(error)
@@ -240,3 +283,5 @@ class Guard:
                 f"the robot could not be released: {failure}. Its motors may still hold it: use its own emergency stop"
             ) from failure
         self._ending.done.append("released")
+        if self._watchdog is not None:  # not if the release failed
+            self._watchdog.dismiss()

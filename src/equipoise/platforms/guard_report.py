@@ -25,6 +25,7 @@ class GuardReport:
         hottest_motor: [deg C]; None if motors do not say.
         lowest_voltage: of the battery [V]; None if it does not say.
         ending: what the safe ending did, in order; the last is "released" if the platform let go of the robot.
+        trouble: what ended the run while nobody moved the robot; or empty. A result may have come of it all the same.
     """
 
     samples: SampleCounts
@@ -36,6 +37,7 @@ class GuardReport:
     hottest_motor: float | None
     lowest_voltage: float | None
     ending: tuple[str, ...]
+    trouble: str = ""
 
 
 class Vitals:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import gc
 import sys
-import threading
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -27,8 +23,6 @@ _LEAD, _LEAD_SHARE = 0.4e-3, 0.1
 _SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
 _ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
 _LOST = 5  # control periods behind after which the deadlines begin anew
-_IDLE = 5  # control periods without a step after which the last command is repeated
-_BEAT = 0.2  # [s] between signs of life to the watchdog
 _KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
 _TURN = 0.2e-3  # [s] that another thread may compute before it must let the loop go on
 _ASLEEP = 0.25  # [s] without a command after which the robot may have sunk: nothing is sent as if it had not
@@ -37,7 +31,7 @@ _ASLEEP = 0.25  # [s] without a command after which the robot may have sunk: not
 class Link(Protocol):
     """What a driver is: samples in, commands out, all joint vectors in the order of `joint_names`.
 
-    `send` and `release` may be called by another thread than `receive`, never at the same time.
+    One thread at a time calls it, not always the same one.
 
     Attributes:
         name: for messages, as in "unitree-go2 on eth0".
@@ -84,14 +78,6 @@ class Link(Protocol):
         ...
 
 
-class WatchdogSide(Protocol):
-    """What lets the robot down if this process dies."""
-
-    def moves(self) -> None: ...
-    def beat(self) -> None: ...
-    def dismiss(self) -> None: ...
-
-
 class LoopTiming:
     """How late commands were sent, after the deadlines that a control loop sets itself.
 
@@ -99,6 +85,7 @@ class LoopTiming:
         lateness: (n,) of every command so far [s].
         overruns: commands more than a millisecond late.
         lost: how often deadlines passed without a command; they are skipped, not caught up with.
+        paused: nothing is noted: the robot is only held, while this computer has other things to do.
     """
 
     def __init__(self) -> None:
@@ -106,13 +93,17 @@ class LoopTiming:
         self._count = 0
         self.overruns = 0
         self.lost = 0
+        self.paused = False
 
     @property
     def lateness(self) -> FloatArray:
         return self._lateness[: self._count]
 
-    def add(self, late: float) -> None:
-        """Note one command."""
+    def add(self, late: float, lost: int) -> None:
+        """Note one command, and how often deadlines passed without one before."""
+        if self.paused:
+            return
+        self.lost += lost
         if self._count == len(self._lateness):
             self._lateness = np.concatenate([self._lateness, np.zeros(len(self._lateness))])
         self._lateness[self._count] = late
@@ -121,40 +112,30 @@ class LoopTiming:
 
 
 class HardwarePlatform:
-    """A robot behind a link. Never use it bare: the guard is what makes it safe.
+    """A robot behind a link. Never use it bare: the guard is what makes it safe, and holds the robot while nobody steps.
 
-    Commands leave at absolute deadlines, a control period apart from when the first one left. While nobody steps (an
-    estimate is being made), the last command is repeated, so that the robot stands where it was sent; not after this
-    program was stopped (Ctrl-Z, a computer that slept), for the robot may lie by then.
-
-    While somebody steps, Python does not look for unused objects, which would take milliseconds; and as long as the platform
-    is open, Python's threads take turns more often.
+    Commands leave at absolute deadlines, a control period apart from when the first one left. As long as the platform is open,
+    Python's threads take turns more often.
 
     Args:
         link: to the robot.
         patience: how long to wait for the first sample [s].
-        watchdog: starts what lets the robot down if this process dies; started with the first command.
 
     Attributes:
         timing: of the control loop.
+        commanded: whether a command was sent.
     """
 
-    def __init__(self, link: Link, patience: float = 5.0, watchdog: Callable[[], WatchdogSide] | None = None) -> None:
+    def __init__(self, link: Link, patience: float = 5.0) -> None:
         self._link = link
         self._patience = patience
-        self._start_watchdog = watchdog
-        self._watchdog: WatchdogSide | None = None
         self._newest: RobotState | None = None
-        self._command: JointCommand | None = None
+        self.commanded = False
         self._deadline = 0.0
-        self._sending = threading.Lock()
-        self._stepped = self._sent = time.monotonic()
-        self._closed = threading.Event()
-        self._released = False
-        self._collects, self._turn = gc.isenabled(), sys.getswitchinterval()
+        self._stepped = time.monotonic()
+        self._closed = False
+        self._turn = sys.getswitchinterval()
         sys.setswitchinterval(_TURN)
-        self._holder = threading.Thread(target=self._hold, name="hold", daemon=True)
-        self._holder.start()
         self.timing = LoopTiming()
 
     @property
@@ -188,24 +169,21 @@ class HardwarePlatform:
             OverrunError: this program was stopped before the command could leave.
             MotionError: the platform is closed.
         """
-        gc.disable()
-        now = time.monotonic()
+        now, lost = time.monotonic(), 0
         if now - self._deadline > _LOST * self.control_period:
-            self.timing.lost += self._deadline > self._stepped
+            lost += self._deadline > self._stepped
             self._deadline = now
         _wait_until(self._deadline)
         if (late := time.monotonic() - self._deadline) > _ASLEEP:
             raise OverrunError(f"this program stood still for {late * 1000:.0f} ms while the robot moved")
-        first = self._command is None
-        with self._sending:
-            self._send(command)
-            self._stepped = self._sent = time.monotonic()
+        first = not self.commanded
+        self._send(command)
+        self._stepped = time.monotonic()
         if first:
             self._deadline = self._stepped
         late = self._stepped - self._deadline
-        self.timing.add(late)
         missed = int(late / self.control_period)  # deadlines that are skipped: commands in a burst would be a jerk
-        self.timing.lost += missed > 0
+        self.timing.add(late, lost + (missed > 0))
         self._deadline += (1 + missed) * self.control_period
         _wait_until(self._deadline - max(_LEAD, _LEAD_SHARE * self.control_period))
         return self._sense(0.0)
@@ -214,23 +192,15 @@ class HardwarePlatform:
         return play_by_stepping(self, trajectory, stop)
 
     def close(self) -> None:
-        if self._released:
+        if self._closed:
             return
-        self._released = True
-        self._closed.set()
-        self._holder.join(timeout=1.0)
-        free = self._sending.acquire(timeout=1.0)  # a sender that hangs must not keep the motors from being released
+        self._closed = True
         try:
-            if self._command is not None:  # who only looked has nothing to give back
+            if self.commanded:  # who only looked has nothing to give back
                 self._link.release()
         finally:
-            if free:
-                self._sending.release()
             self._link.close()
-            self._collect()
             sys.setswitchinterval(self._turn)
-        if self._watchdog is not None:  # not if the release failed
-            self._watchdog.dismiss()
 
     def __enter__(self) -> HardwarePlatform:
         return self
@@ -239,13 +209,10 @@ class HardwarePlatform:
         self.close()
 
     def _send(self, command: JointCommand) -> None:
-        if self._released:
+        if self._closed:
             raise MotionError(f"{self.name} is closed; open it again to move it")
-        if self._command is None and self._start_watchdog is not None:
-            self._watchdog = self._start_watchdog()
-            self._watchdog.moves()
         self._link.send(command)
-        self._command = command  # not before: what the link refuses must not be repeated
+        self.commanded = True
 
     def _sense(self, patience: float) -> RobotState:
         """The newest sample, the others that arrived in `earlier`; waits for one if none has arrived.
@@ -271,37 +238,6 @@ class HardwarePlatform:
                 "network interface? 'equipoise doctor' looks closer"
             )
         return self._newest
-
-    def _collect(self) -> None:
-        if self._collects:
-            gc.enable()
-
-    def _hold(self) -> None:
-        """Repeat the last command while nobody steps, and tell the watchdog that all is well."""
-        idle, beaten = _IDLE * self.control_period, 0.0
-        while not self._closed.wait(idle):
-            if time.monotonic() - self._stepped > idle:
-                self._collect()
-            now = time.monotonic()
-            if now - beaten > _BEAT:
-                beaten = now
-                if self._watchdog is not None:
-                    self._watchdog.beat()
-            while not self._closed.is_set() and time.monotonic() - self._stepped > idle:
-                if self._command is None or time.monotonic() - beaten > _BEAT:
-                    break
-                with self._sending:
-                    if time.monotonic() - self._stepped > idle and not self._released:
-                        self._repeat(self._command)
-                time.sleep(self.control_period)
-
-    def _repeat(self, command: JointCommand) -> None:
-        """Errors have nobody to be told to here; whoever steps or reads next will notice."""
-        if time.monotonic() - self._sent > _ASLEEP:
-            return
-        with contextlib.suppress(Exception):
-            self._link.send(replace(command, velocity=None))
-        self._sent = time.monotonic()
 
 
 def _wait_until(moment: float) -> None:

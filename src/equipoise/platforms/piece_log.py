@@ -8,6 +8,7 @@ import time
 from dataclasses import dataclass
 from typing import Protocol
 
+from equipoise.alive import alive
 from equipoise.errors import EquipoiseError, OutputError
 from equipoise.platforms.stepping import Steps
 from equipoise.recordings.recording import Event, Recording
@@ -120,13 +121,16 @@ class PieceLog:
                     f"the recording is not written yet, {patience:g} s after the motion: is the disk full, or on a network "
                     "that is gone?"
                 )
+            alive()  # it waits no longer than its patience
             time.sleep(1e-3)
         self._check()
 
     def _write(self) -> None:
-        while (piece := self._pieces.get()) is not None:
+        piece: _Piece | int | None = 0
+        while piece is not None:
+            piece = self._pieces.get()
             try:
-                if self._trouble is None and self._log is not None:
+                if piece is not None and self._trouble is None and self._log is not None:
                     self._keep(self._log, piece)
             except BaseException as error:
                 self._trouble = error

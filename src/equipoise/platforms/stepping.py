@@ -2,24 +2,46 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import math
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.platforms.platform import MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.errors import RecordingError, UnrecordedError
+from equipoise.platforms.platform import Health, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.recordings.recording import CommandStream, Event, ImuStream, JointStream, Recording
 
 FloatArray = NDArray[np.float64]
 
 _LAG_SHARE = 0.02  # of a new sample, in how far the robot's clock is from ours
 _LEAST_STEP = 1e-6  # [s] between two commands
+_GRID = 1e-9  # [s] on which times are recorded
+_played: WeakKeyDictionary[Platform, Steps] = WeakKeyDictionary()
+"""The last motion of every platform that `play_by_stepping` moved."""
 
 
 def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-    """`play` for platforms that have only `step`."""
-    steps = Steps(platform, platform.read())
+    """`play` for platforms that have only `read` and `step`.
+
+    A sample that the platform hands out again, within a motion or where two meet, is recorded once; a step that brings no new
+    one, none. The motion before is known by the platform itself, which is to be hashable by identity, as objects are.
+
+    Raises:
+        MotionInterrupted: Ctrl-C; carries the recording so far.
+        UnrecordedError: what was sensed makes no recording; carries it as it is.
+    """
+    previous: Steps | None = None
+    with contextlib.suppress(TypeError):  # a platform that cannot be a key has no motion before
+        previous = _played.get(platform)
+    steps = Steps(platform, following(platform.read(), previous), previous)
+    with contextlib.suppress(TypeError):
+        _played[platform] = steps
     turned = np.zeros(3)
     try:
         for index in range(len(trajectory.position)):
@@ -31,6 +53,14 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
     except KeyboardInterrupt:
         raise MotionInterrupted(steps.recording(trajectory.events) if steps.count else None) from None
     return steps.recording(trajectory.events)
+
+
+def following(state: RobotState, previous: Steps | None) -> RobotState:
+    """The present state; with it the last one of the motion before, which no recording has yet."""
+    last = None if previous is None else previous.state
+    if last is None or last.time >= state.time:
+        return state
+    return dataclasses.replace(state, earlier=(dataclasses.replace(last, earlier=()), *state.earlier))
 
 
 class Steps:
@@ -54,7 +84,9 @@ class Steps:
         self._sent: list[float] = []
         self._lag = None if previous is None else previous._lag
         self._sent_last = -np.inf if previous is None else previous._sent_last
-        self._before = None if previous is None or not previous._states else previous._states[-1]
+        self._before: RobotState | None = None
+        if previous is not None:
+            self._before = previous._states[-1] if previous._states else previous._before
 
     @property
     def count(self) -> int:
@@ -70,19 +102,32 @@ class Steps:
         return self.state
 
     def recording(self, events: tuple[Event, ...] = (), first: int = 0, last: int | None = None) -> Recording:
-        """The steps from one on, up to another, with the events of that time; events count from the first step of all [s]."""
+        """The steps from one on, up to another, with the events of that time; events count from the first step of all [s].
+
+        Raises:
+            UnrecordedError: they make no recording.
+        """
         last = self.count if last is None else last  # a step that was interrupted may be noted by half
         states = self._states[first:last]
         before = self._states[first - 1] if first else None
         happened = started_events(events, self._states[0].time, states[-1].time)
-        return recording_of(
-            self._joint_names,
-            states,
-            np.array(self._targets[first:last]),
-            happened if before is None else tuple(event for event in happened if event.time > before.time + 1e-9),
-            np.array(self._sent[first:last]),
-            before or self._before,
-        )
+        try:
+            return recording_of(
+                self._joint_names,
+                states,
+                np.array(self._targets[first:last]),
+                happened if before is None else tuple(event for event in happened if event.time > before.time + 1e-9),
+                np.array(self._sent[first:last]),
+                before or self._before,
+            )
+        except (RecordingError, ValueError) as error:
+            raise UnrecordedError(str(error), self._as_measured(first, last)) from error
+
+    def _as_measured(self, first: int, last: int) -> dict[str, Any]:
+        """The same as JSON values."""
+        rows = zip(self._states[first:last], self._sent[first:last], self._targets[first:last], strict=True)
+        steps = [{"sensed": _plain(state), "time": sent, "sent": _plain(target)} for state, sent, target in rows]
+        return {"joint_names": list(self._joint_names), "steps": steps}
 
     def _by_robot_clock(self, sent: float, state: RobotState) -> float:
         """When a command was sent [s]. In simulation: with the sample before it.
@@ -93,9 +138,11 @@ class Steps:
             at, least = state.time, self._period
         else:
             lag = state.time - state.received
-            self._lag = lag if self._lag is None else self._lag + _LAG_SHARE * (lag - self._lag)
-            at, least = sent + self._lag, _LEAST_STEP
-        self._sent_last = at if at > self._sent_last else self._sent_last + least
+            if math.isfinite(lag):
+                self._lag = lag if self._lag is None else self._lag + _LAG_SHARE * (lag - self._lag)
+            at, least = sent + (self._lag or 0.0), _LEAST_STEP
+        later = self._sent_last + least if math.isfinite(self._sent_last) else 0.0
+        self._sent_last = at if self._sent_last < at < math.inf else later
         return self._sent_last
 
 
@@ -149,14 +196,23 @@ def _imu_time(sample: RobotState) -> float:
 def _each_once(
     samples: Sequence[RobotState], time_of: Callable[[RobotState], float], before: RobotState | None
 ) -> list[RobotState]:
-    """Samples without those that came again, or too late."""
+    """Samples without those that came again, or too late, or do not say when they were taken."""
     kept: list[RobotState] = []
-    latest = -np.inf if before is None else time_of(before)
+    latest = -np.inf if before is None or not math.isfinite(time_of(before)) else time_of(before)
     for sample in samples:
-        if time_of(sample) > latest:
+        if latest + _GRID <= time_of(sample) < math.inf:
             kept.append(sample)
             latest = time_of(sample)
     return kept
+
+
+def _plain(value: Any) -> Any:
+    """Records and arrays as JSON values."""
+    if isinstance(value, (RobotState, Health)):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, (tuple, list)):
+        return [_plain(part) for part in value]  # pyright: ignore[reportUnknownVariableType]
+    return np.asarray(value, dtype=float).tolist() if isinstance(value, np.ndarray) else value
 
 
 def started_events(events: tuple[Event, ...], start: float, last: float) -> tuple[Event, ...]:

@@ -89,6 +89,7 @@ class UnitreeDdsLink:
     Args:
         robot: with three joints a leg.
         settings: of a Go2 or a B2.
+        beside: another process has taken the robot over, and this one only speaks where somebody hears it.
 
     Attributes:
         damaged: samples that arrived and were left out.
@@ -98,8 +99,8 @@ class UnitreeDdsLink:
         CommunicationError: the domain cannot be opened.
     """
 
-    def __init__(self, robot: RobotModel, settings: UnitreeDdsSettings) -> None:
-        self._robot, self._settings = robot, settings
+    def __init__(self, robot: RobotModel, settings: UnitreeDdsSettings, beside: bool = False) -> None:
+        self._robot, self._settings, self._beside = robot, settings, beside
         self._joint_of_motor = joints_of_motors(robot, settings.kind)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._own_gains = robot.gains(nominal_stance(robot).hip_height)
@@ -112,7 +113,7 @@ class UnitreeDdsLink:
         self._stood_still = False
         self._newest: RobotState | None = None
         self._health, self._examined, self._lost_before = Health(), -np.inf, np.zeros(MOTORS)
-        self._obeys = False
+        self._obeys = beside
         self.damaged = 0
         self._opened = time.monotonic()
         self._domain = DdsDomain(settings.domain, settings.interface, settings.peers, settings.accept_cyclonedds)
@@ -157,6 +158,8 @@ class UnitreeDdsLink:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
         if not self._obeys:
             self._take_over()
+        if self._beside and not self._commands.heard:
+            raise CommunicationError(f"nobody hears {self.name}: is the robot on, is the cable in?")
         order, (kp, kd) = self._joint_of_motor, self._own_gains
         values = zip(
             ("q", "dq", "tau", "kp", "kd"),
@@ -293,3 +296,8 @@ class UnitreeDdsLink:
 def open_link(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsLink:
     """A link to a Go2 or a B2, which one the settings say."""
     return UnitreeDdsLink(robot, settings)
+
+
+def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsLink:
+    """The same, for a watchdog: `platforms/catalog.py` says what that is."""
+    return UnitreeDdsLink(robot, settings, beside=True)

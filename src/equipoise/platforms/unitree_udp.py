@@ -5,6 +5,7 @@ The robot must be in its low-level mode, lying or hanging: docs/unitree-udp.md.
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 from collections import Counter, deque
@@ -65,6 +66,8 @@ class UnitreeUdpLink:
     Args:
         robot: with three joints a leg.
         settings: of an A1 or a Go1.
+        beside: another process has the local port, and may hang: it is shared from the first command on, not before, for it
+            takes what the robot sends away from the other one. The robot hears the sender that it knows.
 
     Attributes:
         counts: what arrived so far.
@@ -74,8 +77,8 @@ class UnitreeUdpLink:
         CommunicationError: the local port is taken, or there is no way to the robot's network.
     """
 
-    def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings) -> None:
-        self._settings = settings
+    def __init__(self, robot: RobotModel, settings: UnitreeUdpSettings, beside: bool = False) -> None:
+        self._settings, self._beside = settings, beside
         self._joint_names = robot.joint_names
         self._joint_of_motor = joints_of_motors(robot, settings.name)
         self._motor_of_joint = np.argsort(self._joint_of_motor)
@@ -97,8 +100,7 @@ class UnitreeUdpLink:
         self.counts = PacketCounts()
         self._closed = False
         self._fetching = threading.Lock()
-        local = settings.local_address or address_towards(self._robot, self.name)
-        self._socket = open_socket((local, settings.listens_on))
+        self._opened_socket = None if beside else self._open_socket()
 
     @property
     def name(self) -> str:
@@ -116,10 +118,9 @@ class UnitreeUdpLink:
     def control_period(self) -> float:
         return _CONTROL_PERIOD
 
-    @property
-    def learnt(self) -> Mapping[str, str]:
-        """Settings that the robot's answers told."""
-        return {} if self._forms.learnt is None else {"form": self._forms.learnt}
+    def learn(self) -> Mapping[str, str]:
+        """Settings that the robot's answers tell; raises CommunicationError if it does not answer."""
+        return {"form": self._spoken()}
 
     def receive(self) -> list[RobotState]:
         """As a link's; raises CommunicationError also if only packets arrive that cannot be used."""
@@ -160,7 +161,18 @@ class UnitreeUdpLink:
 
     def close(self) -> None:
         self._closed = True
-        self._socket.close()
+        if self._opened_socket is not None:
+            self._opened_socket.close()
+
+    @property
+    def _socket(self) -> socket.socket:
+        if self._opened_socket is None:
+            self._opened_socket = self._open_socket()
+        return self._opened_socket
+
+    def _open_socket(self) -> socket.socket:
+        local = self._settings.local_address or address_towards(self._robot, self.name)
+        return open_socket((local, self._settings.listens_on), self._beside)
 
     def _ask(self) -> None:
         """For a sample, once a control period, in the form that is known or tried."""
@@ -269,3 +281,8 @@ class UnitreeUdpLink:
 def open_link(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink:
     """A link to an A1 or a Go1, which one the settings say."""
     return UnitreeUdpLink(robot, settings)
+
+
+def open_beside(robot: RobotModel, settings: UnitreeUdpSettings) -> UnitreeUdpLink:
+    """The same, for a watchdog: `platforms/catalog.py` says what that is."""
+    return UnitreeUdpLink(robot, settings, beside=True)

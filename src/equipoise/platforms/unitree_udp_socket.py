@@ -17,15 +17,22 @@ _TIMESTAMP = struct.Struct("@ll")  # seconds and nanoseconds
 _LARGEST = 2048  # [bytes] of a datagram
 
 
-def open_socket(local: Address) -> socket.socket:
-    """A socket that never waits; raises CommunicationError if the port is taken."""
+def open_socket(local: Address, beside: bool = False) -> socket.socket:
+    """A socket that never waits, and has its port alone: it shares it with one that is opened beside it, with no other.
+
+    Raises:
+        CommunicationError: the port is taken.
+    """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
     if sys.platform == "linux":
         opened.setsockopt(socket.SOL_SOCKET, _TIMESTAMPS, 1)
     try:
+        if beside:
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind(local)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     except OSError as error:
         opened.close()
         raise CommunicationError(

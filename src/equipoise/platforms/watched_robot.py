@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import CommunicationError, FallError, LimitError, MotionError, SensorError, TrackingError
+from equipoise.errors import (
+    CommunicationError,
+    FallError,
+    HungError,
+    LimitError,
+    MotionError,
+    SensorError,
+    TrackingError,
+)
 from equipoise.platforms.command_check import CommandCheck
 from equipoise.platforms.footing import Footing
 from equipoise.platforms.guard_report import GuardReport, Vitals
+from equipoise.platforms.hardware import LoopTiming
 from equipoise.platforms.joint_watch import JointWatch
 from equipoise.platforms.limits import Limits
 from equipoise.platforms.platform import JointCommand, Platform, RobotState
@@ -124,6 +134,20 @@ class WatchedRobot:
             raise
         return state
 
+    def hold(self) -> RobotState:
+        """`step` with the last command again, but nothing pushes on, and how late it is does not count."""
+        assert self.sent is not None
+        self._pause_timing(True)
+        try:
+            return self.step(replace(self.sent, velocity=None))
+        finally:
+            self._pause_timing(False)
+
+    def _pause_timing(self, paused: bool) -> None:
+        timing = getattr(self._platform, "timing", None)
+        if isinstance(timing, LoopTiming):
+            timing.paused = paused
+
     def push(self, command: JointCommand) -> RobotState:
         """One control period of the ending, in which nothing is checked."""
         state = self._platform.step(command)
@@ -133,12 +157,14 @@ class WatchedRobot:
         return state
 
     def situation(self, error: BaseException | None) -> Situation | None:
-        """What is known when a run ends, by an error or without; None if nothing was ever sent."""
+        """What is known when a run ends, by an error or without; None if nothing was ever sent: a link may have refused to."""
         if self.sent is None or self._planted is None or self._state is None:
+            return None
+        if not getattr(self._platform, "commanded", True):
             return None
         heard = not isinstance(error, CommunicationError)
         believed = heard and not isinstance(error, SensorError)
-        well = self._well and believed and not isinstance(error, (FallError, TrackingError))
+        well = self._well and believed and not isinstance(error, (FallError, TrackingError, HungError))
         here = self._state.joint_position
         if believed:
             with contextlib.suppress(Exception):

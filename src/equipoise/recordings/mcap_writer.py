@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from equipoise._version import __version__
 from equipoise.errors import OutputError
+from equipoise.user_file import replaceable
 
 IntArray = NDArray[np.int64]
 
@@ -99,6 +100,7 @@ class McapWriter:
         self._counts = dict.fromkeys(self._channels.values(), 0)
         self._size = 0
         with self._failures_told():
+            replaceable(path, "the recording ")
             self._file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed by `close`
             with suppress(OSError):  # file systems without locks do without
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -137,7 +139,8 @@ class McapWriter:
     def move_to(self, path: Path) -> None:
         """Give the file another name, in place of one that has it; writing goes on."""
         with self._failures_told():
-            self.path.replace(path)
+            replaceable(path, "the recording ")
+            self.path.replace(path.resolve())  # a link stays one
         self.path = path
 
     def close(self) -> None:
@@ -187,6 +190,8 @@ class McapWriter:
     def _failures_told(self) -> Generator[None]:
         try:
             yield
+        except OutputError:
+            raise
         except OSError as error:
             raise OutputError(f"cannot write the recording {str(self.path)!r}: {error.strerror}") from error
 

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from equipoise.errors import OutputError
 from equipoise.recordings.mcap_writer import McapWriter
+from equipoise.user_file import write_file
 
 METADATA = "metadata.yaml"
 _VERSION = 5  # of the format: ROS 2 Humble's, which later ones read too
@@ -19,11 +19,7 @@ def write_metadata(folder: Path, file: McapWriter) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    try:
-        # JSON is YAML too.
-        (folder / METADATA).write_text(json.dumps(_metadata(file), indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write into {str(folder)!r}: {error.strerror}") from error
+    write_file(folder / METADATA, json.dumps(_metadata(file), indent=2) + "\n")  # JSON is YAML too
 
 
 def _metadata(file: McapWriter) -> dict[str, Any]:

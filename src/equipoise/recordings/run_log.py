@@ -16,6 +16,7 @@ An MCAP file that Foxglove, PlotJuggler and rosbag2's readers open:
 from __future__ import annotations
 
 import json
+import secrets
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -139,7 +140,7 @@ def save_recording(recording: Recording, path: Path) -> None:
     Raises:
         OutputError: it cannot be written (no permission, disk full).
     """
-    partial = path.with_suffix(".partial")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         with RunLog(partial) as log:
             log.keep(recording)

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from equipoise.alive import alive
 from equipoise.errors import ReachError
 from equipoise.robot.model import RobotModel
 
@@ -114,6 +115,7 @@ def inverse_kinematics(
 
 def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, start: FloatArray) -> FloatArray:
     """As `inverse_kinematics`, but returns the nearest posture it finds, however far that is."""
+    alive()
     position = np.clip(start, robot.lower_limit, robot.upper_limit)
     joints = robot.leg_joints
     damping = (1e-4 * robot.leg_length) ** 2

@@ -14,6 +14,7 @@ from equipoise.outputs.export.model_file import find_users_file
 from equipoise.outputs.export.subject import Subject, UsersFile, judge
 from equipoise.outputs.export.written import Written
 from equipoise.result import Calibration
+from equipoise.user_file import write_file
 
 FileUse = Literal["model", "given", ""]
 
@@ -94,15 +95,13 @@ class Export:
 
     def save(self, path: str | Path) -> Path:
         """Write the file, whole or not at all; raises OutputError if it cannot be written."""
-        path = Path(path).resolve()  # a link to a file stays one
+        path = Path(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            partial = path.with_name(path.name + ".partial")
-            partial.write_bytes(self.content)
-            partial.replace(path)
         except OSError as error:
             raise OutputError(f"cannot write {str(path)!r}: {error.strerror}") from error
-        return path
+        write_file(path, self.content)
+        return path.resolve()
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form, without the content."""

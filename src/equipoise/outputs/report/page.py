@@ -15,6 +15,7 @@ from equipoise.errors import OutputError
 from equipoise.outputs.report.comparison import comparison_contents
 from equipoise.outputs.report.contents import run_contents
 from equipoise.result import Calibration
+from equipoise.user_file import write_file
 
 REPORT = "report.html"
 _SCRIPTS = ("tables.js", "top_view.js", "figures.js", "page.js")
@@ -47,10 +48,9 @@ def _save(contents: dict[str, Any], path: str | Path) -> Path:
     path = path / REPORT if path.is_dir() else path
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.with_suffix(".partial").write_text(page(contents), encoding="utf-8")
-        path.with_suffix(".partial").replace(path)
     except OSError as error:
         raise OutputError(f"cannot write the report {str(path)!r}: {error.strerror or error}") from error
+    write_file(path, page(contents), "the report ")
     return path
 
 

@@ -1,0 +1,76 @@
+"""Files that a user names: written whole or not at all, and nothing replaced that is no regular file."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from pathlib import Path
+
+from equipoise.errors import OutputError
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def write_file(path: Path, content: str | bytes, what: str = "") -> None:
+    """Write a file, in place of one that is there; it appears under its name only when it is complete.
+
+    A symbolic link is never replaced: the regular file that it leads to is. One that leads nowhere is refused.
+
+    Args:
+        content: text is written as UTF-8.
+        what: it is, for messages, as in "the report ".
+
+    Raises:
+        OutputError: there is something else than a regular file, as a device or a pipe, or it cannot be written.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        mode = replaceable(path, what)
+        target = Path(os.path.realpath(path))
+        partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.partial")
+        try:
+            with open(partial, "xb") as file:
+                file.write(data)
+            if mode is not None:
+                partial.chmod(mode)
+            partial.replace(target)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise OutputError(
+            f"cannot write {what}{str(path)!r}: {reason}; is there such a folder, may you write there, is there room?"
+        ) from error
+
+
+def replaceable(path: Path, what: str = "") -> int | None:
+    """Permissions of the regular file at a path, links followed; None if there is nothing.
+
+    Raises:
+        OutputError: there is something else.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        if path.is_symlink():
+            raise OutputError(
+                f"cannot write {what}{str(path)!r}: it is a link to {os.readlink(path)!r}, where nothing is; remove it, or "
+                "name another file"
+            ) from None
+        return None
+    for is_kind, kind in _KINDS:
+        if is_kind(mode):
+            raise OutputError(
+                f"cannot write {what}{str(path)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
+            )
+    return stat.S_IMODE(mode)

@@ -1,0 +1,139 @@
+"""Where results go: whole or not at all, and never in place of what is no regular file."""
+
+import os
+import socket
+import stat
+from pathlib import Path
+
+import pytest
+
+from equipoise.cli import main
+from equipoise.errors import OutputError
+from equipoise.outputs.export.formats import FORMATS, Export
+from equipoise.user_file import write_file
+
+
+def fifo(path):
+    os.mkfifo(path)
+    return "a pipe"
+
+
+def bound_socket(path):
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+    return "a socket"
+
+
+def folder(path):
+    path.mkdir()
+    return "a folder"
+
+
+def device(path):
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    except PermissionError:
+        pytest.skip("devices are made by root")
+    return "a device"
+
+
+KINDS = pytest.mark.parametrize("make", [fifo, bound_socket, folder, device])
+
+
+@KINDS
+@pytest.mark.parametrize("linked", [False, True])
+def test_what_is_no_regular_file_stays(tmp_path, monkeypatch, make, linked):
+    monkeypatch.chdir(tmp_path)  # a socket's path must be short
+    path = Path("there")
+    kind = make(path)
+    before = path.lstat()
+    named = path
+    if linked:
+        named = Path("link")
+        named.symlink_to(path)
+    with pytest.raises(OutputError) as caught:
+        write_file(named, "text")
+    assert str(caught.value) == (
+        f"cannot write {str(named)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
+    )
+    assert (path.lstat().st_mode, path.lstat().st_ino) == (before.st_mode, before.st_ino)
+    assert sorted(os.listdir()) == sorted({"there", str(named)})
+
+
+def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path):
+    (tmp_path / "there").mkdir()
+    target, link = tmp_path / "there" / "file", tmp_path / "link"
+    target.write_text("before")
+    target.chmod(0o640)
+    link.symlink_to(Path("there") / "file")
+    write_file(link, "after")
+    assert (link.is_symlink(), target.read_text(), stat.S_IMODE(target.stat().st_mode)) == (True, "after", 0o640)
+
+
+def test_a_link_that_leads_nowhere_is_refused(tmp_path):
+    link = tmp_path / "link"
+    link.symlink_to("nowhere")
+    with pytest.raises(
+        OutputError, match=r"link': it is a link to 'nowhere', where nothing is; remove it, or name another"
+    ):
+        write_file(link, "text")
+    assert os.listdir(tmp_path) == ["link"]
+
+
+def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_file(path, b"before")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(
+        OutputError, match=r"^cannot write the page '.*file': No space left on device; is there such a fold"
+    ):
+        write_file(path, "after", "the page ")
+    assert (path.read_bytes(), os.listdir(tmp_path)) == (b"before", ["file"])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    path = tmp_path_factory.mktemp("runs") / "run"
+    assert main(["calibrate", "--method", "static", "--quiet", "--no-report", "--no-pictures", "--out", str(path)]) == 0
+    return path
+
+
+@KINDS
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ["estimate", "RUN"],
+        ["report", "RUN"],
+        ["record", "--duration", "1s"],
+        ["calibrate", "--method", "static"],
+        ["monte-carlo", "--trials", "1", "--methods", "static"],
+    ],
+    ids=lambda verb: verb[0],
+)
+def test_no_verb_replaces_it(run, tmp_path, monkeypatch, capsys, verb, make):
+    monkeypatch.chdir(tmp_path)
+    out = Path("there")
+    make(out)
+    (out / "file").write_text("mine") if out.is_dir() else None
+    before = out.lstat()
+    code = main([*(str(run) if word == "RUN" else word for word in verb), "--quiet", "--out", str(out)])
+    if verb[0] == "report" and out.is_dir():
+        assert code == 0  # the page goes into the folder
+    else:
+        assert code == 6, capsys.readouterr().err
+        assert "there" in capsys.readouterr().err
+    assert (out.lstat().st_mode, out.lstat().st_ino) == (before.st_mode, before.st_ino)
+
+
+@KINDS
+def test_nor_does_an_export(tmp_path, monkeypatch, make):
+    monkeypatch.chdir(tmp_path)
+    out = Path("there")
+    make(out)
+    with pytest.raises(OutputError, match="'there': it is a"):
+        Export(next(iter(FORMATS.values())), b"content", "name", (), ()).save(out)
+    assert not stat.S_ISREG(out.lstat().st_mode)
