@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view)
+  guard report view stays-up)
 
 .PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -109,6 +109,11 @@ bench-logs: $(ROBOTS_STAMP)
 # A quarter of an hour on one core.
 bench-guard: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/guard.py
+
+# Three hours on one core; it goes on like bench-accuracy.
+bench-stays-up: $(ROBOTS_STAMP)
+	$(PIP) pybullet
+	$(BIN)/python benchmarks/stays_up.py
 
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)

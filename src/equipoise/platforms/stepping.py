@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.platforms.platform import MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platforms.platform import MotionInterrupted, Platform, RobotState, Trajectory
+from equipoise.platforms.tilt_limit import TiltLimit, TiltTest
 from equipoise.recordings.recording import CommandStream, Event, ImuStream, JointStream, Recording
 
 FloatArray = NDArray[np.float64]
@@ -20,13 +21,12 @@ _LEAST_STEP = 1e-6  # [s] between two commands
 def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
     """`play` for platforms that have only `step`."""
     steps = Steps(platform, platform.read())
-    turned = np.zeros(3)
+    test = TiltTest(stop, platform.control_period)
     try:
         for index in range(len(trajectory.position)):
             command = trajectory.command(index)
             state = steps.add(command.position, lambda command=command: platform.step(command))
-            turned = turned + state.angular_velocity * platform.control_period
-            if stop is not None and stop.reached(turned):
+            if test.reached(state.angular_velocity[None], state.joint_position[None]):
                 break
     except KeyboardInterrupt:
         raise MotionInterrupted(steps.recording(trajectory.events) if steps.count else None) from None

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from equipoise.robot.inertial import com_jacobian
 from equipoise.robot.kinematics import (
     feet_and_jacobians,
     floor_normal,
@@ -54,11 +55,10 @@ def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collecti
     """(nj,) joint torques that hold a robot at rest on some of its legs, or lying level on its belly on none [Nm]."""
     feet, jacobians = feet_and_jacobians(robot, joint_position)
     forces = _forces_on(robot, joint_position, feet, legs)
-    configuration = robot.configuration(joint_position)
-    if legs:
-        turn = pin.Quaternion.FromTwoVectors(np.array(floor_normal(feet)), _UP)
-        configuration[3:7] = turn.coeffs()
-    torques = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration)[6:])
+    up = np.array(floor_normal(feet)) if legs else _UP
+    torques = (
+        robot.mass * float(np.linalg.norm(robot.pinocchio.gravity.linear)) * up @ com_jacobian(robot, joint_position)
+    )
     torques[robot.leg_joints] -= (forces[:, None] @ jacobians)[:, 0]
     return torques
 
