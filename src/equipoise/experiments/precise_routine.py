@@ -128,7 +128,9 @@ class PreciseRoutine:
             self.notes.append(f"stopped after {self._time():.0f} s: every goal is met")
         else:
             self._follow(posterior)
-            rest = self._replan(candidates, posterior, done) or plan
+            rest = self._replan(candidates, posterior, done)
+            if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
+                rest = plan
             self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
         if len(done) < _FEWEST_LIFTS:
             raise MotionError(
