@@ -11,7 +11,7 @@ from equipoise import simulate
 from equipoise.errors import MotionError, SettingsError
 from equipoise.platforms.guard import Guard
 from equipoise.platforms.mujoco import PERIODS_BETWEEN_STOP_TESTS
-from equipoise.platforms.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory
+from equipoise.platforms.platform import JointCommand, MotionInterrupted, Trajectory
 from equipoise.platforms.stepping import play_by_stepping
 
 # Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
@@ -178,13 +178,6 @@ def test_ctrl_c_during_a_motion_without_a_stop_rule_waits_for_a_second_at_most(p
     platform.play(wave(platform, 1200))
     assert max(rolled) * platform._model.opt.timestep <= 1.0
     assert len(rolled) > 1
-
-
-@pytest.mark.parametrize(
-    ("turned", "reached"), [([0.0, 0.09, 0.0], False), ([0.5, 0.1, 0.5], True), ([0, -0.1, 0], True)]
-)
-def test_a_tilt_limit_counts_both_ways_about_its_own_axis_only(turned, reached):
-    assert TiltLimit(0.1, (0.0, 1.0, 0.0)).reached(np.array([turned])) is reached
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from robots import load_text, quadruped_urdf
 
+from equipoise.experiments.motion import Motion, Target
+from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.platforms.simulation import simulate
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.inertial import composite_parameters
-from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.kinematics import floor_normal, foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import foot_forces, static_torques
@@ -47,9 +50,17 @@ def moment_about_com(robot, position, forces):
     return np.cross(arms, forces).sum(axis=0)
 
 
+def weight(robot, position):
+    """(3,) force that carries the robot, in base axes: the diagonals between the feet lie in planes along the floor."""
+    fl, fr, rl, rr = foot_positions(robot, position)
+    up = np.cross(fl - rr, rl - fr)
+    return robot.mass * WEIGHT * up / np.linalg.norm(up) * np.sign(up[2])
+
+
 def torques_by_newton_and_euler(robot, position, forces):
     """(6 + nj,) what joints and base must bring against gravity and forces at the feet, by recursive Newton-Euler."""
-    model, configuration = robot.pinocchio, robot.configuration(position)
+    model, configuration = pin.Model(robot.pinocchio), robot.configuration(position)
+    model.gravity.linear = -weight(robot, position) / robot.mass
     data = model.createData()
     pin.framesForwardKinematics(model, data, configuration)
     external = [pin.Force.Zero() for _ in range(model.njoints)]
@@ -66,7 +77,7 @@ def torques_by_newton_and_euler(robot, position, forces):
 def test_four_feet_carry_the_weight_and_no_moment(robot, shifts):
     position = near_stance(robot, shifts)
     forces = foot_forces(robot, position, LEG_NAMES)
-    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, robot.mass * WEIGHT], atol=1e-8)
+    np.testing.assert_allclose(forces.sum(axis=0), weight(robot, position), atol=1e-8)
     np.testing.assert_allclose(moment_about_com(robot, position, forces), 0, atol=1e-8)
 
 
@@ -74,7 +85,7 @@ def test_four_feet_carry_the_weight_and_no_moment(robot, shifts):
 def test_three_feet_do_too_and_the_fourth_hangs(robot, shifts, legs):
     position = near_stance(robot, shifts)
     forces = foot_forces(robot, position, legs)
-    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, robot.mass * WEIGHT], atol=1e-8)
+    np.testing.assert_allclose(forces.sum(axis=0), weight(robot, position), atol=1e-8)
     np.testing.assert_allclose(moment_about_com(robot, position, forces), 0, atol=1e-8)
     for leg, force in zip(robot.legs, forces, strict=True):
         if leg not in legs:
@@ -94,7 +105,7 @@ def test_two_feet_leave_only_a_moment_about_the_line_between_them(a1, diagonal):
     # The least squares leave a little of the weight too: the moment times the CoM's distance from the line, in m.
     arm = feet[diagonal[0]] - composite_parameters(a1, position).com
     distance = np.linalg.norm(np.cross(arm, line))
-    force_left = forces.sum(axis=0) - [0, 0, a1.mass * WEIGHT]
+    force_left = forces.sum(axis=0) - weight(a1, position)
     assert np.linalg.norm(force_left) == pytest.approx(abs(moment @ line) * distance)
 
 
@@ -137,6 +148,30 @@ def test_legs_in_the_air_carry_only_themselves(a1):
     torques = static_torques(a1, position, ("FL", "RL", "RR"))
     alone = pin.computeGeneralizedGravity(a1.pinocchio, a1.pinocchio.createData(), a1.configuration(position))[6:]
     np.testing.assert_allclose(torques[hanging], alone[hanging], atol=1e-12)
+
+
+@pytest.mark.parametrize("lifted", [0.0, 0.03])
+def test_a_base_that_is_turned_over_its_feet_is_held_against_gravity_as_the_floor_feels_it(a1, lifted):
+    posture, stance = BodyPosture(roll=0.2, pitch=-0.2, yaw=0.1), nominal_stance(a1)
+    feet = feet_in_posture(stance, composite_parameters(a1, stance.joint_position).com, posture)
+    feet[[1, 2]] += lifted * posture.rotation[2]
+    np.testing.assert_allclose(floor_normal(feet), posture.rotation[2], atol=1e-12)
+    position = inverse_kinematics(a1, feet, stance.joint_position)
+    forces = foot_forces(a1, position, LEG_NAMES)
+    np.testing.assert_allclose(forces.sum(axis=0), a1.mass * WEIGHT * posture.rotation[2], rtol=1e-3)
+
+
+def test_soft_drives_with_the_right_torques_hold_a_turned_base_where_it_is_sent(a1):
+    """By the base's own axes for gravity an A1 sank a degree farther."""
+    posture, stance = BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12), nominal_stance(a1)
+    com = composite_parameters(a1, stance.joint_position).com
+    with simulate(a1, "ideal") as simulation:
+        period = simulation.platform.control_period
+        motion = Motion(a1, period, Target.standing(a1, stance.joint_position))
+        motion.move_feet(feet_in_posture(stance, com, posture), 0.5).hold(1.0)
+        simulation.platform.play(motion.build())
+        tilt = simulation.witness.look().tilt
+    assert tilt == pytest.approx(np.arccos(posture.rotation[2, 2]), abs=np.radians(0.3))
 
 
 def test_a_standing_a1_stays_within_its_torque_limits(a1):

@@ -78,12 +78,16 @@ class Rest:
 
 
 def rest_of(robot: RobotModel, recording: Recording, phase: str = "rest") -> Rest:
-    """Means over a phase in which nothing moves.
+    """Means over a phase in which nothing moves; raises what `still_means` raises."""
+    return still_means(robot, recording.phase(phase))
+
+
+def still_means(robot: RobotModel, still: Recording) -> Rest:
+    """Means over a recording in which nothing moves.
 
     Raises:
         RecordingError: the accelerometer does not read about 9.81 m/s2.
     """
-    still = recording.phase(phase)
     acceleration = still.imu.acceleration.mean(axis=0)
     size = float(np.linalg.norm(acceleration))
     if not _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]:

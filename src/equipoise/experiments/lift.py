@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import FallError, TrackingError
-from equipoise.estimation.tilt import Tilt, line_axes, rest_of, tilt_of
+from equipoise.estimation.tilt import Tilt, still_means, tilt_of
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.platforms.platform import TiltLimit
+from equipoise.experiments.tipping import Pendulum
+from equipoise.platforms.tilt_limit import TiltLimit
 from equipoise.recordings.recording import TRIAL, Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
@@ -34,7 +35,9 @@ class LiftSettings:
             takes longer; watch is the paper's t_thres.
         step_time: a foot's way up, and its way down, when feet are replanted [s].
         tilt_threshold: smallest rotation that counts as a tilt [rad].
-        tilt_limit: rotation at which the tilt is plain and the feet come down [rad].
+        tilt_limit: lean of the CoM at which the tilt is plain and the feet come down [rad].
+        stop_delay: from the moment at which a lift should end until the feet come down: samples, commands, drives [s].
+        rate_time: over which the lean is differentiated to foresee how far the robot will tip [s].
         reached_tolerance: how far joints may stay from their targets (soft position control sags) [rad].
         still_speed: change of the base's angular velocity below which the robot is at rest [rad/s].
         max_settling: how often settling is repeated, at most, until the robot is at rest.
@@ -53,6 +56,8 @@ class LiftSettings:
     step_time: float = 0.08
     tilt_threshold: float = 0.01
     tilt_limit: float = 0.05
+    stop_delay: float = 0.05
+    rate_time: float = 0.016
     reached_tolerance: float = 0.25
     still_speed: float = 0.006
     max_settling: int = 10
@@ -89,7 +94,11 @@ def lift_trial(
         TrackingError: the joints did not come to rest near their targets.
     """
     before = _move_over(planted, diagonal, offset, feet_in_base, settings)
-    limit = tilt_limit(planted, before, diagonal, settings)
+    tipping = tipping_from(planted, before.phase("rest"), diagonal)
+    # The CoM is what is searched: what the model says of it must not end a lift before it shows.
+    plain = tipping.from_rest(2 * settings.tilt_threshold)
+    safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
+    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
     stance_legs = DIAGONALS[diagonal]
     lifted = np.array(feet_in_base)
     lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
@@ -103,22 +112,37 @@ def lift_trial(
     return LiftTrial(diagonal, offset, settings.height, recording, tilt)
 
 
-def tilt_limit(planted: PlantedRobot, before: Recording, diagonal: str, settings: LiftSettings) -> TiltLimit:
-    """When a lift ends, given the rest before it.
+def tipping_from(planted: PlantedRobot, still: Recording, diagonal: str) -> Pendulum:
+    """How the robot would tip on a diagonal from where it rests.
 
     Raises:
-        FallError: the robot does not stand upright.
+        FallError: it does not stand upright.
     """
-    rest = rest_of(planted.robot, before)
+    rest = still_means(planted.robot, still)
     if rest.up_in_base[2] < _UPRIGHT:
         raise FallError(
             f"the robot leans by {np.degrees(np.arccos(rest.up_in_base[2])):.0f} deg when it should stand on four feet: it "
             "has fallen, or the IMU is mounted turned (give its pose under imu_rpy in a robot description)",
-            (before,),
+            (still,),
         )
-    left, _, _ = line_axes(planted.robot, rest.joint_position, rest.up_in_base, diagonal)
-    left_x, left_y, left_z = left @ np.array(planted.robot.imu_in_base.rotation)
-    return TiltLimit(settings.tilt_limit, (float(left_x), float(left_y), float(left_z)))
+    return Pendulum.of(planted.robot, rest.joint_position, rest.up_in_base, diagonal)
+
+
+def tilt_limit(
+    planted: PlantedRobot, tipping: Pendulum, settings: LiftSettings, stop: tuple[float, float]
+) -> TiltLimit:
+    """When a lift ends: at a plain tilt, or where the robot is about to tip farther than to `stop` [rad]."""
+    axis = tipping.axis_in_base @ np.array(planted.robot.imu_in_base.rotation)
+    back, ahead = stop
+    return TiltLimit(
+        settings.tilt_limit,
+        tuple(axis.tolist()),
+        tuple(tipping.joints.tolist()),
+        1 / tipping.rate,
+        tipping.spin,
+        (-back - tipping.lean, ahead - tipping.lean),
+        settings.rate_time,
+    )
 
 
 def _move_over(
@@ -139,12 +163,26 @@ def _move_over(
 def come_to_rest(
     planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = "rest"
 ) -> Recording:
-    """Play a motion, settle until the joints are near their targets and the base is still, and rest.
+    """Play a motion, settle as `settle` does, and rest.
 
     Args:
-        motion: its recording gets phases "settle" and a rest appended.
-        when: this is, in words, for the error.
         rest_phase: name of the rest.
+    """
+    settled = settle(planted, motion, settings, when)
+    return Recording.concatenate([settled, rest(planted, settings, rest_phase)])
+
+
+def rest(planted: PlantedRobot, settings: LiftSettings, phase: str = "rest") -> Recording:
+    """Do nothing for a while."""
+    return planted.play(planted.motion().phase(phase).hold(settings.rest_time))
+
+
+def settle(planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str) -> Recording:
+    """Play a motion, and wait until the joints are near their targets and the base is still.
+
+    Args:
+        motion: its recording gets a phase "settle" appended.
+        when: this is, in words, for the error.
 
     Raises:
         TrackingError: the robot did not come to rest near its targets.
@@ -152,10 +190,10 @@ def come_to_rest(
     parts = [planted.play(motion.phase("settle").hold(settings.settle_time))]
     problem: str | None = None
     for _ in range(settings.max_settling):
-        problem = _not_at_rest(planted, Recording.concatenate(parts), settings)
+        recording = Recording.concatenate(parts)
+        problem = _not_at_rest(planted, recording, settings)
         if problem is None:
-            parts.append(planted.play(planted.motion().phase(rest_phase).hold(settings.rest_time)))
-            return Recording.concatenate(parts)
+            return recording
         parts.append(planted.play(planted.motion().hold(settings.settle_time)))
     raise TrackingError(
         f"the robot did not come to rest {when}: {problem}; is something in its way, are the gains too low?",
@@ -186,10 +224,14 @@ def step_pair(motion: Motion, standing: tuple[str, ...], raised: FloatArray, set
     return motion.shift_load(LEG_NAMES, settings.unload_time)
 
 
+def still_part(recording: Recording, settings: LiftSettings) -> Recording:
+    """The end of a recording, in which the robot is still if it has settled."""
+    return recording.between(recording.joints.time[-1] - settings.rest_time, np.inf)
+
+
 def _not_at_rest(planted: PlantedRobot, recording: Recording, settings: LiftSettings) -> str | None:
     """Why the robot is not at rest at its targets at the end of a recording, or None."""
-    end = recording.joints.time[-1]
-    tail = recording.between(end - settings.rest_time, np.inf)
+    tail = still_part(recording, settings)
     miss = np.abs(tail.joints.position.mean(axis=0) - planted.target.joint_position)
     worst = int(np.argmax(miss))
     if miss[worst] > settings.reached_tolerance:

@@ -10,13 +10,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.errors import MotionError
+from equipoise.errors import MotionError, ReachError
 from equipoise.estimation.evidence import read_evidence
 from equipoise.estimation.support_planes import CentreShift, centre_shift
 from equipoise.estimation.tilt import support_plane_of
 from equipoise.experiments.com_search import find_support_vector
 from equipoise.experiments.posture import BodyPosture
-from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials, found_doubt
 from equipoise.experiments.trial_runner import ComSearchSettings, TrialRunner
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters
@@ -42,7 +42,12 @@ def find_com_fast(trials: PreciseTrials, report: Callable[[str], None]) -> None:
         for attempt in range(_MOST_LIFTS):
             report(diagonal)
             side = 0 if attempt == 0 else 1
-            recording = trials.lift(LiftDesign(BodyPosture(), diagonal, side))
+            try:
+                recording = trials.lift(LiftDesign(BodyPosture(), diagonal, side))
+            except ReachError:
+                if attempt == 0:
+                    raise
+                break  # the step before has to do
             shift = _newton_step(trials, recording)
             if shift is None or abs(shift.distance) > _FARTHEST * size:
                 _bisect(trials, diagonal)
@@ -63,6 +68,9 @@ def _follow(trials: PreciseTrials, model: RobotModel, recording: Recording, shif
     horizontal = shift.normal * [1, 1, 0]
     # Only what lies across the line was measured: the shift goes along its horizontal normal.
     trials.com = trials.com + shift.distance * horizontal / float(horizontal @ horizontal)
+    across = np.outer(horizontal, horizontal) / float(horizontal @ horizontal)
+    along = np.eye(3) - across
+    trials.doubt = along @ trials.doubt @ along + across @ found_doubt(trials.stance) @ across
     trials.planted.robot = loaded_robot(model, trials, _carried(model, recording))
 
 

@@ -168,6 +168,7 @@ class Candidates:
     """Everything that may be done, and what each would teach.
 
     Attributes:
+        doubt: (3, 3) of the CoM, as `check_lift` takes it [m2].
         lifts: possible lifts.
         postures: of planted moves, from the first posture.
         information: (size, size) of each lift, then of each posture's move.
@@ -176,15 +177,18 @@ class Candidates:
 
     predictor: Predictor
     unknowns: Unknowns
+    doubt: FloatArray | None = None
     lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
     postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
     information: list[FloatArray] = field(default_factory=list[FloatArray])
     left_out: list[str] = field(default_factory=list[str])
 
     @classmethod
-    def of(cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors) -> Candidates:
+    def of(
+        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None
+    ) -> Candidates:
         """Of a robot as it is thought to be."""
-        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors))
+        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt)
         for wanted in _LIFT_POSTURES:
             posture = found._largest(wanted, found._check_lifts)
             if posture is not None:
@@ -209,7 +213,7 @@ class Candidates:
             self._check(LiftDesign(posture, diagonal, 1))
 
     def _check(self, design: LiftDesign) -> None:
-        check_lift(self.predictor.robot, self.predictor.stance, self.predictor.com, design)
+        check_lift(self.predictor.robot, self.predictor.stance, self.predictor.com, design, self.doubt)
 
     def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], None]) -> BodyPosture | None:
         """The posture, or a smaller one in its direction, that passes a check."""

@@ -16,7 +16,7 @@ from equipoise.estimation.posterior import Posterior, estimate_posterior, prior_
 from equipoise.experiments.newton_search import find_com_fast, loaded_robot
 from equipoise.experiments.plan import Candidates, Durations, Goals, Plan, describe, make_plan
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials, found_doubt
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.sway import sway_all_axes, sway_time
 from equipoise.recordings.recording import Recording
@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 
 _BUDGET = 120.0  # [s] on an A1
 _REPLAN_AT = 0.55  # of the visits
+_SURE = 2.0  # standard deviations
 _FEWEST_LIFTS = 4  # below, no precise result
 
 
@@ -113,7 +114,10 @@ class PreciseRoutine:
         """
         self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
         find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
-        candidates = Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.priors)
+        self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
+        candidates = Candidates.of(
+            self.planted.robot, self.stance, self.trials.com, self.settings.priors, self.trials.doubt
+        )
         plan = make_plan(candidates, _budget(self.stance, self.settings), self.settings.goals)
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.sway
         done: list[LiftDesign] = []
@@ -124,7 +128,9 @@ class PreciseRoutine:
             self.notes.append(f"stopped after {self._time():.0f} s: every goal is met")
         else:
             self._follow(posterior)
-            rest = self._replan(candidates, posterior, done) or plan
+            rest = self._replan(candidates, posterior, done)
+            if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
+                rest = plan
             self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
         if len(done) < _FEWEST_LIFTS:
             raise MotionError(
@@ -182,6 +188,7 @@ class PreciseRoutine:
         body = posterior.robot_body
         if np.linalg.norm(body.com - self.trials.com) < 0.1 * self.stance.hip_height:
             self.trials.com = body.com
+            self.trials.doubt = _SURE**2 * posterior.robot_covariance[1:4, 1:4] + found_doubt(self.stance)
             self.planted.robot = loaded_robot(self.robot, self.trials, body.mass)
 
     def _replan(self, candidates: Candidates, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:

@@ -10,9 +10,21 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.errors import ReachError
-from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, step_pair, tilt_limit
+from equipoise.experiments.lift import (
+    LiftSettings,
+    come_to_rest,
+    replant,
+    rest,
+    settle,
+    step_pair,
+    still_part,
+    tilt_limit,
+    tipping_from,
+)
+from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture
+from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
+from equipoise.experiments.tipping import Pendulum
 from equipoise.experiments.trial_runner import ComSearchSettings
 from equipoise.recordings.recording import TRIAL, Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
@@ -25,6 +37,11 @@ Rotation = Literal["roll", "pitch", "yaw"]
 _LIFT, _STEP_RATIO = 0.024, 0.5  # [m]; height of a replanting step over that of a lift
 _OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
+_LEAST_UP = 0.18  # [s] that two feet must be up before a robot has tipped too far, or the lift tells nothing
+_AIMED, _AIMS = 0.003, 3  # [m] that the CoM may miss its place over the line; moves until it is there
+# What is not known of the CoM in the base frame, over the hip height: before anything is measured (a payload of 30 % of the
+# robot may be on it), and after a search that found none.
+_UNKNOWN, _FOUND, _PAYLOAD_HEIGHT = (0.05, 0.05, 0.12), (0.012, 0.012, 0.02), 0.5
 _RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # [rad], times settling, of settling
 _ACCELERATION = 1.2  # [m/s2] of the body over planted feet; turning it moves its CoM less than its feet
 _STILL = 0.004  # [rad/s]; a base that sways by 6 mrad/s makes the accelerometer's up wander by a milliradian
@@ -77,9 +94,11 @@ def lift_settings(stance: Stance) -> LiftSettings:
         rest_time=0.3 * clock,
         unload_time=0.12 * clock,
         lift_time=0.12 * clock,
-        lower_time=0.25 * clock,
+        lower_time=0.15 * clock,
         step_time=0.07 * clock,
         tilt_limit=_TILT_LIMIT,
+        stop_delay=0.04 * clock,
+        rate_time=0.016 * clock,
         still_speed=_STILL,
         max_settling=25,
     )
@@ -95,12 +114,15 @@ class PreciseTrials:
 
     Attributes:
         com: (3,) CoM in the base frame as far as it is known: lines are placed under it, bodies turn about it [m].
+        doubt: (3, 3) square of how far from there it may be: as a covariance of two standard deviations [m2].
     """
 
     def __init__(self, planted: PlantedRobot, stance: Stance, com: FloatArray) -> None:
         self.planted, self.stance, self.com = planted, stance, com
         self.settings, self.times = lift_settings(stance), Times.of(stance)
+        self.doubt = np.diag(stance.hip_height * np.array(_UNKNOWN)) ** 2
         self._lifted = False
+        self._drift = np.zeros(2)  # of the CoM over the feet from where it was sent, in the stance's axes [m]
 
     def take_posture(self, posture: BodyPosture) -> Recording:
         """Rest, move over planted feet, rest again. Phases: ready, settle, before, move, settle, rest.
@@ -123,7 +145,10 @@ class PreciseTrials:
         come_to_rest(self.planted, motion, self.settings, "before a move", rest_phase="before")
         motion = self.planted.motion().phase("move")
         motion.move_feet(feet, self._move_time(feet, self.times.move))
-        come_to_rest(self.planted, motion, self.settings, "after a move")
+        rested = come_to_rest(self.planted, motion, self.settings, "after a move")
+        diagonal = next(iter(DIAGONALS))
+        tipping = tipping_from(self.planted, rested.phase("rest"), diagonal)
+        self._drift = self._drift_of(tipping, diagonal, posture)
         return self.planted.finish()
 
     def lift(self, design: LiftDesign) -> Recording:
@@ -137,16 +162,20 @@ class PreciseTrials:
             FallError: it does not stand upright.
         """
         stance_legs, settings = DIAGONALS[design.diagonal], self.settings
-        feet, lifted = lift_feet(self.stance, self.com, design, settings.height)
         motion = self.planted.motion().event(
             TRIAL, kind="lift", diagonal=design.diagonal, side=design.side, turn=design.turn,
             posture=vars(design.posture), offset=0.0, lift_height=settings.height,
             tilt_threshold=settings.tilt_threshold,
         )  # fmt: skip
         self._lifted = True
-        motion.phase("move").move_feet(feet, self._move_time(feet, self.times.move * 2 / 3))
-        before = come_to_rest(self.planted, motion, settings, f"before a lift on {design.diagonal}")
-        limit = tilt_limit(self.planted, before, design.diagonal, settings)
+        feet, lifted = self._aim(motion, design)
+        before = rest(self.planted, settings)
+        tipping = tipping_from(self.planted, before, design.diagonal)
+        try:
+            limit = tilt_limit(self.planted, tipping, settings, safe_stop(tipping, settings, self.stance, self.doubt))
+        except ReachError:
+            self.planted.finish()
+            raise
         up = self.planted.motion().phase("unload").shift_load(stance_legs, settings.unload_time)
         up.phase("lift").move_feet(lifted, settings.lift_time).phase("watch")
         if design.turn is None:
@@ -164,6 +193,31 @@ class PreciseTrials:
             self.planted.play(step_pair(self.planted.motion().phase("replant"), stance_legs, stepped, settings))
         return self.planted.finish()
 
+    def _aim(self, motion: Motion, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
+        """Move over the line until the CoM is where the design wants it, by what the sensors say; feet as `lift_feet`."""
+        when = f"before a lift on {design.diagonal}"
+        feet, lifted = self._feet(design)
+        for _ in range(_AIMS):
+            motion.phase("move").move_feet(feet, self._move_time(feet, self.times.move * 2 / 3))
+            settled = settle(self.planted, motion, self.settings, when)
+            tipping = tipping_from(self.planted, still_part(settled, self.settings), design.diagonal)
+            self._drift = self._drift_of(tipping, design.diagonal, design.posture)
+            if abs(tipping.ahead + offset_of(self.stance, design.side)) < _AIMED * self.stance.size:
+                break
+            motion, (feet, lifted) = self.planted.motion(), self._feet(design)
+        return feet, lifted
+
+    def _feet(self, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
+        _, normal, _ = stance_line(self.stance, design.diagonal)
+        return lift_feet(self.stance, self.com, design, self.settings.height, float(normal[:2] @ self._drift))
+
+    def _drift_of(self, tipping: Pendulum, diagonal: str, posture: BodyPosture) -> FloatArray:
+        """(2,) of the CoM over the feet from where it was sent, as joints sag and feet creep, in the stance's axes [m]."""
+        left, normal, _ = stance_line(self.stance, diagonal)
+        found = tipping.ahead * normal + tipping.along * left
+        middle = self.planted.target.feet_in_base[[leg in DIAGONALS[diagonal] for leg in LEG_NAMES]].mean(axis=0)
+        return (found - posture.rotation @ (self.com - middle))[:2]
+
     def _stands_up_again(self, landed: Recording, posture: BodyPosture) -> bool:
         """Wait until the robot leans as it was sent, after it tipped; to step before would tip it over."""
         rotation = np.array(self.planted.robot.imu_in_base.rotation)
@@ -180,9 +234,15 @@ class PreciseTrials:
         return self.planted.move_time(feet, self.planted.target.feet_in_base, least, _ACCELERATION)
 
 
-def lift_feet(stance: Stance, com: FloatArray, design: LiftDesign, height: float) -> tuple[FloatArray, FloatArray]:
-    """(4, 3) planted and lifted feet in the base frame [m]."""
-    feet = feet_in_posture(stance, com, design.posture, design.diagonal, offset_of(stance, design.side))
+def lift_feet(
+    stance: Stance, com: FloatArray, design: LiftDesign, height: float, drift: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """(4, 3) planted and lifted feet in the base frame [m].
+
+    Args:
+        drift: how far ahead of where it is sent the CoM comes to be [m].
+    """
+    feet = feet_in_posture(stance, com, design.posture, design.diagonal, offset_of(stance, design.side) + drift)
     lifted = feet.copy()
     in_air = [leg not in DIAGONALS[design.diagonal] for leg in LEG_NAMES]
     lifted[in_air] += height * design.posture.rotation[2]
@@ -202,15 +262,50 @@ def turn_angle(turn: Rotation, duration: float, control_period: float) -> FloatA
     return AMPLITUDES[turn] * np.sin(2 * np.pi * phase) * np.sin(np.pi * phase)
 
 
-def check_lift(robot: RobotModel, stance: Stance, com: FloatArray, design: LiftDesign) -> None:
+def safe_stop(tipping: Pendulum, settings: LiftSettings, stance: Stance, doubt: FloatArray) -> tuple[float, float]:
+    """How far a robot may be about to tip, backward and forward, for the feet to catch it [rad].
+
+    Args:
+        doubt: (3, 3) of its CoM, as `PreciseTrials` has it [m2].
+
+    Raises:
+        ReachError: it is there before the lift tells anything.
+    """
+    farther = float(np.sqrt(tipping.normal_in_base @ doubt @ tipping.normal_in_base))
+    stop = tipping.stop(settings.height, settings.lower_time, settings.stop_delay, farther)
+    time, least = tipping.time_until(stop), _LEAST_UP * stance.clock
+    if time < least:
+        raise ReachError(
+            f"the robot could tip over: with its centre of mass {abs(tipping.ahead) * 1000:.0f} mm beside the "
+            f"line, and perhaps {farther * 1000:.0f} mm more, two feet may be up for {max(time, 0):.2f} s of the "
+            f"{least:.2f} s that a lift takes to tell anything"
+        )
+    return stop
+
+
+def found_doubt(stance: Stance, payload: float = 0.0) -> FloatArray:
+    """(3, 3) doubt of the CoM after a search [m2].
+
+    Args:
+        payload: that it found, as a fraction of the robot's mass: nothing is known of its height.
+    """
+    return np.diag(stance.hip_height * np.array([*_FOUND[:2], _FOUND[2] + _PAYLOAD_HEIGHT * payload])) ** 2
+
+
+def check_lift(
+    robot: RobotModel, stance: Stance, com: FloatArray, design: LiftDesign, doubt: FloatArray | None = None
+) -> None:
     """Refuse a lift that is out of reach, too weak or not safe, before anything moves.
+
+    Args:
+        doubt: (3, 3) of the CoM [m2]; default `found_doubt`.
 
     Raises:
         ReachError: says what is wrong.
     """
     settings = lift_settings(stance)
     feet, lifted = lift_feet(stance, com, design, settings.height)
-    check_posture(robot, stance, feet)
+    position = check_posture(robot, stance, feet)
     for angle in (0.0,) if design.turn is None else (AMPLITUDES[design.turn], -AMPLITUDES[design.turn]):
         check_posture(robot, stance, turned_feet(lifted, com, design.turn, angle), DIAGONALS[design.diagonal])
     height = float(com @ design.posture.rotation[2] - (feet @ design.posture.rotation[2]).mean())
@@ -219,3 +314,5 @@ def check_lift(robot: RobotModel, stance: Stance, com: FloatArray, design: LiftD
         raise ReachError(
             f"a lift of {settings.height * 1000:.0f} mm is too high for feet {half_width * 2000:.0f} mm apart"
         )
+    tipping = Pendulum.of(robot, position, design.posture.rotation[2], design.diagonal)
+    safe_stop(tipping, settings, stance, found_doubt(stance) if doubt is None else doubt)

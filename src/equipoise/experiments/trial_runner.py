@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import ImuMountingError, MotionError, ReachError, SettingsError
-from equipoise.estimation.paper import commanded_plane
 from equipoise.estimation.tilt import Verdict
 from equipoise.experiments.lift import LiftSettings, LiftTrial, lift_trial
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.robot.inertial import composite_parameters
+from equipoise.experiments.tipping import Pendulum
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
@@ -21,9 +20,9 @@ from equipoise.robot.stance import Stance
 FloatArray = NDArray[np.float64]
 
 _BOUND = 0.06  # [m] on an A1
-# A robot that tips onto its lifted feet must come to rest on them: its CoM must be this much farther inside its feet than
-# the speed that it has by then would carry it.
-_TIP_OVER_FACTOR = 1.5
+# Of the room to the edge of its feet, that a robot at a bound may be on its way to when it lands on its lifted feet. More than
+# in a lift that is planned: a search goes to its bounds only where the CoM is near them.
+_LANDING = 0.8
 _LIFT_RATIO = 0.05
 _SMALLEST_LIFT_RATIO, _LARGEST_LIFT_RATIO = 0.01, 0.3
 # What settings may be: less or more than this is a slip of the finger.
@@ -176,9 +175,7 @@ def check_search(robot: RobotModel, stance: Stance, settings: ComSearchSettings)
 def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: float) -> None:
     """Raise ReachError if the legs do not reach an offset, or the robot could tip over its own four feet there.
 
-    By the model: a CoM at a distance d from the line falls through an angle a (the lift over the lifted foot's distance)
-    and gains the speed sqrt(2 g d a), with which an inverted pendulum of height h travels up to sqrt(2 h d a) against
-    gravity. There must be room for that between the CoM and the feet's front or rear edge.
+    By the model, and the pendulum of `tipping`: it must come to rest well inside them when it lands on its lifted feet.
 
     Args:
         robot: the robot.
@@ -187,19 +184,16 @@ def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: flo
         lift_height: of the lifted feet [m].
     """
     feet = shifted_feet(stance, x_m)
-    inverse_kinematics(robot, feet, stance.joint_position)
-    com = composite_parameters(robot, stance.joint_position).com
-    room = min(float(feet[:, 0].max() - com[0]), float(com[0] - feet[:, 0].min()))
-    height = float(com[2] - feet[:, 2].mean())
+    position = inverse_kinematics(robot, feet, stance.joint_position)
     for diagonal in DIAGONALS:
-        plane = commanded_plane(feet, diagonal)
-        arm = max(abs(plane.distance_to(foot)) for foot in feet)
-        travel = float(np.sqrt(2 * height * abs(plane.distance_to(com)) * lift_height / arm))
-        if room < _TIP_OVER_FACTOR * travel:
+        tipping = Pendulum.of(robot, position, np.array([0.0, 0.0, 1.0]), diagonal)
+        ahead = tipping.lean > 0
+        reach, room = tipping.landing(lift_height)[ahead] * tipping.height, tipping.room[ahead]
+        if reach > _LANDING * room:
             raise ReachError(
                 f"with the support lines at {x_m * 1000:.0f} mm and a lift of {lift_height * 1000:.0f} mm the robot could "
-                f"tip over its own feet: by the model its centre of mass is {room * 1000:.0f} mm inside them, and "
-                f"{_TIP_OVER_FACTOR * travel * 1000:.0f} mm are safe; ask for narrower bounds or a lower lift"
+                f"tip over its own feet: by the model they catch it {reach * 1000:.0f} mm beside the line on {diagonal}, "
+                f"and {_LANDING * room * 1000:.0f} mm are safe; ask for narrower bounds or a lower lift"
             )
 
 

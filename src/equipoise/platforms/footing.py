@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.kinematics import Vector, floor_normal, foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
-
-Vector = tuple[float, float, float]
 
 _LIFTED = 0.003  # [m] out of the plane of the others, on an A1; the lowest of its steps is 10 mm high
 
@@ -44,9 +42,6 @@ def _diagonals(feet: FloatArray) -> tuple[float, Vector]:
     Args:
         feet: (4, 3) FL FR RL RR.
     """
-    (ax, ay, az), (bx, by, bz) = (feet[2] - feet[1]).tolist(), (feet[0] - feet[3]).tolist()
-    x, y, z = az * by - ay * bz, ax * bz - az * bx, ay * bx - ax * by
-    length = max((x * x + y * y + z * z) ** 0.5, 1e-9)
-    up = x / length, y / length, z / length
+    up = floor_normal(feet)
     dx, dy, dz = (feet[0] + feet[3] - feet[1] - feet[2]).tolist()
     return (up[0] * dx + up[1] * dy + up[2] * dz) / 2, up

@@ -22,10 +22,11 @@ from equipoise.platforms.interruptions import Interruptions
 from equipoise.platforms.limits import Limits
 from equipoise.platforms.noted_steps import NotedSteps
 from equipoise.platforms.piece_log import MotionLog, PieceLog
-from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
 from equipoise.platforms.safe_ending import SafeEnding
 from equipoise.platforms.soft_start import soft_start
 from equipoise.platforms.stepping import Steps, following
+from equipoise.platforms.tilt_limit import TiltLimit, TiltTest
 from equipoise.platforms.watched_robot import WatchedRobot
 from equipoise.recordings.recording import PHASE, Recording
 from equipoise.robot.model import RobotModel
@@ -177,7 +178,7 @@ class Guard:
             self._watchdog.wait()
 
     def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: Steps) -> None:
-        turned = np.zeros(3)
+        test = TiltTest(stop, self.control_period)
         phases = [event for event in trajectory.events if event.name == PHASE]
         self._log.begin(steps, len(trajectory.position), trajectory.events)
         self._stepped = time.monotonic()
@@ -189,8 +190,7 @@ class Guard:
             state = steps.add(command.position, lambda command=command: self._step(command))
             self._log.step()
             self._interruptions.check()
-            turned = turned + state.angular_velocity * self.control_period
-            if stop is not None and stop.reached(turned):
+            if test.reached(state.angular_velocity[None], state.joint_position[None]):
                 break
         # A robot on two feet does not wait for a disk.
         self._log.finish(wait=not self._watched.footing.lifted(trajectory.position[steps.count - 1]))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import SettingsError
+from equipoise.platforms.tilt_limit import TiltLimit
 from equipoise.recordings.recording import Event, Recording
 
 FloatArray = NDArray[np.float64]
@@ -112,23 +113,6 @@ class Trajectory:
         velocity = None if self.velocity is None else self.velocity[index]
         torque = None if self.torque is None else self.torque[index]
         return JointCommand(self.position[index], velocity, torque)
-
-
-@dataclass(frozen=True)
-class TiltLimit:
-    """Stop a motion once the base has turned far enough about an axis since it began, by the integrated gyroscope.
-
-    Attributes:
-        angle: either way [rad].
-        axis_in_imu: unit vector in the IMU frame. On two feet a robot also yaws on its soft legs; that is no tilt.
-    """
-
-    angle: float
-    axis_in_imu: tuple[float, float, float]
-
-    def reached(self, turned: FloatArray) -> bool:
-        """Whether the limit is reached, given (..., 3) integrated angular velocity [rad]."""
-        return bool((np.abs(turned @ np.array(self.axis_in_imu)) >= self.angle).any())
 
 
 class Platform(Protocol):

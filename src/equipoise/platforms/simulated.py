@@ -14,11 +14,11 @@ from equipoise.platforms.platform import (
     JointCommand,
     MotionInterrupted,
     RobotState,
-    TiltLimit,
     Trajectory,
 )
 from equipoise.platforms.sensors import DrawnErrors
 from equipoise.platforms.stepping import started_events
+from equipoise.platforms.tilt_limit import TiltLimit, TiltTest
 from equipoise.recordings.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture
@@ -30,7 +30,7 @@ _Platform = TypeVar("_Platform", bound="SimulatedPlatform")
 _SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
 _LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a joint without one
 # Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
-PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 30, 500
+PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 5, 500
 
 
 class SimulatedPlatform(ABC):
@@ -135,17 +135,15 @@ class SimulatedPlatform(ABC):
         control = self._control(trajectory)
         samples: list[FloatArray] = []
         first = self._periods
-        turned = np.zeros(3)
+        joints = len(self.joint_names)
+        test = TiltTest(stop, self.control_period)
         try:
             chunk = _CHUNK if stop is None else PERIODS_BETWEEN_STOP_TESTS
             for begin in range(0, len(trajectory.position), chunk):
                 end = min(begin + chunk, len(trajectory.position))
                 samples.append(self._roll(control[begin * self._substeps : end * self._substeps]))
-                if stop is not None:
-                    path = turned + np.cumsum(samples[-1][:, -6:-3], axis=0) * self.control_period
-                    turned = path[-1]
-                    if stop.reached(path):
-                        break
+                if test.reached(samples[-1][:, -6:-3], samples[-1][:, :joints]):
+                    break
         except KeyboardInterrupt:
             raise MotionInterrupted(self._recording(trajectory, samples, first) if samples else None) from None
         return self._recording(trajectory, samples, first)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError, UnrecordedError
-from equipoise.platforms.platform import Health, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platforms.platform import Health, MotionInterrupted, Platform, RobotState, Trajectory
+from equipoise.platforms.tilt_limit import TiltLimit, TiltTest
 from equipoise.recordings.recording import CommandStream, Event, ImuStream, JointStream, Recording
 
 FloatArray = NDArray[np.float64]
@@ -42,13 +43,12 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
     steps = Steps(platform, following(platform.read(), previous), previous)
     with contextlib.suppress(TypeError):
         _played[platform] = steps
-    turned = np.zeros(3)
+    test = TiltTest(stop, platform.control_period)
     try:
         for index in range(len(trajectory.position)):
             command = trajectory.command(index)
             state = steps.add(command.position, lambda command=command: platform.step(command))
-            turned = turned + state.angular_velocity * platform.control_period
-            if stop is not None and stop.reached(turned):
+            if test.reached(state.angular_velocity[None], state.joint_position[None]):
                 break
     except KeyboardInterrupt:
         raise MotionInterrupted(steps.recording(trajectory.events) if steps.count else None) from None

@@ -130,6 +130,12 @@ def composite_parameters(robot: RobotModel, joint_position: FloatArray) -> Inert
     return InertialParameters(float(robot.mass), com, np.array(data.Ig.inertia))
 
 
+def com_jacobian(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    """(3, nj) derivative of the whole robot's CoM by the joints, in the base frame [m/rad]."""
+    configuration = robot.configuration(joint_position)
+    return np.array(pin.jacobianCenterOfMass(robot.pinocchio, robot.pinocchio_data, configuration)[:, 6:])
+
+
 def stance_effective_parameters(robot: RobotModel, joint_position: FloatArray) -> InertialParameters:
     """The paper's centroidal body: base, hips and thighs, without the links below the knees, about its own CoM."""
     below_knees = {leg.joint_ids[-1] for leg in robot.legs.values()}

@@ -1,4 +1,4 @@
-"""Joint torques that hold a posture against gravity."""
+"""Joint torques that hold a posture against gravity: its feet stand on a level floor, however the base is turned over them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,22 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.robot.kinematics import feet_and_jacobians, foot_forces_from_torques, foot_positions
+from equipoise.robot.inertial import com_jacobian
+from equipoise.robot.kinematics import (
+    feet_and_jacobians,
+    floor_normal,
+    foot_forces_from_torques,
+    foot_positions,
+)
 from equipoise.robot.model import RobotModel
 
 FloatArray = NDArray[np.float64]
 
+_UP = np.array([0.0, 0.0, 1.0])
+
 
 def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
-    """(4, 3) forces of the ground on the feet of a level robot at rest, in base axes [N].
+    """(4, 3) forces of the ground on the feet of a robot at rest, in base axes [N].
 
     The smallest forces on the standing feet that carry the weight and its moment. Two feet cannot carry a moment about
     the line between them: what is left of it is what tips the robot.
@@ -37,18 +45,20 @@ def _forces_on(robot: RobotModel, joint_position: FloatArray, feet: FloatArray, 
     for column, index in enumerate(standing):
         balance[:3, 3 * column : 3 * column + 3] = np.eye(3)
         balance[3:, 3 * column : 3 * column + 3] = pin.skew(feet[index] - com)
-    weight = -robot.mass * np.array(robot.pinocchio.gravity.linear)
+    weight = robot.mass * np.linalg.norm(robot.pinocchio.gravity.linear) * np.array(floor_normal(feet))
     solution, *_ = np.linalg.lstsq(balance, np.concatenate([weight, np.zeros(3)]), rcond=1e-6)
     forces[standing] = solution.reshape(-1, 3)
     return forces
 
 
 def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
-    """(nj,) joint torques that hold a level robot at rest on some of its legs [Nm]."""
+    """(nj,) joint torques that hold a robot at rest on some of its legs, or lying level on its belly on none [Nm]."""
     feet, jacobians = feet_and_jacobians(robot, joint_position)
     forces = _forces_on(robot, joint_position, feet, legs)
-    configuration = robot.configuration(joint_position)
-    torques = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration)[6:])
+    up = np.array(floor_normal(feet)) if legs else _UP
+    torques = (
+        robot.mass * float(np.linalg.norm(robot.pinocchio.gravity.linear)) * up @ com_jacobian(robot, joint_position)
+    )
     torques[robot.leg_joints] -= (forces[:, None] @ jacobians)[:, 0]
     return torques
 
