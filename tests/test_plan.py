@@ -1,5 +1,6 @@
 """Plans of the precise method, and the motions they expect."""
 
+import dataclasses
 import itertools
 import json
 import warnings
@@ -103,6 +104,18 @@ def test_no_lift_is_planned_twice_and_done_ones_never_again(candidates, plans):
     assert all(lift.posture == visit.posture for visit in plans[120.0].visits for lift in visit.lifts)
     again = make_plan(candidates, 60.0, used=lifts)
     assert not {lift for visit in again.visits for lift in visit.lifts} & set(lifts)
+
+
+def test_few_possible_lifts_are_done_more_than_once(candidates):
+    few = dataclasses.replace(
+        candidates,
+        lifts=candidates.lifts[:2],
+        information=[*candidates.information[:2], *candidates.information[len(candidates.lifts) :]],
+    )
+    lifts = [lift for visit in make_plan(few, 60.0).visits for lift in visit.lifts]
+    assert [lifts.count(lift) for lift in few.lifts] == [5, 5]
+    left = [lift for visit in make_plan(few, 60.0, used=lifts[:8]).visits for lift in visit.lifts]
+    assert sorted(map(repr, left + lifts[:8])) == sorted(map(repr, lifts))
 
 
 def test_visits_with_lifts_come_first(plans):

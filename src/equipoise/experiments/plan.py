@@ -64,6 +64,8 @@ _PLANTED_POSTURES = (
 _SCALE_OF_MASS = 0.005  # as a fraction: the plan takes the mass to be known, from a scale or about so from torques
 # Robot time on an A1, as measured, settling included [s]; others' is longer with the square root of their height.
 _LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
+FEW_LIFTS = 10
+"""Fewer different lifts are done more than once: motors too weak for most, or too little known of the robot."""
 _END_TIME = 2.0  # [s] for the way back, on an A1
 
 
@@ -271,7 +273,7 @@ def make_plan(
         budget: of robot time that is left [s].
         goals: what accuracy is worth.
         known: (size, size) information there is already; default: the priors, a mass, and a search to come.
-        used: lifts that were done already; they are not done again.
+        used: lifts that were done already; they are done again only if there are few.
         searched: whether the search was done (and is part of `known`).
 
     Raises:
@@ -294,15 +296,17 @@ def make_plan(
             if lift.posture == candidates.lifts[0].posture and lift.turn is None:
                 information += 2 * candidates.information[index]
     visited: dict[BodyPosture, list[LiftDesign]] = {}
-    remaining = {index for index, lift in enumerate(candidates.lifts) if lift not in set(used)}
     count = len(candidates.lifts)
+    often = math.ceil(FEW_LIFTS / count)
+    remaining = {index: often - used.count(lift) for index, lift in enumerate(candidates.lifts)}
     total = budget - left
     while True:
         alive()
         best, gain, cost_of_best, added_by_best = None, 0.0, 0.0, prior
         covariance = np.linalg.inv(information)
         weighted = weights @ covariance
-        for index in [*remaining, *range(count, count + len(candidates.postures))]:
+        possible = [index for index, times in remaining.items() if times > 0]
+        for index in [*possible, *range(count, count + len(candidates.postures))]:
             added, cost = _step(candidates, index, visited, durations)
             if added is None or cost > left:
                 continue
@@ -319,7 +323,7 @@ def make_plan(
         total += cost_of_best
         if best < count:
             visited.setdefault(candidates.lifts[best].posture, []).append(candidates.lifts[best])
-            remaining.discard(best)
+            remaining[best] -= 1
         else:
             visited.setdefault(candidates.postures[best - count], [])
     if not any(visited.values()) and not searched:

@@ -14,7 +14,7 @@ from equipoise.estimation.evidence import read_evidence
 from equipoise.estimation.parameters import Priors, components
 from equipoise.estimation.posterior import Posterior, estimate_posterior, prior_rows
 from equipoise.experiments.newton_search import find_com_fast, loaded_robot
-from equipoise.experiments.plan import Candidates, Durations, Goals, Plan, describe, make_plan
+from equipoise.experiments.plan import FEW_LIFTS, Candidates, Durations, Goals, Plan, describe, make_plan
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials, found_doubt
 from equipoise.experiments.progress import Progress
@@ -115,20 +115,19 @@ class PreciseRoutine:
         self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
         find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
         self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
-        candidates = Candidates.of(
-            self.planted.robot, self.stance, self.trials.com, self.settings.priors, self.trials.doubt
-        )
+        candidates = self._candidates()
         plan = make_plan(candidates, _budget(self.stance, self.settings), self.settings.goals)
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.sway
         done: list[LiftDesign] = []
-        turning_point = round(_REPLAN_AT * len(plan.visits))
+        # A robot of which too little is known for most lifts first learns more of itself.
+        turning_point = round(_REPLAN_AT * len(plan.visits)) if len(candidates.lifts) >= FEW_LIFTS else 1
         self._visit(plan, 0, turning_point, done)
         posterior = self._posterior()
         if posterior is not None and self._good_enough(posterior):
             self.notes.append(f"stopped after {self._time():.0f} s: every goal is met")
         else:
             self._follow(posterior)
-            rest = self._replan(candidates, posterior, done)
+            rest = self._replan(posterior, done)
             if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
                 rest = plan
             self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
@@ -191,14 +190,18 @@ class PreciseRoutine:
             self.trials.doubt = _SURE**2 * posterior.robot_covariance[1:4, 1:4] + found_doubt(self.stance)
             self.planted.robot = loaded_robot(self.robot, self.trials, body.mass)
 
-    def _replan(self, candidates: Candidates, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:
+    def _candidates(self) -> Candidates:
+        """What may be done with the robot as it is known now."""
+        return Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.priors, self.trials.doubt)
+
+    def _replan(self, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:
         """The best use of the time that is left, given what was really learnt."""
         if posterior is None:
             return None
         _, rows = prior_rows(posterior.unknowns, posterior.x, self.settings.scale)
         known = rows.T @ rows + sum(posterior.information.values())
         left = _budget(self.stance, self.settings) - self._time()
-        return make_plan(candidates, left, self.settings.goals, known, done, searched=True)
+        return make_plan(self._candidates(), left, self.settings.goals, known, done, searched=True)
 
     def _time(self) -> float:
         return sum(recording.duration for recording in self._recordings)
