@@ -16,12 +16,13 @@ from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance
 from equipoise.errors import MissingDependencyError, ReachError
 from equipoise.estimation.evidence import read_evidence
 from equipoise.estimation.tilt import line_axes
-from equipoise.experiments import precise_trials, tipping
+from equipoise.experiments import precise_trials, safe_lift, tipping
 from equipoise.experiments.lift import tipping_from
 from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import BodyPosture, feet_in_posture
-from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials, check_lift, found_doubt, offset_of
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials, check_lift, offset_of
+from equipoise.experiments.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
 from equipoise.experiments.tipping import SAFE, Pendulum
 from equipoise.platforms.ramp import smooth_step
 from equipoise.robot.inertial import composite_parameters
@@ -138,6 +139,27 @@ def test_the_time_to_a_stop_is_that_of_the_pendulum(model):
     assert abs(model.lean) * np.exp(model.rate * time) == pytest.approx(stop[model.lean > 0])
 
 
+# --- what is not known of the CoM
+
+
+def test_a_lift_of_the_search_tells_where_the_com_is_across_its_line(a1):
+    stance = nominal_stance(a1)
+    before, across = unknown_doubt(stance), np.array([0.6, 0.8, 0.0])
+    after = doubt_after_a_lift(stance, before, 3 * across)
+    assert across @ after @ across == pytest.approx(across @ found_doubt(stance) @ across)
+    along = np.array([0.8, -0.6, 0.0])
+    assert along @ after @ along == pytest.approx(along @ before @ along)
+    assert after[2, 2] == before[2, 2]
+
+
+def test_after_both_diagonals_only_the_height_of_a_payload_is_not_known(a1):
+    stance = nominal_stance(a1)
+    left, right = (doubt_after_a_lift(stance, np.zeros((3, 3)), np.array([0.6, y, 0.0])) for y in (0.8, -0.8))
+    assert np.trace(left + right) < 2 * np.trace(found_doubt(stance))
+    assert found_doubt(stance, 0.3)[2, 2] > 10 * found_doubt(stance)[2, 2]
+    np.testing.assert_array_equal(found_doubt(stance, 0.3)[:2, :2], found_doubt(stance)[:2, :2])
+
+
 # --- in simulation
 
 
@@ -154,7 +176,7 @@ def narrow(tmp_path, monkeypatch):
 def tilt_after_a_lift(robot, share, monkeypatch):
     """Of a robot with 30 % more mass than it knows of, high up, and drives 30 % softer, its CoM well beside the line [rad]."""
     monkeypatch.setattr(tipping, "SAFE", share)
-    monkeypatch.setattr(precise_trials, "_LEAST_UP", -np.inf)  # such a lift is not planned
+    monkeypatch.setattr(safe_lift, "_LEAST_UP", -np.inf)  # such a lift is not planned
     monkeypatch.setattr(precise_trials, "_TILT_LIMIT", 0.3)
     monkeypatch.setattr(precise_trials, "_OFFSET", 0.015)
     stance = nominal_stance(robot)
@@ -219,7 +241,7 @@ def test_a_lift_that_could_tip_the_robot_over_is_left_out_and_told(soft_trials):
         trials.lift(LiftDesign(LEANING, "FR_RL", 1))
     assert not recordings[-1].has_phase("unload")
     left_out = read_evidence(trials.planted.robot, trials.stance, recordings).motions[-1].left_out
-    assert left_out == "the robot could have tipped over"
+    assert left_out == "not lifted: out of reach, or the robot could have tipped over"
     trials.take_posture(BodyPosture())
     assert trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1)).has_phase("lower")
 

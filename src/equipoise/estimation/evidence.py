@@ -90,7 +90,11 @@ def _read(
                 read = read_lift(robot, legs, recording, stance, gyro_bias)
                 lift, left_out = (None, read) if isinstance(read, str) else (read, None)
             else:
-                left_out = "interrupted" if recording.has_phase("unload") else "the robot could have tipped over"
+                left_out = (
+                    "interrupted"
+                    if recording.has_phase("unload")
+                    else "not lifted: out of reach, or the robot could have tipped over"
+                )
         elif about.get("kind") == "posture" and recording.has_phase("rest"):
             moving = recording.phase("move", until="rest")
             move = read_move(robot, legs, recording.phase("before"), moving, recording.phase("rest"), gyro_bias)

@@ -16,7 +16,8 @@ from equipoise.estimation.support_planes import CentreShift, centre_shift
 from equipoise.estimation.tilt import support_plane_of
 from equipoise.experiments.com_search import find_support_vector
 from equipoise.experiments.posture import BodyPosture
-from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials, found_doubt
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
+from equipoise.experiments.safe_lift import doubt_after_a_lift
 from equipoise.experiments.trial_runner import ComSearchSettings, TrialRunner
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters
@@ -68,9 +69,7 @@ def _follow(trials: PreciseTrials, model: RobotModel, recording: Recording, shif
     horizontal = shift.normal * [1, 1, 0]
     # Only what lies across the line was measured: the shift goes along its horizontal normal.
     trials.com = trials.com + shift.distance * horizontal / float(horizontal @ horizontal)
-    across = np.outer(horizontal, horizontal) / float(horizontal @ horizontal)
-    along = np.eye(3) - across
-    trials.doubt = along @ trials.doubt @ along + across @ found_doubt(trials.stance) @ across
+    trials.doubt = doubt_after_a_lift(trials.stance, trials.doubt, horizontal)
     trials.planted.robot = loaded_robot(model, trials, _carried(model, recording))
 
 

@@ -16,8 +16,9 @@ from equipoise.estimation.posterior import Posterior, estimate_posterior, prior_
 from equipoise.experiments.newton_search import find_com_fast, loaded_robot
 from equipoise.experiments.plan import FEW_LIFTS, Candidates, Durations, Goals, Plan, describe, make_plan
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials, found_doubt
+from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
 from equipoise.experiments.progress import Progress
+from equipoise.experiments.safe_lift import found_doubt
 from equipoise.experiments.sway import sway_all_axes, sway_time
 from equipoise.recordings.recording import Recording
 from equipoise.robot.inertial import composite_parameters

@@ -24,8 +24,10 @@ from equipoise.experiments.lift import (
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
+from equipoise.experiments.safe_lift import found_doubt, safe_stop, unknown_doubt
 from equipoise.experiments.tipping import Pendulum
 from equipoise.experiments.trial_runner import ComSearchSettings
+from equipoise.platforms.tilt_limit import TiltLimit
 from equipoise.recordings.recording import TRIAL, Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
@@ -37,11 +39,7 @@ Rotation = Literal["roll", "pitch", "yaw"]
 _LIFT, _STEP_RATIO = 0.024, 0.5  # [m]; height of a replanting step over that of a lift
 _OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
-_LEAST_UP = 0.18  # [s] that two feet must be up before a robot has tipped too far, or the lift tells nothing
 _AIMED, _AIMS = 0.003, 3  # [m] that the CoM may miss its place over the line; moves until it is there
-# What is not known of the CoM in the base frame, over the hip height: before anything is measured (a payload of 30 % of the
-# robot may be on it), and after a search that found none.
-_UNKNOWN, _FOUND, _PAYLOAD_HEIGHT = (0.05, 0.05, 0.12), (0.012, 0.012, 0.02), 0.5
 _RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # [rad], times settling, of settling
 _ACCELERATION = 1.2  # [m/s2] of the body over planted feet; turning it moves its CoM less than its feet
 _STILL = 0.004  # [rad/s]; a base that sways by 6 mrad/s makes the accelerometer's up wander by a milliradian
@@ -114,13 +112,13 @@ class PreciseTrials:
 
     Attributes:
         com: (3,) CoM in the base frame as far as it is known: lines are placed under it, bodies turn about it [m].
-        doubt: (3, 3) square of how far from there it may be: as a covariance of two standard deviations [m2].
+        doubt: (3, 3) of it, as `safe_lift` has it [m2].
     """
 
     def __init__(self, planted: PlantedRobot, stance: Stance, com: FloatArray) -> None:
         self.planted, self.stance, self.com = planted, stance, com
         self.settings, self.times = lift_settings(stance), Times.of(stance)
-        self.doubt = np.diag(stance.hip_height * np.array(_UNKNOWN)) ** 2
+        self.doubt = unknown_doubt(stance)
         self._lifted = False
         self._drift = np.zeros(2)  # of the CoM over the feet from where it was sent, in the stance's axes [m]
 
@@ -168,13 +166,12 @@ class PreciseTrials:
             tilt_threshold=settings.tilt_threshold,
         )  # fmt: skip
         self._lifted = True
-        feet, lifted = self._aim(motion, design)
-        before = rest(self.planted, settings)
-        tipping = tipping_from(self.planted, before, design.diagonal)
         try:
-            limit = tilt_limit(self.planted, tipping, settings, safe_stop(tipping, settings, self.stance, self.doubt))
+            feet, lifted = self._aim(motion, design)
+            limit = self._limit(design.diagonal)
         except ReachError:
-            self.planted.finish()
+            if (done := self.planted.take()) is not None:
+                self.planted.keep(done)
             raise
         up = self.planted.motion().phase("unload").shift_load(stance_legs, settings.unload_time)
         up.phase("lift").move_feet(lifted, settings.lift_time).phase("watch")
@@ -195,17 +192,23 @@ class PreciseTrials:
 
     def _aim(self, motion: Motion, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
         """Move over the line until the CoM is where the design wants it, by what the sensors say; feet as `lift_feet`."""
-        when = f"before a lift on {design.diagonal}"
         feet, lifted = self._feet(design)
-        for _ in range(_AIMS):
+        for left in reversed(range(_AIMS)):
             motion.phase("move").move_feet(feet, self._move_time(feet, self.times.move * 2 / 3))
-            settled = settle(self.planted, motion, self.settings, when)
+            settled = settle(self.planted, motion, self.settings, f"before a lift on {design.diagonal}")
             tipping = tipping_from(self.planted, still_part(settled, self.settings), design.diagonal)
             self._drift = self._drift_of(tipping, design.diagonal, design.posture)
-            if abs(tipping.ahead + offset_of(self.stance, design.side)) < _AIMED * self.stance.size:
+            if not left or abs(tipping.ahead + offset_of(self.stance, design.side)) < _AIMED * self.stance.size:
                 break
             motion, (feet, lifted) = self.planted.motion(), self._feet(design)
         return feet, lifted
+
+    def _limit(self, diagonal: str) -> TiltLimit:
+        """Rest, and say when the lift must end."""
+        tipping = tipping_from(self.planted, rest(self.planted, self.settings), diagonal)
+        return tilt_limit(
+            self.planted, tipping, self.settings, safe_stop(tipping, self.settings, self.stance, self.doubt)
+        )
 
     def _feet(self, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
         _, normal, _ = stance_line(self.stance, design.diagonal)
@@ -260,36 +263,6 @@ def turn_angle(turn: Rotation, duration: float, control_period: float) -> FloatA
     """(n,) the angle at each control period: once to and fro, starting and ending at rest [rad]."""
     phase = np.arange(1, round(duration / control_period) + 1) / round(duration / control_period)
     return AMPLITUDES[turn] * np.sin(2 * np.pi * phase) * np.sin(np.pi * phase)
-
-
-def safe_stop(tipping: Pendulum, settings: LiftSettings, stance: Stance, doubt: FloatArray) -> tuple[float, float]:
-    """How far a robot may be about to tip, backward and forward, for the feet to catch it [rad].
-
-    Args:
-        doubt: (3, 3) of its CoM, as `PreciseTrials` has it [m2].
-
-    Raises:
-        ReachError: it is there before the lift tells anything.
-    """
-    farther = float(np.sqrt(tipping.normal_in_base @ doubt @ tipping.normal_in_base))
-    stop = tipping.stop(settings.height, settings.lower_time, settings.stop_delay, farther)
-    time, least = tipping.time_until(stop), _LEAST_UP * stance.clock
-    if time < least:
-        raise ReachError(
-            f"the robot could tip over: with its centre of mass {abs(tipping.ahead) * 1000:.0f} mm beside the "
-            f"line, and perhaps {farther * 1000:.0f} mm more, two feet may be up for {max(time, 0):.2f} s of the "
-            f"{least:.2f} s that a lift takes to tell anything"
-        )
-    return stop
-
-
-def found_doubt(stance: Stance, payload: float = 0.0) -> FloatArray:
-    """(3, 3) doubt of the CoM after a search [m2].
-
-    Args:
-        payload: that it found, as a fraction of the robot's mass: nothing is known of its height.
-    """
-    return np.diag(stance.hip_height * np.array([*_FOUND[:2], _FOUND[2] + _PAYLOAD_HEIGHT * payload])) ** 2
 
 
 def check_lift(
