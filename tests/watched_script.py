@@ -19,12 +19,10 @@ import numpy as np
 
 from equipoise import load_robot
 from equipoise.alive import alive
-from equipoise.platforms.catalog import given_settings, open_link
-from equipoise.platforms.guard import Guard
-from equipoise.platforms.hardware import HardwarePlatform
+from equipoise.platforms.catalog import given_settings
+from equipoise.platforms.connection import open_guarded
 from equipoise.platforms.limits import Limits
 from equipoise.platforms.platform import Trajectory
-from equipoise.platforms.watchdog import Watchdog
 
 BUSY = Limits(silence=1.0, stall=1.0, missing_torque=50.0)  # for a machine that has other things to do, too
 
@@ -58,8 +56,7 @@ def killed_in_motion(guard, robot):
 
 def main(how, log, name, *settings):
     robot, given = load_robot("unitree_a1"), given_settings(settings, None)
-    platform = HardwarePlatform(open_link(name, robot, given))
-    with Guard(platform, robot, BUSY, watchdog=lambda: Watchdog(name, robot, given, Path(log))) as guard:
+    with open_guarded(name, robot, given, told=Path(log), limits=BUSY) as guard:
         stand(guard, robot, 0.3)
         print("hangs", flush=True)
         if how == "motion":

@@ -9,6 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 from equipoise.platforms.catalog import open_link
 from equipoise.platforms.guard import Guard
 from equipoise.platforms.hardware import HardwarePlatform
+from equipoise.platforms.limits import Limits
 from equipoise.platforms.piece_log import MotionLog
 from equipoise.platforms.watchdog import Watchdog
 from equipoise.robot.model import RobotModel
@@ -42,13 +43,18 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
 
 
 def open_guarded(
-    name: str, robot: RobotModel, given: Mapping[str, Any], log: MotionLog | None = None, told: Path | None = None
+    name: str,
+    robot: RobotModel,
+    given: Mapping[str, Any],
+    log: MotionLog | None = None,
+    told: Path | None = None,
+    limits: Limits | None = None,
 ) -> Guard:
     """Connect to a robot, to move it: guarded, and with a watchdog. Nothing moves before the first command.
 
     Args:
         name, robot, given: as in `open_platform`, which says what is raised.
-        log: of the guard.
+        log, limits: of the guard.
         told: file in which the watchdog says what it did, if it did something.
     """
     link = open_link(name, robot, given)
@@ -57,4 +63,4 @@ def open_guarded(
         learnt: Mapping[str, Any] = link.learn() if isinstance(link, Learner) else {}
         return Watchdog(name, robot, {**given, **learnt}, told)
 
-    return Guard(HardwarePlatform(link), robot, log=log, watchdog=watchdog)
+    return Guard(HardwarePlatform(link), robot, limits, log, watchdog)

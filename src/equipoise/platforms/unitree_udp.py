@@ -187,6 +187,7 @@ class UnitreeUdpLink:
         until = time.monotonic() + _PATIENCE
         while self._forms.learnt is None:
             if time.monotonic() > until:
+                self.receive()  # complains if it answers what cannot be understood
                 raise CommunicationError(
                     f"{self.name} has answered to no packets ({', '.join(self._packets)}) in {_PATIENCE:g} s: is it on, in "
                     "low-level mode, and the cable in? 'form' says which packets it speaks, if you know"
