@@ -95,7 +95,7 @@ def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
     ("arguments", "named"),
     [
         (["go2"], "a robot"), (["unitree_a1"], "a robot"), (["--seed", "4"], "--seed"), (["--no-sway"], "--no-sway"),
-        (["--noise", "realistic"], "--noise"), (["--t-thres", "1"], "--t-thres"), (["--out", "x"], "--out"),
+        (["--noise", "ideal"], "--noise"), (["--t-thres", "1"], "--t-thres"), (["--out", "x"], "--out"),
         (["--foot-radius", "0.03"], "--description"), (["--method", "static"], "--method"),
     ],
 )  # fmt: skip

@@ -121,7 +121,7 @@ def test_a_program_that_is_killed_leaves_a_damped_robot(protocol, form, tmp_path
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--platform", "unitree-go2", "--noise", "realistic"], "--noise is for simulators; unitree-go2 is none"),
+        (["--platform", "unitree-go2", "--noise", "ideal"], "--noise is for simulators; unitree-go2 is none"),
         (["--set", "interface=lo"], "--set is for real robots; mujoco is none"),
         (["--repeat", "0"], "--repeat is 0; it must be 1 or more"),
     ],

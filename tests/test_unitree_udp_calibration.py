@@ -17,10 +17,11 @@ BUSY = Limits(silence=1.0, stall=1.0)  # for a machine that has other things to 
 
 @in_real_time
 def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1):
-    with simulate(a1, "realistic", PAYLOAD, SEED) as simulation:
+    """Of a robot without joint friction: what friction leaves in the torques depends on how the robot came to stand."""
+    with simulate(a1, "ideal", PAYLOAD, SEED) as simulation:
         direct = calibrate(simulation.platform, a1, STATIC).with_truth(simulation.truth)
     recordings, port = [], free_port()
-    robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED)
+    robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED, "--noise", "ideal")
     with running_peer("unitree_udp", *robot, *FAULTS) as peer:
         link = open_link(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
         platform = HardwarePlatform(link)
@@ -30,8 +31,8 @@ def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1)
     assert abs(composite.mass - direct.composite.mass) < 0.05
     assert np.abs(np.subtract(composite.com_in_base[:2], direct.composite.com_in_base[:2])).max() < 1e-3
     error = result.with_truth(simulation.truth).errors()["composite"]
-    assert abs(error["mass"]) < 0.5
-    assert np.abs(error["com_in_base"][:2]).max() < 8e-3
+    assert abs(error["mass"]) < 0.05
+    assert np.abs(error["com_in_base"][:2]).max() < 1e-3
     arrived, counts = link.counts, guard.report().samples
     assert sum(arrived.damaged.values()) == 0
     assert min(counts.missing, counts.repeated, counts.out_of_order) > 10

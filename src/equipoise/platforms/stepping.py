@@ -56,9 +56,12 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
 
 
 def following(state: RobotState, previous: Steps | None) -> RobotState:
-    """The present state; with it the last one of the motion before, which no recording has yet."""
+    """The present state; with it the last one of the motion before, which no recording has yet.
+
+    A simulated robot waits: if it is later there, somebody else stepped it, who has that state.
+    """
     last = None if previous is None else previous.state
-    if last is None or last.time >= state.time:
+    if last is None or last.time >= state.time or state.received is None:
         return state
     return dataclasses.replace(state, earlier=(dataclasses.replace(last, earlier=()), *state.earlier))
 
