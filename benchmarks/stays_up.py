@@ -5,8 +5,10 @@ The seed draws a payload of up to 30 % of the robot's mass, up to 0.3 of half it
 0.5 hip heights above the base's origin, and drives that bring up to 30 % less than they are asked for: gains and feed-forward
 alike, and they report what they were asked for. A robot has fallen when its base leans by more than 40 degrees.
 
-Every run appends a row to benchmarks/results/stays_up.jsonl: interrupted, it goes on where it was. `--rows FILE` keeps others,
-with the code that is imported: rows of another version in stays_up_before.jsonl are set beside these.
+Every run appends a row to benchmarks/results/stays_up.jsonl: interrupted, it goes on where it was. What it costs is told
+beside rows of the code before, which are made by its checkout in BEFORE:
+
+    PYTHONPATH=BEFORE/src python benchmarks/stays_up.py --rows benchmarks/results/stays_up_before.jsonl
 """
 
 from __future__ import annotations
@@ -96,21 +98,23 @@ def key(row: Row) -> tuple[object, ...]:
 
 
 def accuracy(rows: Iterable[Row]) -> str:
-    """Root mean square errors of the mass, the CoM and the moments of inertia."""
+    """Root mean square errors of the mass, the CoM, and the moments of inertia over the mass."""
     told = [row for row in rows if "error" in row]
     if not told:
         return "- | - | - | -"
     error, truth = (np.array([row[name] for row in told]) for name in ("error", "truth"))
     lengths = np.array([nominal_stance(load_robot(str(row["robot"]))).size for row in told])
     planar, height = 1e3 * np.linalg.norm(error[:, 1:3], axis=1) / lengths, 1e3 * error[:, 3] / lengths
-    columns = (100 * error[:, 0] / truth[:, 0], planar, height, 100 * error[:, 4:7] / truth[:, 4:7])
+    mass = 1 + error[:, :1] / truth[:, :1]
+    moments = (1 + error[:, 4:7] / truth[:, 4:7]) / mass - 1
+    columns = (100 * (mass - 1), planar, height, 100 * moments)
     return " | ".join(f"{np.sqrt(np.mean(np.square(column))):.2f}" for column in columns)
 
 
 def table(rows: list[Row]) -> list[str]:
     """A line for each robot and budget, and one for all."""
     text = [
-        "| robot | budget [s] | runs | fell | broken off | alarms | lifts | refused | mass [%] | x, y [mm] | z [mm] | I [%] |",
+        "| robot | budget | runs | fell | broken off | alarms | lifts | refused | mass [%] | x, y [mm] | z [mm] | I/m [%] |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     groups = [(name, budget) for name in CATALOG for budget in BUDGETS]
@@ -136,8 +140,8 @@ asked for. Nobody tells the robot of either. Budgets are an A1's; larger robots 
 
 *Fell*: the base leaned by more than 40 degrees. *Broken off*: ended with an error, on its feet. *Alarms*: runs in which a
 check failed. *Lifts*, *refused*: done, and left out at the last moment as the robot could have tipped over; the mean of a run.
-Errors are root mean square against the truth, lengths in an A1's size; mass and moments of inertia suffer from drives that
-report torques they do not bring.
+Errors are root mean square against the truth, lengths in an A1's size; nobody weighs the robot, and its mass is as wrong as
+the torques that its drives report.
 """
 COST = """
 ## What it costs
@@ -145,14 +149,16 @@ COST = """
 The same runs with the code before (commit afc01b9), which kept two feet up until the base had turned by 0.06 rad: {fell} of
 {runs} fell. Where both versions came to a result, {shared} runs:
 
-| | lifts | mass [%] | x, y [mm] | z [mm] | I [%] |
+| | lifts | mass [%] | x, y [mm] | z [mm] | I/m [%] |
 |---|---|---|---|---|---|"""
 
 
 def page(rows: list[Row], before: list[Row]) -> str:
     """All of it, with what it cost where there are rows of the code before."""
     target = "missed" if any(row["fell"] for row in rows) else "met"
-    text = [ABOUT, f"Target: no robot falls: **{target}** in {len(rows)} runs.", "", *table(rows)]
+    seeds = [int(str(row["seed"])) for row in rows]
+    said = f"Target: no robot falls: **{target}** in {len(rows)} runs, seeds {min(seeds)} to {max(seeds)}."
+    text = [ABOUT, said, "", *table(rows)]
     shared = {key(row) for row in before if "error" in row} & {key(row) for row in rows if "error" in row}
     if shared:
         text.append(COST.format(fell=sum(bool(row["fell"]) for row in before), runs=len(before), shared=len(shared)))
