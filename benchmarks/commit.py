@@ -3,10 +3,12 @@
 import subprocess
 from pathlib import Path
 
+import equipoise
+
 
 def commit() -> str:
-    """Short name of the checkout's commit; with a plus if the source has changed since."""
-    root = Path(__file__).resolve().parents[1]
+    """Short name of the commit of the code that runs; with a plus if it has changed since."""
+    root = Path(equipoise.__file__).resolve().parents[2]
 
     def git(*arguments: str) -> str:
         return subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, check=True).stdout

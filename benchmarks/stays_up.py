@@ -5,10 +5,11 @@ The seed draws a payload of up to 30 % of the robot's mass, up to 0.3 of half it
 0.5 hip heights above the base's origin, and drives that bring up to 30 % less than they are asked for: gains and feed-forward
 alike, and they report what they were asked for. A robot has fallen when its base leans by more than 40 degrees.
 
-Every run appends a row to benchmarks/results/stays_up.jsonl: interrupted, it goes on where it was. What it costs is told
-beside rows of the code before, which are made by its checkout in BEFORE:
+Every run appends a row to benchmarks/results/stays_up.jsonl: interrupted, it goes on where it was. What it costs is told by
+seeds below 10,000, beside rows of the code before, which are made by its checkout in BEFORE:
 
-    PYTHONPATH=BEFORE/src python benchmarks/stays_up.py --rows benchmarks/results/stays_up_before.jsonl
+    PYTHONPATH=BEFORE/src python benchmarks/stays_up.py --seeds 0 6 --budgets 60 \\
+      --rows benchmarks/results/stays_up_before.jsonl
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import numpy as np
+from commit import commit
 
 from equipoise import CalibrationSettings, Recording, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
@@ -66,6 +68,7 @@ def run(name: str, seed: int, budget: int) -> Row:
     recordings: list[Recording] = []
     leaning: list[float] = []
     row: Row = {"robot": name, "seed": seed, "budget": budget, "payload": payload, "softness": round(softness, 4)}
+    row["commit"] = commit()
     with simulate(robot, "realistic", payload, seed) as simulation:
         soften(simulation, softness)
 
@@ -133,8 +136,8 @@ def table(rows: list[Row]) -> list[str]:
 
 ABOUT = """# Nothing planned tips a robot over
 
-`make bench-stays-up`: the precise method in simulation, `realistic`, on every robot of the catalogue. The seed draws a payload
-of up to 30 % of the robot's mass (up to 0.3 of half the robot's length and width off the middle, 0.2 to 0.5 hip heights above
+`make bench-stays-up`, at commit {commits}: the precise method in simulation, `realistic`, on every robot of the catalogue.
+The seed draws a payload of up to 30 % of the robot's mass (up to 0.3 of half the robot's length and width off the middle, 0.2 to 0.5 hip heights above
 the base's origin) and drives up to 30 % softer than the model, in gains and feed-forward, that report the torque they were
 asked for. Nobody tells the robot of either. Budgets are an A1's; larger robots take longer.
 
@@ -146,23 +149,26 @@ the torques that its drives report.
 COST = """
 ## What it costs
 
-The same runs with the code before (commit afc01b9), which kept two feet up until the base had turned by 0.06 rad: {fell} of
-{runs} fell. Where both versions came to a result, {shared} runs:
+Seeds 0 to 5 and 60 s, with the code before (commit afc01b9), which kept two feet up until the base had turned by 0.06 rad, and
+with the cure, both in that commit's simulation: {fell} of {runs} fell before. Where both came to a result, {shared} runs:
 
 | | lifts | mass [%] | x, y [mm] | z [mm] | I/m [%] |
 |---|---|---|---|---|---|"""
 
 
-def page(rows: list[Row], before: list[Row]) -> str:
+def page(kept: list[Row], before: list[Row]) -> str:
     """All of it, with what it cost where there are rows of the code before."""
+    rows = [row for row in kept if int(str(row["seed"])) in SEEDS]
+    commits = ", ".join(sorted({str(row["commit"]) for row in rows}))
     target = "missed" if any(row["fell"] for row in rows) else "met"
     seeds = [int(str(row["seed"])) for row in rows]
-    said = f"Target: no robot falls: **{target}** in {len(rows)} runs, seeds {min(seeds)} to {max(seeds)}."
-    text = [ABOUT, said, "", *table(rows)]
-    shared = {key(row) for row in before if "error" in row} & {key(row) for row in rows if "error" in row}
+    of = len(SEEDS) * len(BUDGETS) * len(CATALOG)
+    said = f"Target: no robot falls: **{target}** in {len(rows)} of {of} runs, seeds {min(seeds)} to {max(seeds)}."
+    text = [ABOUT.format(commits=commits), said, "", *table(rows)]
+    shared = {key(row) for row in before if "error" in row} & {key(row) for row in kept if "error" in row}
     if shared:
         text.append(COST.format(fell=sum(bool(row["fell"]) for row in before), runs=len(before), shared=len(shared)))
-        for name, of in (("before", before), ("now", rows)):
+        for name, of in (("before", before), ("now", kept)):
             both = [row for row in of if key(row) in shared]
             text.append(f"| {name} | {np.mean([row['lifts'] for row in both]):.1f} | {accuracy(both)} |")
     failures = [row for row in rows if "failed" in row]
