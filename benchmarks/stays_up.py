@@ -6,10 +6,9 @@ The seed draws a payload of up to 30 % of the robot's mass, up to 0.3 of half it
 alike, and they report what they were asked for. A robot has fallen when its base leans by more than 40 degrees.
 
 Every run appends a row to benchmarks/results/stays_up.jsonl: interrupted, it goes on where it was. What it costs is told by
-seeds below 10,000, beside rows of the code before, which are made by its checkout in BEFORE:
+seeds below 10,000, beside rows of the code before, which are made by its checkout in BEFORE (here from benchmarks/):
 
-    PYTHONPATH=BEFORE/src python benchmarks/stays_up.py --seeds 0 6 --budgets 60 \\
-      --rows benchmarks/results/stays_up_before.jsonl
+    PYTHONPATH=BEFORE/src python stays_up.py --seeds 0 6 --budgets 60 --rows results/stays_up_before.jsonl
 """
 
 from __future__ import annotations
