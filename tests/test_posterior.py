@@ -247,7 +247,8 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, poster
 
 
 def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evidence, posterior):
-    number = next(index for index, motion in enumerate(evidence.motions) if index > 5 and motion.lift is not None)
+    fitting = min((misfit for misfit in posterior.lifts if misfit.used), key=lambda misfit: abs(misfit.chi - 1))
+    number = next(index for index, motion in enumerate(evidence.motions) if motion.index == fitting.motion)
     lift = evidence.motions[number].lift
     pushed = lift.angular_velocity + 0.01 * np.sin(np.linspace(0, 9, len(lift.angular_velocity)))[:, None]
     motions = list(evidence.motions)

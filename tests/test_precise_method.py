@@ -5,12 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from equipoise import Calibration, CalibrationSettings, estimate
+from equipoise import Calibration, CalibrationSettings, calibrate, estimate, simulate
 from equipoise.cli import main
 from equipoise.cli.flags import seconds
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.estimation.parameters import COMPONENTS
-from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.experiments import precise_routine
+from equipoise.experiments.plan import make_plan
+from equipoise.experiments.precise_routine import PreciseRoutine, PreciseSettings
 from equipoise.outputs.precise_picture import draw_precise
 from equipoise.outputs.terminal import print_calibration
 
@@ -36,6 +38,24 @@ def test_the_json_form_comes_back_whole(precise_run, tmp_path):
 def test_the_result_gives_a_pinocchio_model_with_the_base_found(precise_run):
     model = precise_run.result.to_pinocchio()
     assert model.inertias[1].mass == pytest.approx(precise_run.result.base.mass)
+
+
+def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, monkeypatch):
+    """Moves over planted feet may teach more per second, and are no result."""
+    recordings, replanned = [], []
+
+    def replan(routine, candidates, posterior, done):
+        replanned.append(len(done))
+        return make_plan(candidates, 1.0, known=np.eye(candidates.unknowns.size), searched=True)
+
+    monkeypatch.setattr(PreciseRoutine, "_replan", replan)
+    monkeypatch.setattr(precise_routine, "_REPLAN_AT", 0.1)
+    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=35, sway=False))
+    with simulate(a1, "realistic") as simulation:
+        assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
+    assert replanned[0] < 4
+    searched = 4
+    assert sum(recording.trial["kind"] == "lift" for recording in recordings) >= searched + 4
 
 
 def test_estimating_again_gives_the_same_numbers(a1, precise_run):

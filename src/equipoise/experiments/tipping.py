@@ -39,7 +39,8 @@ FloatArray = NDArray[np.float64]
 
 SAFE = 0.6
 """Of the room between a support line and the edge of the feet: how much of it a robot may be on its way to when they come
-down. Simulated robots of the catalogue fell from 0.73 of it on, with drives 30 % softer from 0.69 on."""
+down. Simulated robots of the catalogue fell from 0.73 of it on, with drives 30 % softer from 0.69 on, and from 0.53 on where
+they tipped onto a foot that was still held up: lifts end before."""
 _STEP = np.concatenate([[0.0], smooth_step(100)])
 
 
