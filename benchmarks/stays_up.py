@@ -136,9 +136,9 @@ def table(rows: list[Row]) -> list[str]:
 ABOUT = """# Nothing planned tips a robot over
 
 `make bench-stays-up`, at commit {commits}: the precise method in simulation, `realistic`, on every robot of the catalogue.
-The seed draws a payload of up to 30 % of the robot's mass (up to 0.3 of half the robot's length and width off the middle, 0.2 to 0.5 hip heights above
-the base's origin) and drives up to 30 % softer than the model, in gains and feed-forward, that report the torque they were
-asked for. Nobody tells the robot of either. Budgets are an A1's; larger robots take longer.
+The seed draws a payload of up to 30 % of the robot's mass (up to 0.3 of half the robot's length and width off the middle,
+0.2 to 0.5 hip heights above the base's origin) and drives up to 30 % softer than the model, in gains and feed-forward, that
+report the torque they were asked for. Nobody tells the robot of either. Budgets are an A1's; larger robots take longer.
 
 *Fell*: the base leaned by more than 40 degrees. *Broken off*: ended with an error, on its feet. *Alarms*: runs in which a
 check failed. *Lifts*, *refused*: done, and left out at the last moment as the robot could have tipped over; the mean of a run.
