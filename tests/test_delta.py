@@ -51,7 +51,7 @@ def test_a_payload_is_found_within_its_intervals(weighed):
     for name, interval in weighed.intervals.items():
         assert interval.lower < truth[name] < interval.upper, name
     assert weighed.intervals["mass"].verdict == "identified"
-    assert weighed.intervals["Ixx"].verdict == "not identified"  # a point has none
+    assert weighed.intervals["Ixx"].verdict != "identified"  # a point has none
 
 
 def test_errors_in_common_cancel(a1, bare, precise_run, weighed):

@@ -205,10 +205,11 @@ def test_every_motion_that_was_read_is_judged(posterior, evidence):
 # --- what is given, and what is missing
 
 
-def test_a_scales_mass_is_reproduced(a1, precise_run, evidence, posterior):
+def test_a_scales_mass_is_reproduced(a1, precise_run, evidence):
     mass = precise_run.truth.composite.mass
     weighed = estimate_posterior(a1, precise_run.stance, evidence, mass=(mass, 1e-4), rounds=1)
     assert weighed.robot_body.mass == pytest.approx(mass, abs=5e-4)
+    posterior = estimate_posterior(a1, precise_run.stance, evidence, rounds=1)
     sds = (np.sqrt(p.robot_covariance[0, 0]) for p in (weighed, posterior))
     assert next(sds) < 1.1e-4 < 0.01 * next(sds)
     assert weighed.robot_covariance[4, 4] < posterior.robot_covariance[4, 4]
