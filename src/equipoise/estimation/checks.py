@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 # Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
 _LARGE_MISFIT, _LARGE_MEDIAN = 3.0, 2.0
-_OUTLIERS = 0.25  # of all lifts or moves
+_OUTLIERS = 0.25  # of all lifts or moves: one of four is too many
 _FEWEST_LIFTS = 4
 # Standard deviations. The largest of ten parameters times some forty motions is 2 to 4 by chance.
 _OUTLYING_SHIFT, _STEADY = 5.0, 5.0
@@ -116,7 +116,7 @@ def _feet_stay(evidence: Evidence, moves: tuple[Misfit, ...]) -> Check:
 
 def _fit(misfits: tuple[Misfit, ...]) -> bool:
     chi = np.array([misfit.chi for misfit in misfits])
-    return bool(np.mean(chi > _LARGE_MISFIT) <= _OUTLIERS and np.median(chi) < _LARGE_MEDIAN)
+    return bool(np.mean(chi > _LARGE_MISFIT) < _OUTLIERS and np.median(chi) < _LARGE_MEDIAN)
 
 
 def _converged(posterior: Posterior) -> Check:
