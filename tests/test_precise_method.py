@@ -44,8 +44,9 @@ def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, mo
     """Moves over planted feet may teach more per second, and are no result."""
     recordings, replanned = [], []
 
-    def replan(routine, candidates, posterior, done):
+    def replan(routine, posterior, done):
         replanned.append(len(done))
+        candidates = routine._candidates()
         return make_plan(candidates, 1.0, known=np.eye(candidates.unknowns.size), searched=True)
 
     monkeypatch.setattr(PreciseRoutine, "_replan", replan)
