@@ -42,6 +42,7 @@ class JointWatch:
         joints = len(robot.joint_names)
         self._too_fast, self._too_strong, self._behind, self._too_hot = np.zeros((4, joints))
         self._short = np.zeros(joints)
+        self._newest = -np.inf  # [s]
         self._stuck = StuckWatch(joints, round(limits.patience / control_period), round(_STUCK_TIME / control_period))
 
     def check_at_rest(self, state: RobotState) -> None:
@@ -90,8 +91,10 @@ class JointWatch:
                     f"{self._robot.velocity_limit[joint]:.1f} rad/s"
                 )
         self._check_following(state, command)
-        if state.joint_torque is not None:
+        # A sample that came again says nothing of what motors make of the newest command.
+        if state.joint_torque is not None and state.time > self._newest:
             self._check_torque(state, state.joint_torque, command)
+        self._newest = state.time
         self._check_health(state)
 
     def _check_position(self, position: FloatArray) -> None:
