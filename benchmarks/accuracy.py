@@ -45,9 +45,9 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import EquipoiseError
-from equipoise.estimation.parameters import COMPONENTS, components
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.platforms.sensors import REALISTIC
+from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.precise.routine import PreciseSettings
+from equipoise.simulation.sensors import REALISTIC
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "accuracy.jsonl"

@@ -37,10 +37,10 @@ from equipoise.balance.judge import Verdict, judge
 from equipoise.balance.routine import BalanceSettings, balance
 from equipoise.balance.senses import SensorKnowledge
 from equipoise.errors import EquipoiseError
-from equipoise.outputs.figure import BLUE, DPI, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
-from equipoise.platforms.glimpse import Bystander
-from equipoise.platforms.simulation import Simulation
+from equipoise.pictures.figure import BLUE, DPI, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
 from equipoise.robot.model import DIAGONALS
+from equipoise.simulation.glimpse import Bystander
+from equipoise.simulation.simulation import Simulation
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "balance.jsonl"

@@ -32,7 +32,7 @@ from accuracy import payload_of, rms, rounded
 import equipoise
 from equipoise import calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.precise.parameters import COMPONENTS, components
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "engines.jsonl"

@@ -17,8 +17,8 @@ import numpy as np
 
 from equipoise import CalibrationSettings, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError, ModelWarning
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.platforms.guard import Guard
+from equipoise.guard.guard import Guard
+from equipoise.precise.routine import PreciseSettings
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.model import RobotModel
 

@@ -27,7 +27,7 @@ import mujoco
 import numpy as np
 
 import equipoise
-from equipoise.recordings.run_log_reader import read_log
+from equipoise.recording.run_log_reader import read_log
 
 RESULTS = Path(__file__).parent / "results"
 KILLS, SEED = 20, 5
@@ -41,7 +41,7 @@ COMMON = ["--quiet", "--no-pictures", "--noise", "realistic", "--payload", "1,0.
 CALIBRATE = """
 import mmap, struct, sys
 from equipoise.cli import main
-from equipoise.platforms.mujoco import MujocoPlatform
+from equipoise.simulation.mujoco import MujocoPlatform
 file = open(sys.argv[1], "r+b")
 shared = mmap.mmap(file.fileno(), 8)
 def noting(method):
@@ -58,8 +58,8 @@ import mmap, struct, sys, time
 from pathlib import Path
 import numpy as np
 from equipoise import JointCommand, load_robot, simulate
-from equipoise.platforms.stepping import recording_of
-from equipoise.recordings.run_log import RunLog
+from equipoise.platform.stepping import recording_of
+from equipoise.recording.run_log import RunLog
 file = open(sys.argv[1], "r+b")
 shared = mmap.mmap(file.fileno(), 8)
 platform = simulate(load_robot("unitree_a1"), "realistic").platform

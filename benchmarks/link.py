@@ -30,11 +30,11 @@ import tyro
 
 import equipoise
 from equipoise import CalibrationSettings, JointCommand, Trajectory, calibrate, load_robot, nominal_stance, simulate
-from equipoise.estimation.parameters import components
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.platforms.guard import Guard
-from equipoise.platforms.hardware import HardwarePlatform
-from equipoise.platforms.unitree_dds import UnitreeGo2Settings, open_link
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.unitree.dds import UnitreeGo2Settings, open_link
+from equipoise.guard.guard import Guard
+from equipoise.precise.parameters import components
+from equipoise.precise.routine import PreciseSettings
 
 RESULTS = Path(__file__).parent / "results"
 ROBOT, DOMAIN, PAYLOAD = "unitree_a1", 71, "1.5,0.05,-0.02,0.06"

@@ -18,9 +18,9 @@ import numpy as np
 
 from equipoise import Calibration, Recording, calibrate, load_robot, simulate
 from equipoise.errors import ModelWarning
-from equipoise.estimation.parameters import COMPONENTS, components
-from equipoise.offline import estimate_log
-from equipoise.recordings.logs.log import RawImu, RawJoints, RawLog, assemble
+from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
+from equipoise.logs.offline import estimate_log
+from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.robot.inertial import RobotInertia
 
 RESULTS = Path(__file__).parent / "results"

@@ -32,10 +32,10 @@ from mujoco import rollout
 
 import equipoise
 from equipoise import CalibrationSettings, calibrate, estimate, load_robot, simulate
-from equipoise.monte_carlo.executors import dask_cluster, process_pool
-from equipoise.monte_carlo.runner import run_study
-from equipoise.monte_carlo.statistics import column
-from equipoise.monte_carlo.study import Study, draw
+from equipoise.study.executors import dask_cluster, process_pool
+from equipoise.study.runner import run_study
+from equipoise.study.statistics import column
+from equipoise.study.study import Study, draw
 
 RESULTS = Path(__file__).parent / "results"
 CORES = os.cpu_count() or 1

@@ -19,7 +19,7 @@ import numpy as np
 
 from equipoise import Payload, Recording, ScaleReadings, calibrate, find_delta, load_robot, nominal_stance, simulate
 from equipoise.errors import ModelWarning
-from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 

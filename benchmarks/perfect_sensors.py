@@ -22,7 +22,7 @@ from commit import commit
 
 from equipoise import CalibrationSettings, PreciseSettings, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.estimation.parameters import COMPONENTS, components
+from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.model import RobotModel
 

@@ -18,7 +18,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
-from equipoise.outputs.report.page import save_comparison, save_report
+from equipoise.report.page import save_comparison, save_report
 
 RESULTS = Path(__file__).parent / "results"
 TIMES = 5

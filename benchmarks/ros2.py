@@ -27,12 +27,12 @@ import numpy as np
 
 import equipoise
 from equipoise import CalibrationSettings, calibrate, load_robot, simulate
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.ros2.driver import Ros2Settings, open_link
 from equipoise.errors import EquipoiseError
-from equipoise.estimation.parameters import components
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.platforms.guard import Guard
-from equipoise.platforms.hardware import HardwarePlatform
-from equipoise.platforms.ros2 import Ros2Settings, open_link
+from equipoise.guard.guard import Guard
+from equipoise.precise.parameters import components
+from equipoise.precise.routine import PreciseSettings
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "ros2.jsonl"

@@ -22,7 +22,7 @@ import numpy as np
 
 import equipoise
 from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, simulate
-from equipoise.recordings.recording import Recording
+from equipoise.recording.recording import Recording
 
 RESULTS = Path(__file__).parent / "results"
 REPEATS = 7

@@ -28,11 +28,11 @@ from commit import commit
 
 from equipoise import CalibrationSettings, Recording, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.estimation.parameters import components
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.platforms.simulation import Simulation
+from equipoise.precise.parameters import components
+from equipoise.precise.routine import PreciseSettings
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.model import RobotModel
+from equipoise.simulation.simulation import Simulation
 
 RESULTS = Path(__file__).parent / "results"
 ROWS, BEFORE = RESULTS / "stays_up.jsonl", RESULTS / "stays_up_before.jsonl"

@@ -31,11 +31,11 @@ import numpy as np
 
 import equipoise
 from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
-from equipoise.estimation.parameters import COMPONENTS, components
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.platforms.guard import Guard
-from equipoise.platforms.hardware import HardwarePlatform
-from equipoise.platforms.unitree_udp import UnitreeUdpSettings, open_link
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.unitree.udp import UnitreeUdpSettings, open_link
+from equipoise.guard.guard import Guard
+from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.precise.routine import PreciseSettings
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "udp.jsonl"

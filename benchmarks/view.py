@@ -33,10 +33,10 @@ import tyro
 
 import equipoise
 from equipoise import CalibrationSettings, RunFolder, Trajectory, load_robot, nominal_stance
-from equipoise.outputs.viewing.process import ViewerProcess
-from equipoise.platforms.guard import Guard
-from equipoise.platforms.hardware import HardwarePlatform
-from equipoise.platforms.unitree_dds import UnitreeGo2Settings, open_link
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.unitree.dds import UnitreeGo2Settings, open_link
+from equipoise.guard.guard import Guard
+from equipoise.view.process import ViewerProcess
 
 RESULTS = Path(__file__).parent / "results"
 ROBOT, DOMAIN = "unitree_a1", 73

@@ -8,8 +8,8 @@ docs/examples.md shows what this prints.
 import sys
 
 from equipoise import CalibrationSettings, calibrate, load_robot, simulate
-from equipoise.estimation.parameters import components
-from equipoise.experiments.precise_routine import PreciseSettings
+from equipoise.precise.parameters import components
+from equipoise.precise.routine import PreciseSettings
 
 budget = float(sys.argv[1]) if len(sys.argv) > 1 else None
 

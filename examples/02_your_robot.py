@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from equipoise import CalibrationSettings, RobotDescription, audit, calibrate, load_robot, nominal_stance, simulate
-from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
+from equipoise.precise.routine import PreciseSettings, plan_ahead
 from equipoise.robot.catalog import CATALOG
 
 file = Path(sys.argv[1]) if len(sys.argv) > 1 else CATALOG["unitree_a1"].find()

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, simulate
-from equipoise.offline import estimate_log
-from equipoise.recordings.logs.reader import read_log
+from equipoise.logs.offline import estimate_log
+from equipoise.logs.reader import read_log
 
 robot, recordings = load_robot("unitree_a1"), []
 if len(sys.argv) > 1:

@@ -13,9 +13,9 @@ from robots import load_text, quadruped_urdf
 import equipoise
 from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance, simulate
 from equipoise.experiments.posture import BodyPosture
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.experiments.precise_trials import LiftDesign, PreciseTrials
 from equipoise.experiments.stand import stand_up
+from equipoise.precise.routine import PreciseSettings
+from equipoise.precise.trials import LiftDesign, PreciseTrials
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
 

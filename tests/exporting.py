@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.errors import ModelWarning
-from equipoise.estimation.parameters import COMPONENTS, components
-from equipoise.outputs.export.subject import body_of, seen_from
-from equipoise.result import BodyEstimate, Calibration, Interval, Uncertainty, model_facts
+from equipoise.export.subject import body_of, seen_from
+from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.result.calibration import BodyEstimate, Calibration, Interval, Uncertainty, model_facts
 from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance

@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from equipoise.recordings.logs.message_types import known_types
-from equipoise.recordings.recording import Recording
+from equipoise.logs.message_types import known_types
+from equipoise.recording.recording import Recording
 from equipoise.robot.unitree_motors import MOTOR_LEGS
 
 EPOCH = 1_763_712_000_123_456_789  # [ns]

@@ -34,10 +34,9 @@ from equipoise import (
     load_robot,
     simulate,
 )
-from equipoise.errors import EquipoiseError
-from equipoise.platforms.catalog import given_settings
-from equipoise.platforms.unitree_formats import FORMS
-from equipoise.platforms.unitree_packets import (
+from equipoise.drivers.catalog import given_settings
+from equipoise.drivers.unitree.formats import FORMS
+from equipoise.drivers.unitree.packets import (
     CommandPacket,
     LowState,
     MotorCommands,
@@ -45,9 +44,10 @@ from equipoise.platforms.unitree_packets import (
     read_command,
     read_state,
 )
-from equipoise.recordings.logs.joint_names import read_joint_map
-from equipoise.recordings.logs.reader import read_log as read_foreign
-from equipoise.recordings.run_log_reader import read_log
+from equipoise.errors import EquipoiseError
+from equipoise.logs.joint_names import read_joint_map
+from equipoise.logs.reader import read_log as read_foreign
+from equipoise.recording.run_log_reader import read_log
 
 PATIENCE = 30.0  # [s] for one file; starting a child is not counted
 NUMBERS = (

@@ -8,11 +8,11 @@ import numpy as np
 from equipoise import nominal_stance, simulate
 from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.platforms.footing import Footing
-from equipoise.platforms.mujoco import MujocoPlatform
-from equipoise.platforms.platform import ACCEPTS_EVERYTHING, RobotState, Trajectory
-from equipoise.platforms.stepping import play_by_stepping
+from equipoise.guard.footing import Footing
+from equipoise.platform.platform import ACCEPTS_EVERYTHING, RobotState, Trajectory
+from equipoise.platform.stepping import play_by_stepping
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.simulation.mujoco import MujocoPlatform
 
 PERIOD = 2e-3  # [s] of samples that are made up
 SLOW = 4e-3  # [s] of simulated robots: half of them in the same time

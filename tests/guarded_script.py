@@ -15,8 +15,8 @@ from pathlib import Path
 from guarded import Seen, is_damped, lift, simulated
 
 from equipoise import load_robot, nominal_stance
-from equipoise.platforms.footing import Footing
-from equipoise.platforms.guard import Guard
+from equipoise.guard.footing import Footing
+from equipoise.guard.guard import Guard
 
 
 class Told(Seen):

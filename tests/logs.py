@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from equipoise.recordings.recording import CommandStream, Event, ImuStream, JointStream, Recording
-from equipoise.recordings.run_log import RunLog
+from equipoise.recording.recording import CommandStream, Event, ImuStream, JointStream, Recording
+from equipoise.recording.run_log import RunLog
 
 NAMES = ("a", "β")
 

@@ -14,9 +14,9 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from equipoise.errors import SettingsError
-from equipoise.platforms.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory
-from equipoise.platforms.stepping import play_by_stepping
-from equipoise.recordings.recording import PHASE, Event, Recording
+from equipoise.platform.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory
+from equipoise.platform.stepping import play_by_stepping
+from equipoise.recording.recording import PHASE, Event, Recording
 
 NEVER = TiltLimit(np.pi, (0.0, 0.0, 1.0))
 

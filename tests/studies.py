@@ -8,7 +8,7 @@ import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
-from equipoise.monte_carlo.study import Study
+from equipoise.study.study import Study
 
 STATIC = Study(methods=("static",), seed=11)  # 0.1 s a trial
 TIMES = ("wall_time", "cpu_time", "estimation_time", "worker")
@@ -49,8 +49,8 @@ def cheap_trial(study, trial, logs=None):
 def start_study(folder, *flags, setup="pass"):
     """`equipoise monte-carlo` in a session of its own, its progress on stderr after every trial."""
     code = (
-        "import sys; from equipoise.cli import main; import equipoise.monte_carlo.store as store; "
-        f"import equipoise.outputs.study_terminal as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
+        "import sys; from equipoise.cli import main; import equipoise.study.store as store; "
+        f"import equipoise.terminal.study as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
     )
     return subprocess.Popen(
         [sys.executable, "-c", code, "monte-carlo", "--methods", "static", "--seed", "11", "--no-pictures",

@@ -73,7 +73,7 @@ def test_a_driver_whose_own_package_is_broken():
     code = (
         "import sys; sys.modules['socket'] = None\n"
         "from equipoise.errors import MissingDependencyError\n"
-        "from equipoise.platforms.catalog import settings_of\n"
+        "from equipoise.drivers.catalog import settings_of\n"
         "try: settings_of('unitree-go1')\n"
         "except MissingDependencyError as error: print(error)"
     )
@@ -83,5 +83,5 @@ def test_a_driver_whose_own_package_is_broken():
 
 
 def test_what_to_install_is_what_the_project_itself_asks_for():
-    cyclone = pytest.importorskip("equipoise.platforms.cyclone", exc_type=ImportError)
+    cyclone = pytest.importorskip("equipoise.drivers.dds.cyclone", exc_type=ImportError)
     assert cyclone.INSTALL.strip("'") in (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from test_export_formats import CONST, INERTIAL, SDF
 
 from equipoise import CalibrationSettings, RunFolder
 from equipoise.cli import main
-from equipoise.outputs.export.formats import FORMATS
+from equipoise.export.formats import FORMATS
 
 PAGES = Path(__file__).parents[1] / "docs" / "controllers"
 COMMAND = re.compile(r"^    equipoise (export.*?)(?:\s+#.*)?$", re.MULTILINE)

@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from equipoise import nominal_stance
-from equipoise.estimation.lift_samples import LiftSamples
-from equipoise.estimation.torque_balance import TorqueSamples
+from equipoise.precise.measurements.lift_samples import LiftSamples
+from equipoise.precise.measurements.torque_balance import TorqueSamples
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 

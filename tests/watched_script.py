@@ -19,10 +19,10 @@ import numpy as np
 
 from equipoise import load_robot
 from equipoise.alive import alive
-from equipoise.platforms.catalog import given_settings
-from equipoise.platforms.connection import open_guarded
-from equipoise.platforms.limits import Limits
-from equipoise.platforms.platform import Trajectory
+from equipoise.drivers.catalog import given_settings
+from equipoise.guard.connection import open_guarded
+from equipoise.guard.limits import Limits
+from equipoise.platform.platform import Trajectory
 
 BUSY = Limits(silence=1.0, stall=1.0, missing_torque=50.0)  # for a machine that has other things to do, too
 

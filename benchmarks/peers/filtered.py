@@ -18,9 +18,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from equipoise.estimation.leg_motion import LegChains
-from equipoise.estimation.lift_samples import attitudes, read_lift
-from equipoise.recordings.recording import Recording
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.lift_samples import attitudes, read_lift
+from equipoise.recording.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 FloatArray = NDArray[np.float64]

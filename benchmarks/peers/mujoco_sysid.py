@@ -28,13 +28,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.platforms import mujoco_model
-from equipoise.platforms.sensors import IDEAL, REALISTIC, DrawnErrors
-from equipoise.recordings.recording import Recording
+from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.simulation import mujoco_model
+from equipoise.simulation.sensors import IDEAL, REALISTIC, DrawnErrors
 
 FloatArray = NDArray[np.float64]
 

@@ -40,9 +40,9 @@ from numpy.typing import NDArray
 import equipoise
 from equipoise import CalibrationSettings, estimate
 from equipoise.errors import EquipoiseError
-from equipoise.estimation.parameters import components
-from equipoise.experiments.precise_routine import PreciseSettings
-from equipoise.recordings.recording import Recording
+from equipoise.precise.parameters import components
+from equipoise.precise.routine import PreciseSettings
+from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from peers import filtered, mujoco_sysid, projected_least_squares, rigid_body_kalman
 from peers.mujoco_sysid import SysidSettings

@@ -21,17 +21,17 @@ from numpy.typing import NDArray
 
 from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import RecordingError
-from equipoise.estimation.parameters import components
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import stand_up
 from equipoise.experiments.sway import why_not_planted
-from equipoise.platforms.platform import Platform, TiltLimit, Trajectory
-from equipoise.platforms.sensors import REALISTIC
-from equipoise.recordings.recording import TRIAL, Recording
+from equipoise.platform.platform import Platform, TiltLimit, Trajectory
+from equipoise.precise.parameters import components
+from equipoise.recording.recording import TRIAL, Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import feet_under_base
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.simulation.sensors import REALISTIC
 
 FloatArray = NDArray[np.float64]
 

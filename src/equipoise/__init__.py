@@ -15,59 +15,59 @@ from typing import TYPE_CHECKING, Any
 from equipoise._version import __version__
 
 if TYPE_CHECKING:
-    from equipoise.calibration import CalibrationSettings, calibrate, estimate
-    from equipoise.delta import Delta, find_delta
+    from equipoise.calibration.delta import Delta, find_delta
+    from equipoise.calibration.routine import CalibrationSettings, calibrate, estimate
+    from equipoise.calibration.run_folder import RunFolder
     from equipoise.errors import EquipoiseError
-    from equipoise.estimation.two_runs import ScaleReadings
-    from equipoise.experiments.precise_routine import PreciseSettings
     from equipoise.experiments.sway import SwaySettings
-    from equipoise.experiments.trial_runner import ComSearchSettings
-    from equipoise.outputs.export.formats import export
-    from equipoise.platforms.payload import Payload
-    from equipoise.platforms.platform import JointCommand, Platform, RobotState, Trajectory
-    from equipoise.platforms.sensors import SensorErrors
-    from equipoise.platforms.simulation import Simulation, simulate
-    from equipoise.recordings.recording import Recording
-    from equipoise.result import Calibration
+    from equipoise.export.formats import export
+    from equipoise.paper.trial_runner import ComSearchSettings
+    from equipoise.platform.platform import JointCommand, Platform, RobotState, Trajectory
+    from equipoise.precise.routine import PreciseSettings
+    from equipoise.precise.two_runs import ScaleReadings
+    from equipoise.recording.recording import Recording
+    from equipoise.result.calibration import Calibration
     from equipoise.robot.audit import Audit, audit
     from equipoise.robot.catalog import load_robot
     from equipoise.robot.description import RobotDescription
     from equipoise.robot.inertial import InertialParameters
     from equipoise.robot.model import RobotModel
     from equipoise.robot.stance import Stance, nominal_stance
-    from equipoise.run_folder import RunFolder
+    from equipoise.simulation.payload import Payload
+    from equipoise.simulation.sensors import SensorErrors
+    from equipoise.simulation.simulation import Simulation, simulate
 
 _HOME = {
     "Audit": "robot.audit",
-    "Calibration": "result",
-    "CalibrationSettings": "calibration",
-    "ComSearchSettings": "experiments.trial_runner",
-    "Delta": "delta",
+    "Calibration": "result.calibration",
+    "CalibrationSettings": "calibration.routine",
+    "ComSearchSettings": "paper.trial_runner",
+    "Delta": "calibration.delta",
     "EquipoiseError": "errors",
     "InertialParameters": "robot.inertial",
-    "JointCommand": "platforms.platform",
-    "Payload": "platforms.payload",
-    "Platform": "platforms.platform",
-    "PreciseSettings": "experiments.precise_routine",
-    "Recording": "recordings.recording",
+    "JointCommand": "platform.platform",
+    "Payload": "simulation.payload",
+    "Platform": "platform.platform",
+    "PreciseSettings": "precise.routine",
+    "Recording": "recording.recording",
     "RobotDescription": "robot.description",
     "RobotModel": "robot.model",
-    "RobotState": "platforms.platform",
-    "RunFolder": "run_folder",
-    "ScaleReadings": "estimation.two_runs",
-    "SensorErrors": "platforms.sensors",
-    "Simulation": "platforms.simulation",
+    "RobotState": "platform.platform",
+    "RunFolder": "calibration.run_folder",
+    "ScaleReadings": "precise.two_runs",
+    "SensorErrors": "simulation.sensors",
+    "Simulation": "simulation.simulation",
     "Stance": "robot.stance",
     "SwaySettings": "experiments.sway",
-    "Trajectory": "platforms.platform",
+    "Trajectory": "platform.platform",
     "audit": "robot.audit",
-    "calibrate": "calibration",
-    "estimate": "calibration",
-    "export": "outputs.export.formats",
-    "find_delta": "delta",
+    "calibrate": "calibration.routine",
+    "estimate": "calibration.routine",
+    "export": "export.formats",
+    "find_delta": "calibration.delta",
     "load_robot": "robot.catalog",
     "nominal_stance": "robot.stance",
-    "simulate": "platforms.simulation",
+    "simulate": "simulation.simulation",
 }
 """Public names and the modules that they live in."""
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
 from equipoise import CalibrationSettings, calibrate, find_delta, load_robot, nominal_stance, simulate
-from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
+from equipoise.precise.routine import PreciseSettings, plan_ahead
 from equipoise.robot.model import DIAGONALS
 
 _PAYLOAD = "1,0.05,0.02,0.08"

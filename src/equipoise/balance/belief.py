@@ -6,18 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from equipoise.balance.posture import line_through, stance_legs
 from equipoise.balance.senses import SensorKnowledge
+from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.result import Calibration
+from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.inertial import RobotInertia, composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_discrete_are
 
 from equipoise.balance.model import LinearModel
-
-FloatArray = NDArray[np.float64]
+from equipoise.conventions import FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from equipoise.balance.posture import stance_legs
 from equipoise.balance.run import ENDINGS, BalanceRun
-from equipoise.platforms.glimpse import Glimpse
+from equipoise.conventions import FloatArray
 from equipoise.robot.description import LEG_NAMES
-
-FloatArray = NDArray[np.float64]
+from equipoise.simulation.glimpse import Glimpse
 
 LIFT_GRACE = 0.2  # [s] from the lift's start, before which nothing is judged
 _SETTLING = 2.0  # [s] after the lift, before which sway is not counted

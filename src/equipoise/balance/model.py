@@ -15,13 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.linalg import expm, null_space
 
 from equipoise.balance.posture import Posture, contact_jacobian, stance_legs
+from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 # Four-point differences: with this step their error and that of rounding are both below 1e-9 of the largest term.
 _STEP = 1e-3

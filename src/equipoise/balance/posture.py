@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, RobotModel
-
-FloatArray = NDArray[np.float64]
 
 _UP = np.array([0.0, 0.0, 1.0])
 _ITERATIONS = 20

@@ -13,7 +13,7 @@ from equipoise.balance.judge import Course, Verdict
 from equipoise.balance.routine import BalanceSettings
 from equipoise.balance.run import BalanceRun
 from equipoise.errors import OutputError
-from equipoise.recordings.run_log import save_recording
+from equipoise.recording.run_log import save_recording
 from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.balance/1"

@@ -7,24 +7,22 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from equipoise.balance.controller import BalanceLaw, BalanceWeights
 from equipoise.balance.model import LinearModel, linear_model
 from equipoise.balance.posture import Posture, posture_over_line
 from equipoise.balance.run import BalanceRun, Ending, Samples
 from equipoise.balance.senses import Bearings, Senses, SensorKnowledge
+from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.stand import move_to, stand_up
-from equipoise.platforms.platform import JointCommand, MotionInterrupted, Platform, RobotState
-from equipoise.platforms.ramp import smooth_step
+from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
+from equipoise.platform.ramp import smooth_step
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics_best_effort
 from equipoise.robot.model import A1_TORQUE_SCALE, DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import static_torques
-
-FloatArray = NDArray[np.float64]
 
 _HEIGHTS = 7  # of the lifted feet, at which the posture over the line is computed
 _TOUCHING = 0.1  # of its lift's height: a foot that the encoders say is lower than that touches the floor, or soon will

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from equipoise.platforms.platform import RobotState
-from equipoise.platforms.stepping import recording_of
-from equipoise.recordings.recording import PHASE, Event, Recording
-
-FloatArray = NDArray[np.float64]
+from equipoise.conventions import FloatArray
+from equipoise.platform.platform import RobotState
+from equipoise.platform.stepping import recording_of
+from equipoise.recording.recording import PHASE, Event, Recording
 
 Ending = Literal["balanced", "tilted", "touched"]
 ENDINGS: dict[Ending, str] = {

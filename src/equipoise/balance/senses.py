@@ -7,18 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from equipoise.balance.posture import line_through, stance_legs
+from equipoise.conventions import FloatArray
 from equipoise.errors import FallError
-from equipoise.platforms.platform import RobotState
-from equipoise.result import Calibration
+from equipoise.platform.platform import RobotState
+from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 # [s] over which the accelerometer corrects the gyroscope: long against a fall, short against a gyroscope's drift.
 _CORRECTION_TIME = 3.0

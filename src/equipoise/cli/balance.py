@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from equipoise.balance.belief import Belief
     from equipoise.balance.report import BalanceTrial
     from equipoise.balance.routine import BalanceSettings
-    from equipoise.platforms.simulation import Simulation
     from equipoise.robot.model import RobotModel
     from equipoise.robot.stance import Stance
+    from equipoise.simulation.simulation import Simulation
 
 _WATCHED_PERIODS = 5  # the bystander looks every so many control periods
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
@@ -83,11 +83,11 @@ def balance(
     """
     from equipoise.balance.report import BalanceReport
     from equipoise.balance.routine import BalanceSettings
-    from equipoise.outputs.balance_terminal import print_balance
-    from equipoise.platforms.payload import Payload
-    from equipoise.platforms.simulation import simulate
     from equipoise.robot.model import DIAGONALS
     from equipoise.robot.stance import nominal_stance
+    from equipoise.simulation.payload import Payload
+    from equipoise.simulation.simulation import simulate
+    from equipoise.terminal.balance import print_balance
 
     if com is not None and com_error is not None:
         raise SettingsError("--com and --com-error both say what the law believes; give one of them")
@@ -118,7 +118,7 @@ def balance(
     report = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
     files = report.save(out)
     if pictures:
-        from equipoise.outputs.balance_picture import save_balance_picture
+        from equipoise.pictures.balance import save_balance_picture
 
         files.append(save_balance_picture(report, out))
     if json:
@@ -135,8 +135,8 @@ def balance(
 @contextmanager
 def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
     """Save what was recorded, and say where, if a trial does not come to its end."""
-    from equipoise.platforms.platform import MotionInterrupted
-    from equipoise.recordings.run_log import save_recording
+    from equipoise.platform.platform import MotionInterrupted
+    from equipoise.recording.run_log import save_recording
 
     try:
         yield
@@ -167,7 +167,7 @@ def _duration(text: str) -> float:
 
 
 def _calibration(path: Path) -> Any:
-    from equipoise.result import Calibration
+    from equipoise.result.calibration import Calibration
 
     return Calibration.load(path / "calibration.json" if path.is_dir() else path)
 
@@ -196,7 +196,7 @@ def _trial(
     from equipoise.balance.judge import judge, seen_course
     from equipoise.balance.report import BalanceTrial
     from equipoise.balance.routine import balance as run
-    from equipoise.platforms.glimpse import Bystander
+    from equipoise.simulation.glimpse import Bystander
 
     bystander = Bystander(simulation.witness.look, _WATCHED_PERIODS)
     done = run(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)

@@ -39,10 +39,10 @@ from equipoise.robot.description import RobotDescription
 from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
-    from equipoise.calibration import CalibrationSettings
-    from equipoise.recordings.run_log_reader import LogContent
-    from equipoise.result import Calibration
-    from equipoise.run_folder import RunFolder
+    from equipoise.calibration.routine import CalibrationSettings
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.recording.run_log_reader import LogContent
+    from equipoise.result.calibration import Calibration
 
 _DEFAULT_ROBOT = "unitree_a1"
 
@@ -150,12 +150,12 @@ def calibrate(
         return
     refuse_flags_of_other_methods(calibrate, method, given)
     refuse_flags_of_other_platforms(calibrate, platform, given)
-    from equipoise.calibration import CalibrationSettings, check
-    from equipoise.experiments.precise_routine import PreciseSettings
+    from equipoise.calibration.routine import CalibrationSettings, check
+    from equipoise.drivers.catalog import given_settings
     from equipoise.experiments.sway import SwaySettings
-    from equipoise.experiments.trial_runner import ComSearchSettings
-    from equipoise.platforms.catalog import given_settings
-    from equipoise.platforms.payload import Payload
+    from equipoise.paper.trial_runner import ComSearchSettings
+    from equipoise.precise.routine import PreciseSettings
+    from equipoise.simulation.payload import Payload
 
     plan = CalibrationSettings(
         method,
@@ -177,8 +177,8 @@ def calibrate(
     place = Place(platform, given_settings(set, settings), noise, payload, seed, start, noise_seed)
     check(model, plan)
     if dry_run:
-        from equipoise.methods.rehearsal import rehearse
-        from equipoise.outputs.platform_terminal import print_rehearsal
+        from equipoise.calibration.rehearsal import rehearse
+        from equipoise.terminal.platform import print_rehearsal
 
         rehearsal = rehearse(model, plan)
         if json:
@@ -212,7 +212,7 @@ def _say_what(robot: str | None, place: Place, plan: CalibrationSettings, out: P
 
 def _begun(session: Session, out: Path, plan: CalibrationSettings, facts: Mapping[str, Any]) -> RunFolder:
     """The folder of a run that is about to be made."""
-    from equipoise.run_folder import RunFolder
+    from equipoise.calibration.run_folder import RunFolder
 
     return RunFolder.create(out, session.robot, plan, {**facts, **session.facts})
 
@@ -228,7 +228,7 @@ def _run(
 
 def _resumed(path: Path, yes: bool, quiet: bool, watch: Watch, shown: _Shown) -> None:
     """Go on with a run, and show its result."""
-    from equipoise.run_folder import RunFolder
+    from equipoise.calibration.run_folder import RunFolder
 
     folder = RunFolder.open(path)
     watch.check()
@@ -257,9 +257,9 @@ def _repeated(
     watch: Watch,
 ) -> None:
     """Several runs on one robot, and how much they differ."""
-    from equipoise.outputs.repeatability_terminal import print_repeatability
-    from equipoise.outputs.report.page import REPORT, save_comparison, save_report
-    from equipoise.repeatability import repeatability, to_dict
+    from equipoise.calibration.repeatability import repeatability, to_dict
+    from equipoise.report.page import REPORT, save_comparison, save_report
+    from equipoise.terminal.repeatability import print_repeatability
 
     results: dict[str, Calibration] = {}
     for number in range(count):
@@ -294,15 +294,15 @@ class _Shown:
 
     def show(self, result: Calibration, folder: RunFolder) -> None:
         """Draw and print it."""
-        from equipoise.outputs.terminal import print_calibration
+        from equipoise.terminal.calibration import print_calibration
 
         files = [folder.path / "calibration.json"]
         if self.pictures:
-            from equipoise.outputs.pictures import save_pictures
+            from equipoise.pictures.files import save_pictures
 
             files += save_pictures(result, folder.path)
         if self.report:
-            from equipoise.outputs.report.page import save_report
+            from equipoise.report.page import save_report
 
             files.append(save_report(result, folder.path))
         if self.json:

@@ -14,9 +14,9 @@ from equipoise.errors import SettingsError
 from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
-    from equipoise.estimation.two_runs import ScaleReadings
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.precise.two_runs import ScaleReadings
     from equipoise.robot.model import RobotModel
-    from equipoise.run_folder import RunFolder
 
 
 def delta(
@@ -49,9 +49,9 @@ def delta(
         quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.delta import find_delta
-    from equipoise.outputs.delta_terminal import print_delta
-    from equipoise.run_folder import RunFolder
+    from equipoise.calibration.delta import find_delta
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.terminal.delta import print_delta
 
     folders = RunFolder.open(before), RunFolder.open(after)
     robot = _shared_robot(*folders)
@@ -93,7 +93,7 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
 def _scale(
     folders: tuple[RunFolder, RunFolder], given: tuple[float | None, float | None], gain: float, noise: float
 ) -> ScaleReadings:
-    from equipoise.estimation.two_runs import ScaleReadings
+    from equipoise.precise.two_runs import ScaleReadings
 
     before, after = (
         mass if mass is not None else folder.settings().precise.mass

@@ -13,8 +13,8 @@ from equipoise.cli.flags import File
 from equipoise.errors import OutputError, SettingsError
 
 if TYPE_CHECKING:
-    from equipoise.outputs.export.formats import Export
-    from equipoise.result import Calibration
+    from equipoise.export.formats import Export
+    from equipoise.result.calibration import Calibration
 
 _FOLDER = "export"
 Run = Annotated[
@@ -60,7 +60,7 @@ def export(
         quiet: Print nothing but errors.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.outputs.export import formats
+    from equipoise.export import formats
 
     if run is None or to is None or list:
         if to is not None and run is None and not list:
@@ -83,16 +83,16 @@ def export(
         table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
         print(json_module.dumps(table, indent=2))
     elif not quiet:
-        from equipoise.outputs.export_terminal import print_export
+        from equipoise.terminal.export import print_export
 
         print_export(written, path)
 
 
 def _show_formats(json: bool) -> None:
-    from equipoise.outputs.export.formats import FORMATS
+    from equipoise.export.formats import FORMATS
 
     if not json:
-        from equipoise.outputs.export_terminal import print_formats
+        from equipoise.terminal.export import print_formats
 
         print_formats(tuple(FORMATS.values()))
         return
@@ -106,8 +106,8 @@ def _show_formats(json: bool) -> None:
 
 def _result(run: Path) -> Calibration:
     """Of a run folder, with its model; so has a JSON file that lies in the folder of the run that it is of."""
-    from equipoise.result import Calibration
-    from equipoise.run_folder import HEADER, RunFolder
+    from equipoise.calibration.run_folder import HEADER, RunFolder
+    from equipoise.result.calibration import Calibration
 
     if not run.is_file():
         return RunFolder.open(run).result()

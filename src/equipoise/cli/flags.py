@@ -84,8 +84,8 @@ def interruption_told(folder: Any) -> Generator[None]:
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.platforms.catalog import SIMULATED, given_settings
-    from equipoise.platforms.connection import open_platform
+    from equipoise.drivers.catalog import SIMULATED, given_settings
+    from equipoise.guard.connection import open_platform
 
     given = given_settings(pairs, settings)
     if platform not in SIMULATED:
@@ -93,7 +93,7 @@ def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path 
             yield connection
         return
     refuse_settings(platform, given)
-    from equipoise.platforms.simulation import simulate
+    from equipoise.simulation.simulation import simulate
 
     with simulate(model, "realistic", engine=platform) as simulation:
         yield simulation.platform

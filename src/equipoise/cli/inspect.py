@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.flags import Described, Duration, File, Kilograms, Robot, Topic, Verbose, load, seconds
 from equipoise.errors import LogError, RecordingError, SettingsError
-from equipoise.recordings.logs.topics import Topics
+from equipoise.logs.topics import Topics
 from equipoise.robot.description import RobotDescription
 
 
@@ -39,9 +39,9 @@ def plan(
         quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.experiments.precise_routine import PreciseSettings, plan_ahead
-    from equipoise.outputs.terminal import print_plan
+    from equipoise.precise.routine import PreciseSettings, plan_ahead
     from equipoise.robot.stance import nominal_stance
+    from equipoise.terminal.calibration import print_plan
 
     model = load(robot, description_file, description)
     result = plan_ahead(model, nominal_stance(model), PreciseSettings(seconds(budget), sway=sway))
@@ -140,10 +140,10 @@ def _estimate_run(
     path: Path, feet: Literal["measured", "commanded"] | None, mass: float | None, mass_sd: float | None, out: Path | None,
     report: bool, json: bool, verbose: bool,
 ) -> None:  # fmt: skip
+    from equipoise.calibration.run_folder import RESULT, RunFolder
     from equipoise.cli.report import try_to_save
-    from equipoise.outputs.terminal import print_calibration
-    from equipoise.recordings.logs.reader import is_log
-    from equipoise.run_folder import RESULT, RunFolder
+    from equipoise.logs.reader import is_log
+    from equipoise.terminal.calibration import print_calibration
 
     try:
         folder = RunFolder.open(path)
@@ -176,14 +176,14 @@ def _estimate_log(
     path: Path, robot: str, given: _LogFlags, mass: float | None, mass_sd: float | None, report: bool, json: bool,
     verbose: bool,
 ) -> None:  # fmt: skip
-    from equipoise.calibration import CalibrationSettings
+    from equipoise.calibration.routine import CalibrationSettings
     from equipoise.cli.report import try_to_save
-    from equipoise.experiments.precise_routine import PreciseSettings
-    from equipoise.offline import estimate_log
-    from equipoise.outputs.log_terminal import print_log_report
-    from equipoise.outputs.terminal import print_calibration
-    from equipoise.recordings.logs.joint_names import read_joint_map
-    from equipoise.recordings.logs.reader import read_log
+    from equipoise.logs.joint_names import read_joint_map
+    from equipoise.logs.offline import estimate_log
+    from equipoise.logs.reader import read_log
+    from equipoise.precise.routine import PreciseSettings
+    from equipoise.terminal.calibration import print_calibration
+    from equipoise.terminal.log import print_log_report
 
     model = load(robot, given.description_file, given.description)
     settings = CalibrationSettings(precise=PreciseSettings(mass=mass, mass_sd=mass_sd))
@@ -217,8 +217,8 @@ def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> N
         quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.outputs.terminal import print_robots
     from equipoise.robot.catalog import describe_catalog
+    from equipoise.terminal.calibration import print_robots
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -248,8 +248,8 @@ def audit(
         quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.outputs.terminal import print_audit
     from equipoise.robot.audit import audit as run
+    from equipoise.terminal.calibration import print_audit
 
     with warnings.catch_warnings():  # the audit says what was repaired
         warnings.simplefilter("ignore")

@@ -75,13 +75,13 @@ def monte_carlo(
         quiet: No progress.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.monte_carlo.runner import run_study
-    from equipoise.monte_carlo.statistics import slopes, summarize
-    from equipoise.monte_carlo.study import Study
-    from equipoise.outputs.pictures import save_figures
-    from equipoise.outputs.study_picture import draw_slopes, draw_study
-    from equipoise.outputs.study_report import save_summary, summary_markdown, summary_table
-    from equipoise.outputs.study_terminal import StudyLine, print_study
+    from equipoise.pictures.files import save_figures
+    from equipoise.pictures.study import draw_slopes, draw_study
+    from equipoise.study.runner import run_study
+    from equipoise.study.statistics import slopes, summarize
+    from equipoise.study.study import Study
+    from equipoise.study.summary import save_summary, summary_markdown, summary_table
+    from equipoise.terminal.study import StudyLine, print_study
 
     study = Study(
         robot, names(methods), noise, names(only), vary_noise, payload, spread, scale_error, tolerance, seconds(budget),
@@ -112,7 +112,7 @@ def names(text: str) -> Any:
 
 @contextmanager
 def _executor(kind: str, scheduler: str | None) -> Generator[tuple[Executor | None, int | None]]:
-    from equipoise.monte_carlo.executors import dask_cluster
+    from equipoise.study.executors import dask_cluster
 
     if (kind == "dask") != (scheduler is not None):
         raise SettingsError("--executor dask and --scheduler tcp://HOST:PORT go together")

@@ -53,7 +53,7 @@ def refuse_flags_of_other_methods(verb: Verb, method: str, given: Mapping[str, o
 
 def refuse_flags_of_other_platforms(verb: Verb, platform: str, given: Mapping[str, object]) -> None:
     """A flag that a platform does not know would be ignored without a word."""
-    from equipoise.platforms.catalog import SIMULATED
+    from equipoise.drivers.catalog import SIMULATED
 
     simulated = platform in SIMULATED
     defaults = signature(verb).parameters

@@ -14,7 +14,7 @@ from equipoise.cli.flags import File
 from equipoise.errors import OutputError, SettingsError
 
 if TYPE_CHECKING:
-    from equipoise.result import Calibration
+    from equipoise.result.calibration import Calibration
 
 _COMPARISON = "comparison.html"
 Runs = Annotated[
@@ -38,7 +38,7 @@ def report(runs: Runs, *, out: File = None, json: bool = False, quiet: bool = Fa
         quiet: Print nothing.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.outputs.report.page import REPORT, save_comparison, save_report
+    from equipoise.report.page import REPORT, save_comparison, save_report
 
     paths = [run for given in runs for run in _runs(given)]
     if not paths:
@@ -64,8 +64,8 @@ def _runs(path: Path) -> list[Path]:
 
 def _estimated(path: Path) -> Calibration:
     """With everything that its recordings tell, where there are any."""
-    from equipoise.result import Calibration
-    from equipoise.run_folder import RunFolder
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.result.calibration import Calibration
 
     return Calibration.load(path) if path.is_file() else RunFolder.open(path).estimate()
 
@@ -83,8 +83,8 @@ def _named(paths: list[Path]) -> dict[str, Calibration]:
 
 def _found(path: Path) -> Calibration:
     """What a run came to; it is estimated if that is not on disk."""
-    from equipoise.result import Calibration
-    from equipoise.run_folder import RESULT, RunFolder
+    from equipoise.calibration.run_folder import RESULT, RunFolder
+    from equipoise.result.calibration import Calibration
 
     if path.is_file():
         return Calibration.load(path)
@@ -96,7 +96,7 @@ def _found(path: Path) -> Calibration:
 
 def try_to_save(result: Calibration, path: Path) -> list[Path]:
     """Write the page beside a result that was asked for itself: a folder that cannot be written costs the page alone."""
-    from equipoise.outputs.report.page import save_report
+    from equipoise.report.page import save_report
 
     try:
         return [save_report(result, path)]

@@ -34,9 +34,9 @@ def reproduce(
         quiet: No progress.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.monte_carlo.reproduction import reproduce as run
-    from equipoise.outputs.reproduction import markdown, save_reproduction
-    from equipoise.outputs.study_terminal import StudyLine
+    from equipoise.pictures.reproduction import markdown, save_reproduction
+    from equipoise.study.reproduction import reproduce as run
+    from equipoise.terminal.study import StudyLine
 
     if trials < 1 or precise_trials < 1:
         raise SettingsError(f"{min(trials, precise_trials)} trials are none; ask for one at least")

@@ -16,7 +16,7 @@ from equipoise.errors import OutputError
 from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
-    from equipoise.recordings.run_log import RunLog
+    from equipoise.recording.run_log import RunLog
 
 _PIECES_HELD = 40  # in memory, by a log that does not know yet what they belong to
 _SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill
@@ -32,9 +32,9 @@ def platforms(*, json: bool = False, quiet: bool = False, debug: bool = False) -
         quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
+    from equipoise.drivers.catalog import DRIVERS, settings_of
     from equipoise.errors import MissingDependencyError
-    from equipoise.outputs.platform_terminal import print_platforms
-    from equipoise.platforms.catalog import DRIVERS, settings_of
+    from equipoise.terminal.platform import print_platforms
 
     settings: dict[str, list[tuple[str, str, Any]] | str] = {}
     for name in DRIVERS:
@@ -79,8 +79,8 @@ def doctor(
         quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.outputs.platform_terminal import print_checkup
-    from equipoise.platforms.checkup import examine, foretold, joint_table
+    from equipoise.drivers.checkup import examine, foretold, joint_table
+    from equipoise.terminal.platform import print_checkup
 
     model = load(robot, description_file, description)
     with connected(platform, model, set, settings) as connection:
@@ -125,10 +125,10 @@ def record(
         quiet: No progress.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.outputs.platform_terminal import RecordingProgress
-    from equipoise.platforms.catalog import SIMULATED
-    from equipoise.platforms.checkup import watch
-    from equipoise.platforms.interruptions import Interruptions
+    from equipoise.drivers.catalog import SIMULATED
+    from equipoise.drivers.checkup import watch
+    from equipoise.platform.interruptions import Interruptions
+    from equipoise.terminal.platform import RecordingProgress
 
     model = load(robot, description_file, description)
     now = datetime.now(timezone.utc)
@@ -159,7 +159,7 @@ def record(
 
 def _log_at(path: Path) -> RunLog:
     """A new log; raises OutputError if there is a file already, or it cannot be written."""
-    from equipoise.recordings.run_log import RunLog
+    from equipoise.recording.run_log import RunLog
 
     if path.exists():
         raise OutputError(f"{str(path)!r} exists; name a new file with --out")

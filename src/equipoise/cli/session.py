@@ -13,13 +13,13 @@ from equipoise.cli.flags import interruption_told
 from equipoise.errors import MotionError, ResumeError, SettingsError
 
 if TYPE_CHECKING:
-    from equipoise.calibration import CalibrationSettings
-    from equipoise.platforms.platform import Platform
-    from equipoise.platforms.simulation import Simulation
-    from equipoise.recordings.run_log_reader import LogContent
-    from equipoise.result import Calibration
+    from equipoise.calibration.routine import CalibrationSettings
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.platform.platform import Platform
+    from equipoise.recording.run_log_reader import LogContent
+    from equipoise.result.calibration import Calibration
     from equipoise.robot.model import RobotModel
-    from equipoise.run_folder import RunFolder
+    from equipoise.simulation.simulation import Simulation
 
 _LOOK_TIME = 1.0  # [s] at a robot before anybody is asked to confirm
 
@@ -44,7 +44,7 @@ class Place:
 
     @property
     def simulated(self) -> bool:
-        from equipoise.platforms.catalog import SIMULATED
+        from equipoise.drivers.catalog import SIMULATED
 
         return self.platform in SIMULATED
 
@@ -89,7 +89,7 @@ class Session:
         self.place, self.robot = place, robot
         self._simulation: Simulation | None = None
         if place.simulated:
-            from equipoise.platforms.simulation import simulate
+            from equipoise.simulation.simulation import simulate
 
             self._simulation = simulate(
                 robot, place.noise, place.payload, place.seed, place.start, engine=place.platform,  # pyright: ignore
@@ -117,8 +117,8 @@ class Session:
         Args:
             content: of the folder's log, if the run is gone on with.
         """
-        from equipoise.calibration import calibrate
-        from equipoise.outputs.terminal import TrialProgress
+        from equipoise.calibration.routine import calibrate
+        from equipoise.terminal.calibration import TrialProgress
 
         with folder, interruption_told(folder):
             if self._simulation is not None:
@@ -131,15 +131,15 @@ class Session:
     @contextmanager
     def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, dict[str, Any]]]:
         """The platform that the routine moves, and a table for what is known of the run only when it is over."""
-        from equipoise.platforms.logged import Logged
-        from equipoise.platforms.resumed import RepeatedSimulation, ResumedRobot
+        from equipoise.platform.logged import Logged
+        from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
 
         if self._simulation is not None:
             bare = self._simulation.platform
             logged = Logged(bare, folder.log)
             yield (logged if content is None else RepeatedSimulation(logged, bare, content)), {}
             return
-        from equipoise.platforms.connection import open_guarded
+        from equipoise.guard.connection import open_guarded
 
         ending: dict[str, Any] = {}
         guard = open_guarded(
@@ -162,10 +162,10 @@ def confirm(place: Place, robot: RobotModel, settings: CalibrationSettings, yes:
     """
     if place.simulated:
         return
-    from equipoise.methods.rehearsal import rehearse
-    from equipoise.outputs.platform_terminal import rehearsal_lines
-    from equipoise.platforms.checkup import examine
-    from equipoise.platforms.connection import open_platform
+    from equipoise.calibration.rehearsal import rehearse
+    from equipoise.drivers.checkup import examine
+    from equipoise.guard.connection import open_platform
+    from equipoise.terminal.platform import rehearsal_lines
 
     with open_platform(place.platform, robot, place.given) as connection:
         wrong = [finding for finding in examine(connection, robot, _LOOK_TIME) if finding.fine is False]

@@ -14,13 +14,13 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.flags import Described, Duration, File, Topic, load, seconds
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.recordings.logs.topics import Topics
+from equipoise.logs.topics import Topics
 from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
-    from equipoise.outputs.viewing.open import Showing
-    from equipoise.outputs.viewing.process import ViewerProcess
-    from equipoise.run_folder import RunFolder
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.view.open import Showing
+    from equipoise.view.process import ViewerProcess
 
 RerunFile = Annotated[Path | None, arg(metavar="FILE.rrd", help_behavior_hint="")]
 ViewPort = Annotated[int, arg(metavar="PORT")]
@@ -71,10 +71,10 @@ def view(
         quiet: Print nothing but the page's address.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.outputs.viewing.open import Viewing
-    from equipoise.outputs.viewing.process import how_to_look, serve
-    from equipoise.outputs.viewing.rerun_file import require_rerun_file
-    from equipoise.outputs.viewing.viser_page import require_port, require_viser
+    from equipoise.view.open import Viewing
+    from equipoise.view.process import how_to_look, serve
+    from equipoise.view.rerun_file import require_rerun_file
+    from equipoise.view.viser_page import require_port, require_viser
 
     if rerun is not None:
         require_rerun_file(rerun)
@@ -116,9 +116,9 @@ class _LogFlags:
 
 
 def _opened(path: Path, robot: str | None, flags: _LogFlags, description: RobotDescription, follow: bool) -> Showing:
-    from equipoise.outputs.viewing.open import follow_log, open_log, open_run
-    from equipoise.recordings.logs.joint_names import read_joint_map
-    from equipoise.recordings.logs.reader import is_log, read_log
+    from equipoise.logs.joint_names import read_joint_map
+    from equipoise.logs.reader import is_log, read_log
+    from equipoise.view.open import follow_log, open_log, open_run
 
     if robot is None:
         flags.refuse(description)
@@ -135,8 +135,8 @@ def _opened(path: Path, robot: str | None, flags: _LogFlags, description: RobotD
 
 
 def _write(path: Path, showing: Showing, quiet: bool) -> None:
-    from equipoise.outputs.viewing.open import Viewing
-    from equipoise.outputs.viewing.rerun_file import write_rerun
+    from equipoise.view.open import Viewing
+    from equipoise.view.rerun_file import write_rerun
 
     with Viewing(showing) as viewing:
         viewing.refresh()
@@ -175,15 +175,15 @@ class Watch:
             OutputError: the file cannot be written.
         """
         if self.view:
-            from equipoise.outputs.viewing.process import HOST
-            from equipoise.outputs.viewing.viser_page import require_port, require_viser
+            from equipoise.view.process import HOST
+            from equipoise.view.viser_page import require_port, require_viser
 
             require_viser()
             require_port(HOST, self.port)
         elif self.port != DEFAULT_PORT:
             raise SettingsError("--view-port is the port of --view's page; give --view too")
         if self.rerun is not None:
-            from equipoise.outputs.viewing.rerun_file import require_rerun_file
+            from equipoise.view.rerun_file import require_rerun_file
 
             require_rerun_file(self.rerun)
 
@@ -198,7 +198,7 @@ class Watch:
         if not self.view:
             yield
         else:
-            from equipoise.outputs.viewing.process import ViewerProcess, how_to_look
+            from equipoise.view.process import ViewerProcess, how_to_look
 
             with ViewerProcess(folder.path, port=self.port) as page:
                 print(how_to_look(page.url), file=sys.stderr, flush=True)
@@ -211,7 +211,7 @@ class Watch:
 
     def _save(self, folder: RunFolder, quiet: bool) -> None:
         if self.rerun is not None:
-            from equipoise.outputs.viewing.open import open_run
+            from equipoise.view.open import open_run
 
             _write(self.rerun, open_run(folder.path), quiet)
             print(f"saved: {self.rerun}", file=sys.stderr)

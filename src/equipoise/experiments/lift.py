@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import FallError, TrackingError
-from equipoise.estimation.tilt import Tilt, still_means, tilt_of
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.tilt import Tilt, still_means, tilt_of
 from equipoise.experiments.tipping import Pendulum
-from equipoise.platforms.tilt_limit import TiltLimit
-from equipoise.recordings.recording import TRIAL, Recording
+from equipoise.platform.tilt_limit import TiltLimit
+from equipoise.recording.recording import TRIAL, Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
-
-FloatArray = NDArray[np.float64]
 
 _STEP_RATIO = 0.6  # height of a replanting step over that of a lift
 _STILL_PARTS = 5

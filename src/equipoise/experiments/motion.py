@@ -9,18 +9,16 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
-from equipoise.platforms.platform import Trajectory
-from equipoise.platforms.ramp import smooth_step
-from equipoise.recordings.recording import PHASE, Event
+from equipoise.platform.platform import Trajectory
+from equipoise.platform.ramp import smooth_step
+from equipoise.recording.recording import PHASE, Event
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.model import RobotModel
 from equipoise.robot.statics import static_torques
-
-FloatArray = NDArray[np.float64]
 
 # Planned joint speeds stay below this fraction of the model's limit.
 _SPEED_MARGIN = 0.8

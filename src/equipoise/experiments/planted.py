@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError
 from equipoise.experiments.motion import Motion, Target
-from equipoise.platforms.platform import MotionInterrupted, Platform, TiltLimit
-from equipoise.recordings.recording import Recording
+from equipoise.platform.platform import MotionInterrupted, Platform, TiltLimit
+from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 _PLANTED_ACCELERATION = 0.6  # [m/s2]; shifts an A1's load by 2 cm of the 18 between its CoM and its front feet
 _PEAK_OF_SMOOTH_STEP = 5.77  # peak acceleration of a minimum-jerk move of unit length and duration

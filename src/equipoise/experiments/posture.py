@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.kinematics import feet_under_base, foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import static_torques
-
-FloatArray = NDArray[np.float64]
 
 _LONGEST_LEG = 0.95  # hip to foot over thigh plus shank: beyond, inverse kinematics and control are at a loss
 _SHORTEST_LEG = 0.35

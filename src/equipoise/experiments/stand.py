@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.platforms.platform import Platform
+from equipoise.platform.platform import Platform
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
-
-FloatArray = NDArray[np.float64]
 
 _SPEED_RATIO = 0.35  # leg lengths a second, for feet that carry the robot up or down
 _SHORTEST = 0.5  # [s]

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import AXES, GRAVITY, Axis, FloatArray
 from equipoise.errors import ReachError, SettingsError
-from equipoise.estimation.paper import AXES, Axis
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.recordings.recording import TRIAL, Recording
+from equipoise.recording.recording import TRIAL, Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import (
     feet_and_forces,
@@ -22,8 +21,6 @@ from equipoise.robot.kinematics import (
 )
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-
-FloatArray = NDArray[np.float64]
 
 _KNOTS = 9
 _RAMP_PERIODS = 1.5
@@ -148,10 +145,10 @@ def _amplitude_for(robot: RobotModel, stance: Stance, axis: Axis, settings: Sway
     feet = stance.feet_in_base[:, :2] - composite.com[:2]
     index = AXES.index(axis)
     if axis == "yaw":  # friction carries it: half the load's friction at the feet's distance from the CoM
-        torque = 0.5 * 0.5 * composite.mass * 9.81 * float(np.linalg.norm(feet, axis=1).mean())
+        torque = 0.5 * 0.5 * composite.mass * GRAVITY * float(np.linalg.norm(feet, axis=1).mean())
     else:  # a torque T about an axis takes T / (4 arm) from each foot on one side
         arm = float(np.abs(feet[:, 1 - index]).mean())
-        torque = (1 - _LOAD_MARGIN) * composite.mass * 9.81 * arm
+        torque = (1 - _LOAD_MARGIN) * composite.mass * GRAVITY * arm
     largest = torque / (composite.inertia[index, index] * (2 * np.pi * settings.frequency_for(stance)) ** 2)
     return min(settings.amplitude, largest)
 

@@ -26,16 +26,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from equipoise.estimation.tilt import line_axes
-from equipoise.estimation.tilt_equation import GRAVITY
-from equipoise.platforms.ramp import smooth_step
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.experiments.tilt import line_axes
+from equipoise.platform.ramp import smooth_step
 from equipoise.robot.inertial import com_jacobian, composite_parameters
 from equipoise.robot.kinematics import feet_and_jacobians
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
-
-FloatArray = NDArray[np.float64]
 
 SAFE = 0.6
 """Of the room between a support line and the edge of the feet: how much of it a robot may be on its way to when they come

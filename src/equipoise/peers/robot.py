@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from equipoise.platforms.platform import JointCommand, RobotState
-from equipoise.platforms.sensors import Noise
-from equipoise.platforms.simulation import Simulation, simulate
+from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
-
-FloatArray = NDArray[np.float64]
+from equipoise.simulation.sensors import Noise
+from equipoise.simulation.simulation import Simulation, simulate
 
 _SILENCE = 0.1  # [s] without a command after which the motor boards damp
 _DAMPING = 1.0  # of the model's own kd, when they do

@@ -15,14 +15,11 @@ from typing import Literal
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from tyro.conf import OmitArgPrefixes
 
-from equipoise.errors import SettingsError
-from equipoise.peers.robot import PeerRobot, PeerSettings
-from equipoise.platforms.dds import DdsDomain
-from equipoise.platforms.platform import JointCommand, RobotState
-from equipoise.platforms.ros2_messages import (
+from equipoise.conventions import FloatArray
+from equipoise.drivers.dds.domain import DdsDomain
+from equipoise.drivers.ros2.messages import (
     Float64MultiArray,
     Header,
     Imu,
@@ -33,10 +30,11 @@ from equipoise.platforms.ros2_messages import (
     Vector3,
     dds_topic,
 )
+from equipoise.errors import SettingsError
+from equipoise.peers.robot import PeerRobot, PeerSettings
+from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.stance import nominal_stance
-
-FloatArray = NDArray[np.float64]
 
 _STIFF = 10.0  # times the gain of the robot's own soft legs
 

@@ -20,14 +20,14 @@ import tyro
 from numpy.typing import NDArray
 from tyro.conf import OmitArgPrefixes
 
+from equipoise.drivers.dds.domain import LOOPBACK, DdsDomain, raw
+from equipoise.drivers.unitree.dds import COMMAND_TOPIC, STATE_TOPIC
+from equipoise.drivers.unitree.messages import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
+from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
+from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
 from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
-from equipoise.platforms.dds import LOOPBACK, DdsDomain, raw
-from equipoise.platforms.platform import JointCommand, RobotState
-from equipoise.platforms.unitree_dds import COMMAND_TOPIC, STATE_TOPIC
-from equipoise.platforms.unitree_messages import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
-from equipoise.platforms.unitree_samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
-from equipoise.platforms.unitree_sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
+from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 from equipoise.robot.unitree_motors import MOTORS, joints_of_motors

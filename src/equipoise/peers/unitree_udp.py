@@ -18,11 +18,8 @@ import numpy as np
 import tyro
 from tyro.conf import OmitArgPrefixes
 
-from equipoise.errors import SettingsError
-from equipoise.peers.robot import PeerRobot, PeerSettings
-from equipoise.platforms.platform import JointCommand, RobotState
-from equipoise.platforms.unitree_formats import PacketFormat, Protocol, forms_of
-from equipoise.platforms.unitree_packets import (
+from equipoise.drivers.unitree.formats import PacketFormat, Protocol, forms_of
+from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
     VELOCITY_STOP,
     Damage,
@@ -31,7 +28,10 @@ from equipoise.platforms.unitree_packets import (
     StatePacket,
     read_command,
 )
-from equipoise.platforms.unitree_udp_socket import Address
+from equipoise.drivers.unitree.udp_socket import Address
+from equipoise.errors import SettingsError
+from equipoise.peers.robot import PeerRobot, PeerSettings
+from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 from equipoise.robot.unitree_motors import MOTORS, joints_of_motors

@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION
-
-FloatArray = NDArray[np.float64]
 
 # A hip's two joints can be 14 mm apart (Solo) and its motors are far larger: no leg link counts as smaller than this
 # fraction of the leg length.

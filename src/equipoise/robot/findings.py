@@ -9,14 +9,13 @@ from typing import Literal
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.robot.bodies import Body, Link, hip_positions, radius_of_gyration_of
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.model import Leg, RobotModel
 from equipoise.robot.stance import Stance
 
-FloatArray = NDArray[np.float64]
 Severity = Literal["error", "warning", "note"]
 _SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 

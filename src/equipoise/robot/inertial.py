@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.robot.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from equipoise.alive import alive
+from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.model import RobotModel
 
-FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 # Feet may miss their target by this fraction of the leg length before a posture counts as out of reach: 0.4 mm on an A1.

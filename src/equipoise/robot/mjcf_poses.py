@@ -6,9 +6,8 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from equipoise.conventions import FloatArray
 
 ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 _PLACED = ("body", "geom", "site", "inertial", "frame")

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.source import ModelSource, read_model_source
@@ -26,8 +27,6 @@ from equipoise.robot.tree import (
 )
 from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
-FloatArray = NDArray[np.float64]
-
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
 """The two diagonals; each support line runs from the right foot to the left one."""
 
@@ -35,7 +34,6 @@ A1_TORQUE_SCALE = 38.0  # m g h of an A1 [Nm]; gains, friction and armature scal
 
 # A model without foot spheres gets feet of this fraction of the leg length: Solo's 16 mm feet on 0.32 m legs.
 _DEFAULT_FOOT_RADIUS_RATIO = 0.05
-_GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
@@ -160,7 +158,7 @@ class RobotModel:
 
     def torque_scale(self, hip_height: float) -> float:
         """M g h [Nm], which gains, friction and armature scale with."""
-        return self.mass * _GRAVITY * hip_height
+        return self.mass * GRAVITY * hip_height
 
     def gains(self, hip_height: float) -> tuple[float, float]:
         """Joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or scaled with m g h from an A1's."""

@@ -7,14 +7,12 @@ from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, SettingsError
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.model import Leg, RobotModel
 from equipoise.robot.tree import joint_axis
-
-FloatArray = NDArray[np.float64]
 
 A1_HIP_HEIGHT = 0.312  # [m]; sizes and times throughout were tried on an A1 and scale from there
 # Hip heights tried, as fractions of the leg length, the usual one first.

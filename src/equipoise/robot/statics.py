@@ -6,8 +6,8 @@ from collections.abc import Collection
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import com_jacobian
 from equipoise.robot.kinematics import (
     feet_and_jacobians,
@@ -16,8 +16,6 @@ from equipoise.robot.kinematics import (
     foot_positions,
 )
 from equipoise.robot.model import RobotModel
-
-FloatArray = NDArray[np.float64]
 
 _UP = np.array([0.0, 0.0, 1.0])
 

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, SettingsError
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.source import ModelSource
 
-FloatArray = NDArray[np.float64]
 # Spheres among the collision shapes by the joint that moves them: placement in its frame, and radius [m].
 Spheres = dict[str, list[tuple[pin.SE3, float]]]
 

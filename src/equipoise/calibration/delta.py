@@ -1,0 +1,164 @@
+"""What was added to a robot, or taken off, between two calibrations: errors of sensors and of a scale cancel.
+
+Both runs are estimated together (precise/two_runs.py). Of bodies that are rigidly joined, mass, first moment and inertia
+about the base's origin add up: those of the second run's base less those of the first one's are the payload's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.parameters import COMPONENTS, Priors, base_vector, components
+from equipoise.precise.screening import screen
+from equipoise.precise.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
+from equipoise.recording.recording import Recording
+from equipoise.result.calibration import NORMAL_95, BodyEstimate, Interval
+from equipoise.robot.inertial import InertialParameters, RobotInertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance, nominal_stance
+
+SCHEMA = "equipoise.delta/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Delta:
+    """What was added.
+
+    Attributes:
+        robot: its name.
+        payload: mass, CoM in the base frame and inertia about its own CoM of what was added. Of what was taken off, if
+            `removed`. CoM and inertia are None if no mass can be told from none.
+        intervals: of the payload, by name. Verdicts say how sure a mass is beside itself, a CoM beside the robot's size,
+            an inertia beside the payload's largest moment.
+        change: of the whole robot at its stance, after less before, by name; SI units.
+        change_intervals: of that; verdicts say whether a change can be told from none.
+        removed: whether the robot became lighter.
+        warnings: what speaks against the result.
+        truth: of the payload, in simulation.
+    """
+
+    robot: str
+    payload: BodyEstimate
+    intervals: Mapping[str, Interval]
+    change: Mapping[str, float]
+    change_intervals: Mapping[str, Interval]
+    removed: bool
+    warnings: tuple[str, ...] = ()
+    truth: InertialParameters | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    def with_truth(self, before: RobotInertia, after: RobotInertia) -> Delta:
+        """The same with the truth of both simulated runs joined to it."""
+        added = after.base.vector - before.base.vector
+        return replace(
+            self, truth=InertialParameters.from_vector(-added if self.removed else added) if added[0] else None
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "removed": self.removed,
+            "payload": self.payload.to_dict(),
+            "intervals": {name: asdict(interval) for name, interval in self.intervals.items()},
+            "change": dict(self.change),
+            "change_intervals": {name: asdict(interval) for name, interval in self.change_intervals.items()},
+            "warnings": list(self.warnings),
+            "truth": None if self.truth is None else BodyEstimate.known(self.truth).to_dict(),
+            "provenance": dict(self.provenance),
+        }
+
+
+def find_delta(
+    robot: RobotModel,
+    before: Sequence[Recording],
+    after: Sequence[Recording],
+    scale: ScaleReadings | None = None,
+    priors: Priors | None = None,
+) -> Delta:
+    """What was added between two runs of the method `precise`.
+
+    Args:
+        before, after: recordings of each.
+        scale: what a scale said in each.
+        priors: what is believed before anything is measured.
+
+    Raises:
+        RecordingError: a run has nothing that can be used.
+    """
+    stance = nominal_stance(robot)
+    for recordings in (before, after):
+        screen(robot, recordings)
+    evidences = read_evidence(robot, stance, before), read_evidence(robot, stance, after)
+    runs = estimate_two_runs(robot, stance, evidences, priors, scale)
+    warnings = () if runs.converged else ("the estimate did not settle: something does not fit at all",)
+    return _delta(robot, stance, runs, warnings)
+
+
+def _delta(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str, ...]) -> Delta:
+    size = runs.unknowns.size
+    both = np.concatenate([runs.first, runs.second])
+
+    def added(x: FloatArray) -> FloatArray:
+        return base_vector(x[size : size + 10]) - base_vector(x[:10])
+
+    def changed(x: FloatArray) -> FloatArray:
+        body = runs.unknowns.robot_body
+        return components(body(x[size:])) - components(body(x[:size]))
+
+    change, change_covariance = _propagated(changed, both, runs.covariance)
+    vector, covariance = _propagated(added, both, runs.covariance)
+    removed = bool(vector[0] < 0)
+    vector = -vector if removed else vector
+    payload, intervals = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
+    return Delta(
+        robot.name,
+        payload,
+        intervals,
+        {name: float(value) for name, value in zip(COMPONENTS, change, strict=True)},
+        _intervals(change, np.sqrt(np.diag(change_covariance)), np.abs(change)),
+        removed,
+        warnings,
+    )
+
+
+def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> tuple[BodyEstimate, dict[str, Interval]]:
+    """A body and its intervals from (10,) parameters about the base's origin; of nothing, only the mass.
+
+    Args:
+        length: what a position is compared with [m].
+    """
+    if vector[0] <= NORMAL_95 * np.sqrt(covariance[0, 0]):
+        return BodyEstimate(float(vector[0])), _intervals(vector[:1], np.sqrt(covariance[:1, 0]), np.abs(vector[:1]))
+    body = InertialParameters.from_vector(vector)
+    values, spread = _propagated(lambda at: components(InertialParameters.from_vector(at)), vector, covariance)
+    largest = float(np.abs(values[4:]).max())
+    typical = np.concatenate([values[:1], np.full(3, length), np.full(6, largest)])
+    return BodyEstimate.known(body), _intervals(values, np.sqrt(np.diag(spread)), typical)
+
+
+def _intervals(values: FloatArray, deviations: FloatArray, typical: FloatArray) -> dict[str, Interval]:
+    return {
+        name: Interval.of(float(value), float(deviation), float(size))
+        for name, value, deviation, size in zip(COMPONENTS, values, deviations, typical, strict=False)
+    }
+
+
+def _propagated(
+    function: Callable[[FloatArray], FloatArray], at: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A function's value and its covariance, to first order, from those of its argument."""
+    steps = 1e-3 * np.sqrt(np.diag(covariance))
+    columns = [
+        (function(at + step) - function(at - step)) / (2 * step[index]) if step[index] else np.zeros(10)
+        for index, step in enumerate(np.diag(steps))
+    ]
+    jacobian = np.stack(columns, axis=1)
+    return function(at), np.asarray(jacobian @ covariance @ jacobian.T, dtype=float)

@@ -1,0 +1,296 @@
+"""A run on disk: the robot's model, the settings, every recording, and the result.
+
+run.json            robot, settings, provenance
+model.xml           the robot model as it was read (URDF or MJCF, cleaned)
+recording.mcap      everything that was sensed and sent, written as it happens
+unrecorded.json     what was sensed and sent that makes no recording, as it was: only if there is such
+metadata.yaml       what rosbag2 wants to know of that, once the run is over
+truth.json          simulation only
+calibration.json    the result
+report.html         all of it on a page
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import warnings
+from collections import deque
+from collections.abc import Mapping
+from contextlib import nullcontext, suppress
+from pathlib import Path
+from typing import Any, cast
+
+from equipoise.calibration.routine import CalibrationSettings, estimate
+from equipoise.errors import (
+    EquipoiseError,
+    ModelWarning,
+    OutputError,
+    RecordingError,
+    ResumeError,
+    SettingsError,
+    UnrecordedError,
+)
+from equipoise.experiments.sway import SwaySettings
+from equipoise.paper.trial_runner import ComSearchSettings
+from equipoise.precise.parameters import Priors
+from equipoise.precise.plan import Goals
+from equipoise.precise.routine import PreciseSettings
+from equipoise.recording.recording import Recording
+from equipoise.recording.rosbag2 import METADATA, write_metadata
+from equipoise.recording.run_log import RunLog
+from equipoise.recording.run_log_reader import LogContent, read_log
+from equipoise.recording.run_log_resume import resume_log
+from equipoise.result.calibration import Calibration, inertia_from_dict, inertia_to_dict
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.inertial import RobotInertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.source import ModelSource
+from equipoise.user_file import write_file
+
+SCHEMA = "equipoise.run/2"
+RESULT = "calibration.json"
+LOG = "recording.mcap"
+HEADER = "run.json"
+UNRECORDED = "unrecorded.json"
+_MODEL, _TRUTH = "model.xml", "truth.json"
+_EARLIER = {
+    "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
+}
+
+
+class RunFolder:
+    """A run on disk. Made by `create`, found again by `open`, gone on with by `resume`.
+
+    What was made or is gone on with is open for writing: use it as a context manager, or close it.
+
+    Attributes:
+        path: the folder.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, Any], log: RunLog | None = None) -> None:
+        self.path = path
+        self._header = header
+        self._log = log
+        self._known = deque[Recording]()  # recordings that the routine comes to again before it goes on
+
+    @classmethod
+    def create(
+        cls, path: str | Path, robot: RobotModel, settings: CalibrationSettings, provenance: Mapping[str, Any]
+    ) -> RunFolder:
+        """A new run.
+
+        Raises:
+            OutputError: the folder holds something already, or cannot be written.
+        """
+        path = Path(path)
+        header = {
+            "schema": SCHEMA,
+            "robot": robot.name,
+            "model": {
+                "format": robot.source.format,
+                "path": str(robot.source.path),
+                "sha256": robot.source.sha256,
+                "xml_sha256": _sha256(robot.source.xml),
+                "repairs": list(robot.source.repairs),
+                "effort_limits": robot.source.effort_limits,
+            },
+            "description": dataclasses.asdict(robot.description),
+            "settings": dataclasses.asdict(settings),
+            "provenance": dict(provenance),
+        }
+        try:
+            if path.is_dir() and any(path.iterdir()):
+                holds = "another run" if (path / HEADER).exists() else "other files"
+                raise OutputError(f"the output folder {str(path)!r} holds {holds}; name a new one with --out")
+            path.mkdir(parents=True, exist_ok=True)
+            write_file(path / _MODEL, robot.source.xml)
+            log = RunLog(path / LOG)
+            write_file(path / HEADER, json.dumps(header, indent=2) + "\n")  # whoever finds a header finds the rest
+        except OutputError:
+            raise
+        except OSError as error:
+            raise OutputError(f"cannot write into the output folder {str(path)!r}: {error.strerror}") from error
+        return cls(path, header, log)
+
+    @classmethod
+    def open(cls, path: str | Path) -> RunFolder:
+        """A run that exists; raises RecordingError if it is none."""
+        path = Path(path)
+        header = _read_json(path / HEADER, f"{str(path)!r} is no run of equipoise")
+        schema = header.get("schema")
+        if schema != SCHEMA:
+            by = _EARLIER.get(str(schema), "")
+            raise RecordingError(f"the run {str(path)!r} is {schema!r}{by}; this version reads {SCHEMA!r}")
+        for key in ("model", "description", "settings", "provenance"):
+            if not isinstance(header.get(key), dict):
+                raise RecordingError(f"the run {str(path)!r} is damaged: its {HEADER} lacks {key!r}")
+        return cls(path, header)
+
+    @classmethod
+    def resume(cls, path: str | Path, repeats: bool) -> tuple[RunFolder, LogContent]:
+        """A run that was interrupted, to go on with behind its last complete recording; and what its log held.
+
+        Args:
+            path: the folder.
+            repeats: whether what was played behind that will be played again exactly, as a simulation does. A real robot's
+                motion stays in the log.
+
+        Raises:
+            RecordingError: it is no run, or its log is damaged.
+            OutputError: it cannot be written, or another process writes it.
+        """
+        folder = cls.open(path)
+        folder._log, content = resume_log(folder.path / LOG, repeats)
+        (folder.path / METADATA).unlink(missing_ok=True)  # of what is about to change
+        folder._known = deque(content.recordings)
+        return folder, content
+
+    @property
+    def log(self) -> RunLog:
+        """What the platform writes to; raises OutputError if the run is not open for writing."""
+        if self._log is None:
+            raise OutputError(f"the run {str(self.path)!r} is not open for writing; make a new one, or resume it")
+        return self._log
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run came to its result."""
+        return (self.path / RESULT).exists()
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """When, on what and how the run was made."""
+        return self._header["provenance"]
+
+    def keep(self, recording: Recording) -> None:
+        """Keep the next recording: of motions that the log has, or, where it has not, as it is.
+
+        Raises:
+            ResumeError: a run that is gone on with comes to another recording than it came to before.
+        """
+        if not self._known:
+            self.log.keep(recording)
+        elif not recording.broken and not recording.equals(self._known.popleft()):
+            raise ResumeError(
+                f"the run {str(self.path)!r} does not come to the recordings that it has: by another version of equipoise?"
+            )
+
+    def recordings(self) -> list[Recording]:
+        """All complete recordings, in order."""
+        return list(self.read().recordings)
+
+    def read(self) -> LogContent:
+        """All that was logged."""
+        return read_log(self.path / LOG)
+
+    def close(self) -> None:
+        """End the log. May be called twice."""
+        if self._log is None:
+            return
+        log, self._log = self._log, None
+        log.close()
+        write_metadata(self.path, log.file)
+
+    def __enter__(self) -> RunFolder:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with suppress(OutputError) if exception[0] else nullcontext():  # the first error says why
+            if isinstance(exception[1], UnrecordedError):
+                write_file(self.path / UNRECORDED, json.dumps(exception[1].steps) + "\n")
+            self.close()
+
+    def robot(self) -> RobotModel:
+        """The robot as it was read for the run. What was repaired then is not said again."""
+        model, description = self._header["model"], self._header["description"]
+        try:
+            xml = (self.path / _MODEL).read_text(encoding="utf-8")
+            if _sha256(xml) != model["xml_sha256"]:
+                raise RecordingError(f"{_MODEL} of the run {str(self.path)!r} is not the one that it was recorded with")
+            source = ModelSource(
+                Path(model["path"]),
+                model["format"],
+                xml,
+                model["sha256"],
+                tuple(model["repairs"]),
+                model["effort_limits"],
+            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                return RobotModel(source, self._header["robot"], RobotDescription.from_dict(description))
+        except (OSError, KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"the run {str(self.path)!r} is damaged: {_told(error)}") from error
+
+    def settings(self) -> CalibrationSettings:
+        """The settings of the run."""
+        table = dict(self._header["settings"])
+        try:
+            searching, swaying = ComSearchSettings(**table.pop("com_search")), SwaySettings(**table.pop("sway"))
+            precise = dict(table.pop("precise"))
+            goals, priors = Goals(**precise.pop("goals")), Priors(**precise.pop("priors"))
+            return CalibrationSettings(
+                **table,
+                com_search=searching,
+                sway=swaying,
+                precise=PreciseSettings(**precise, goals=goals, priors=priors),
+            )
+        except (KeyError, TypeError, SettingsError) as error:
+            raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {_told(error)}") from error
+
+    def save_truth(self, truth: RobotInertia) -> None:
+        """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
+        write_file(self.path / _TRUTH, json.dumps(inertia_to_dict(truth), indent=2) + "\n")
+
+    def estimate(self, settings: CalibrationSettings | None = None) -> Calibration:
+        """Estimate again from the recordings, without a robot or a simulator."""
+        calibration = estimate(self.robot(), self.recordings(), settings or self.settings())
+        calibration = calibration.with_provenance(**self._header["provenance"])
+        truth = self.truth()
+        return calibration if truth is None else calibration.with_truth(truth)
+
+    def truth(self) -> RobotInertia | None:
+        """Of a simulated robot; None of a real one. Only to be joined to what was estimated without it."""
+        if not (self.path / _TRUTH).exists():
+            return None
+        damaged = f"the run {str(self.path)!r} is damaged"
+        table = _read_json(self.path / _TRUTH, damaged)
+        try:
+            return inertia_from_dict(table)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordingError(f"{damaged}: {_TRUTH} holds no truth ({error!r})") from error
+
+    def result(self) -> Calibration:
+        """The result that was saved, with the robot's model; raises RecordingError if the run came to none."""
+        if not self.complete:
+            raise RecordingError(
+                f"the run {str(self.path)!r} came to no result; go on with: equipoise calibrate --resume {self.path}"
+            )
+        return dataclasses.replace(Calibration.load(self.path / RESULT), robot_model=self.robot())
+
+    def save(self, calibration: Calibration) -> Path:
+        """Write the result."""
+        calibration.save(self.path / RESULT)
+        return self.path / RESULT
+
+
+def _told(error: Exception) -> str:
+    """An error of ours says what is wrong; any other one needs its type for that."""
+    return str(error) if isinstance(error, EquipoiseError) else repr(error)
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _read_json(path: Path, otherwise: str) -> dict[str, Any]:
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RecordingError(f"{otherwise}: {str(path)!r} cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error})") from error
+    if not isinstance(table, dict):
+        raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object")
+    return cast("dict[str, Any]", table)

@@ -1,0 +1,250 @@
+"""The doctor: connect, look for a few seconds, move nothing, and say what is right and what is not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.platform.platform import JointCommand, Platform, RobotState
+from equipoise.platform.stepping import recording_of
+from equipoise.recording.recording import Recording
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import lies, nominal_stance
+from equipoise.robot.statics import carried_mass
+
+_PIECE_TIME = 0.25  # [s]
+_SLOWEST = 100.0  # [Hz] below which a lift is too quick to be seen
+_JITTER = 5e-3  # [s]
+_GRAVITY_RANGE = (9.3, 10.3)  # [m/s2]
+_LEAN = np.radians(
+    6
+)  # between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less
+_ASKEW = np.radians(35)  # also for a robot that lies on whatever it lies on
+_BIAS = 0.05  # [rad/s] of a gyroscope at rest
+_STILL = 0.06  # [rad/s]
+_MASS_RANGE = (0.6, 1.7)  # carried, over the model's
+_HOT, _WEAK_BATTERY = 60.0, 0.3  # [deg C], share
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        name: of it.
+        value: what was seen, in words.
+        fine: whether it is as it should be; None: there is nothing to compare with.
+        advice: what to do about it, or "".
+        serious: whether a robot must not be moved like that.
+    """
+
+    name: str
+    value: str
+    fine: bool | None
+    advice: str = ""
+    serious: bool = False
+
+
+@runtime_checkable
+class Foretelling(Protocol):
+    """A platform, or a driver's link, that can say what its first command will meet."""
+
+    def foretell(self) -> list[Finding]:
+        """What `calibrate` will meet when it takes over the motors; commands nothing, and lets go of nothing."""
+        ...
+
+
+def foretold(source: object) -> list[Finding]:
+    """What a platform or a link foretells; nothing if it cannot."""
+    return source.foretell() if isinstance(source, Foretelling) else []
+
+
+def watch(
+    platform: Platform, robot: RobotModel, duration: float | None, arrived: list[float] | None = None
+) -> Generator[Recording]:
+    """What a robot senses while nobody moves it, in pieces of a quarter of a second.
+
+    A simulated robot holds its stance meanwhile: its time passes only when it is stepped.
+
+    Args:
+        duration: [s]; None: until the caller has seen enough.
+        arrived: takes the moments at which samples arrived, by this computer's clock [s].
+    """
+    begin = platform.read()
+    hold = JointCommand(begin.joint_position)
+    states, last = [begin], None
+    end = np.inf if duration is None else begin.time + duration
+    piece_end = begin.time + _PIECE_TIME
+    while states[-1].time < end:
+        if begin.received is None:
+            state = platform.step(hold)
+        else:
+            time.sleep(platform.control_period)
+            state = platform.read()
+        if arrived is not None and state is not states[-1]:
+            arrived += [sample.received for sample in (*state.earlier, state) if sample.received is not None]
+        states.append(state)
+        if state.time >= min(piece_end, end):
+            yield _piece(robot, states, last)
+            last, states = states[-1], [states[-1]]
+            piece_end += _PIECE_TIME
+
+
+def _piece(robot: RobotModel, states: list[RobotState], before: RobotState | None) -> Recording:
+    """Nothing was sent: a recording without commands."""
+    new = states[1:] if before is not None else states
+    targets = np.array([state.joint_position for state in new])
+    sensed = recording_of(robot.joint_names, new, targets, (), np.arange(len(new), dtype=float), before)
+    return Recording(sensed.joint_names, sensed.joints, sensed.imu)
+
+
+def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> list[Finding]:
+    """Look at a robot that stands or lies still.
+
+    Args:
+        platform: the robot; no command is sent to it.
+        robot: what is known about it.
+        duration: [s].
+
+    Raises:
+        CommunicationError: nothing arrives.
+    """
+    arrived: list[float] = []
+    recording = Recording.concatenate(list(watch(platform, robot, duration, arrived)))
+    health = platform.read().health
+    joints, imu = recording.joints, recording.imu
+    position, acceleration = joints.position.mean(axis=0), imu.acceleration.mean(axis=0)
+    findings = [
+        _rate("joint samples", joints.time),
+        _rate("IMU samples", imu.time),
+        *_arrival(np.unique(arrived), imu.time),
+        Finding("joint velocities", "reported" if joints.velocity is not None else "not reported", None),
+        *_limits(robot, joints.position),
+        _still(imu.angular_velocity),
+        _gravity(acceleration),
+        _floor(robot, position, acceleration),
+        _torque(robot, position, joints.torque),
+    ]
+    if health is not None:
+        if health.motor_temperature is not None:
+            findings.append(_temperature(robot, health.motor_temperature))
+        findings += _battery(health.battery_voltage, health.battery_charge)
+        if health.fault is not None:
+            findings.append(Finding("fault", health.fault, False, "see the robot's manual", serious=True))
+    return findings
+
+
+def joint_table(robot: RobotModel, position: FloatArray) -> list[tuple[str, str, float, float, float]]:
+    """Leg, joint, where it is and its limits [rad]: the joint map, as the platform has it."""
+    return [
+        (leg.name, robot.joint_names[index], float(position[index]), float(robot.lower_limit[index]),
+         float(robot.upper_limit[index]))
+        for leg in robot.legs.values()
+        for index in leg.joints
+    ]  # fmt: skip
+
+
+def _rate(name: str, times: FloatArray) -> Finding:
+    steps = np.diff(times)
+    if len(steps) < 2:
+        return Finding(name, f"{len(times)} in all", False, "the sensor does not run")
+    rate, longest = 1 / float(np.median(steps)), float(steps.max())
+    value = f"{rate:.0f} Hz, jitter {steps.std() * 1000:.2f} ms, longest gap {longest * 1000:.1f} ms"
+    fine = rate >= _SLOWEST and float(np.quantile(steps, 0.99)) - float(np.median(steps)) < _JITTER
+    return Finding(name, value, fine, "" if fine else "lifts are short: use a cable, and at least 100 Hz")
+
+
+def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[Finding]:
+    """How evenly samples come in, whatever their stamps say: what the guard waits for."""
+    if len(arrived) < 3:
+        return []
+    pauses = np.diff(arrived)
+    longest, usual = float(pauses.max()), float(np.median(np.diff(stamps)))
+    value = f"jitter {pauses.std() * 1000:.2f} ms, longest pause {longest * 1000:.1f} ms"
+    fine = float(np.quantile(pauses, 0.99)) < usual + _JITTER
+    return [Finding("arrival", value, fine, "" if fine else "the network holds samples back: use a cable")]
+
+
+def _limits(robot: RobotModel, position: FloatArray) -> list[Finding]:
+    beyond = np.maximum(robot.lower_limit - position.min(axis=0), position.max(axis=0) - robot.upper_limit)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] <= 0:
+        return [Finding("joint positions", "within the model's limits", True)]
+    fine = bool(beyond[worst] < 0.1)
+    return [
+        Finding(
+            "joint positions", f"{robot.joint_names[worst]} is {beyond[worst]:.2f} rad beyond its limit", fine,
+            "" if fine else "is the joint map right, are signs and zeros?", serious=True,
+        )
+    ]  # fmt: skip
+
+
+def _still(angular_velocity: FloatArray) -> Finding:
+    bias, noise = np.linalg.norm(angular_velocity.mean(axis=0)), angular_velocity.std(axis=0).max()
+    value = f"mean {bias * 1000:.1f} mrad/s, noise {noise * 1000:.1f} mrad/s"
+    fine = bool(bias < _BIAS and noise < _STILL)
+    return Finding(
+        "gyroscope at rest", value, fine, "" if fine else "does the robot move? else its gyroscope is biased"
+    )
+
+
+def _gravity(acceleration: FloatArray) -> Finding:
+    size = float(np.linalg.norm(acceleration))
+    fine = _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]
+    hint = "it must read about 9.81 m/s2 upward at rest" + (" (is it in units of g?)" if 0.7 < size < 1.3 else "")
+    return Finding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
+
+
+def _floor(robot: RobotModel, position: FloatArray, acceleration: FloatArray) -> Finding:
+    """Up by the accelerometer against the normal of the floor that the feet stand on."""
+    feet = foot_positions(robot, position)
+    normal = np.linalg.svd(feet - feet.mean(axis=0))[2][2]
+    normal = normal * -np.sign(normal @ feet.mean(axis=0))
+    up = np.array(robot.imu_in_base.rotation) @ acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
+    angle = float(np.arccos(np.clip(up @ normal, -1, 1)))
+    value = (
+        f"{np.degrees(angle):.1f} deg between up and the feet's floor; up is ({up[0]:+.2f}, {up[1]:+.2f}, {up[2]:+.2f})"
+    )
+    if lies(robot, nominal_stance(robot), position):
+        fine = None if bool(angle < _ASKEW) else False
+        advice = "is the IMU mounted turned (imu_rpy), does the robot lie level?"
+        return Finding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
+    advice = "is the IMU mounted turned (imu_rpy), is the joint map right, does the floor slope?"
+    fine = bool(angle < _LEAN)
+    return Finding("gravity against the stance", value, fine, "" if fine else advice, serious=True)
+
+
+def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) -> Finding:
+    if torque is None:
+        return Finding("joint torques", "not reported", None, "the mass then needs a scale: --mass")
+    mass = carried_mass(robot, position, torque.mean(axis=0))
+    value = f"they carry {mass:.1f} kg; the model weighs {robot.mass:.1f} kg"
+    if lies(robot, nominal_stance(robot), position):
+        return Finding("joint torques", value + " (the robot lies)", None)
+    fine = bool(_MASS_RANGE[0] < mass / robot.mass < _MASS_RANGE[1])
+    return Finding(
+        "joint torques", value, fine, "" if fine else "are they in Nm, with the joints' signs?", serious=True
+    )
+
+
+def _temperature(robot: RobotModel, temperature: FloatArray) -> Finding:
+    hottest = int(np.argmax(temperature))
+    fine = bool(temperature[hottest] < _HOT)
+    value = f"{temperature[hottest]:.0f} deg C at most ({robot.joint_names[hottest]})"
+    return Finding("motor temperatures", value, fine, "" if fine else "let them cool down first")
+
+
+def _battery(voltage: float | None, charge: float | None) -> list[Finding]:
+    found: list[Finding] = []
+    if voltage is not None:
+        found.append(Finding("battery voltage", f"{voltage:.1f} V", None))
+    if charge is not None:
+        fine = charge > _WEAK_BATTERY
+        found.append(Finding("battery charge", f"{charge:.0%}", fine, "" if fine else "charge it first"))
+    return found

@@ -1,0 +1,1 @@
+"""Robots and simulators that speak ROS 2."""

@@ -1,0 +1,301 @@
+"""Unitree Go2 and B2 over DDS. Tried against a simulated robot that speaks their messages, never on a real one.
+
+The robot must lie (or hang) when the first command is sent: docs/unitree-go2.md.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.drivers.checkup import Finding
+from equipoise.drivers.dds.domain import DdsDomain, raw
+from equipoise.drivers.robot_clock import RobotClock
+from equipoise.drivers.unitree.messages import LowCmd, LowState
+from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
+from equipoise.drivers.unitree.sport import MotionSwitcher, outlook
+from equipoise.errors import CommunicationError, MotionError, SettingsError
+from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
+from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
+
+COMMAND_TOPIC, STATE_TOPIC = "rt/lowcmd", "rt/lowstate"
+CONTROL_PERIOD = 2e-3  # [s]
+_TICK = 1e-3  # [s] of the robot's clock
+_HEALTH = 0.1  # [s] between looks at temperatures and the battery
+_LOST = 0.1  # share of messages between the robot's computer and a motor that may get lost
+_TURN = 5e-3  # [s] for the threads that receive
+_PATIENCE = 3.0  # [s] of samples that are damaged, and no other
+_RELEASES = 10  # the last command, so often: some may get lost
+_FOLDED = 0.5  # of a leg's length, between hip and foot, when a robot lies
+
+
+@dataclass(frozen=True)
+class UnitreeDdsSettings:
+    """How the robot is reached.
+
+    Attributes:
+        interface: of this computer, that the robot's cable is in; "lo" for a simulated robot.
+        domain: DDS domain; 0 on the robots, 1 in their makers' simulator.
+        peers: addresses to look for the robot at, where multicast does not find it.
+        release_sport_mode: have the robot's own controller let go of the motors before the first command.
+        hanging: the robot hangs in a frame; otherwise it must lie when its controller lets go.
+        check_crc: leave out samples with a wrong checksum.
+        silence: without a sample after which the link counts as lost [s].
+        accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
+    """
+
+    interface: str = "eth0"
+    domain: int = 0
+    peers: tuple[str, ...] = ()
+    release_sport_mode: bool = True
+    hanging: bool = False
+    check_crc: bool = True
+    silence: float = 0.5
+    accept_cyclonedds: str = ""
+
+    kind: ClassVar[str] = "unitree-go2"
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.domain <= 232:
+            raise SettingsError(f"domain is {self.domain}; it must be from 0 to 232")
+        if not 0.02 <= self.silence <= 10:
+            raise SettingsError(f"silence is {self.silence} s; it must be from 0.02 to 10")
+
+
+@dataclass(frozen=True)
+class UnitreeGo2Settings(UnitreeDdsSettings):
+    """How a Go2 is reached."""
+
+
+@dataclass(frozen=True)
+class UnitreeB2Settings(UnitreeDdsSettings):
+    """How a B2 is reached; it speaks as a Go2 does."""
+
+    kind: ClassVar[str] = "unitree-b2"
+
+
+class UnitreeDdsLink:
+    """To a Go2 or a B2: the link of a `HardwarePlatform`.
+
+    Args:
+        robot: with three joints a leg.
+        settings: of a Go2 or a B2.
+        beside: another process has taken the robot over, and this one only speaks where somebody hears it.
+
+    Attributes:
+        damaged: samples that arrived and were left out.
+
+    Raises:
+        SettingsError: the robot has other legs, or a setting cannot be used here.
+        CommunicationError: the domain cannot be opened.
+    """
+
+    def __init__(self, robot: RobotModel, settings: UnitreeDdsSettings, beside: bool = False) -> None:
+        self._robot, self._settings, self._beside = robot, settings, beside
+        self._joint_of_motor = joints_of_motors(robot, settings.kind)
+        self._motor_of_joint = np.argsort(self._joint_of_motor)
+        self._own_gains = robot.gains(nominal_stance(robot).hip_height)
+        self._message = Message(COMMAND)
+        self._motors: dict[str, NDArray[np.float32]] = {
+            name: self._message.record["motor_cmd"][name] for name in ("q", "dq", "tau", "kp", "kd")
+        }
+        self._stop_motors()
+        self._clock: RobotClock | None = None
+        self._stood_still = False
+        self._newest: RobotState | None = None
+        self._health, self._examined, self._lost_before = Health(), -np.inf, np.zeros(MOTORS)
+        self._obeys = beside
+        self.damaged = 0
+        self._opened = time.monotonic()
+        self._domain = DdsDomain(settings.domain, settings.interface, settings.peers, settings.accept_cyclonedds)
+        self._sample = raw(LowCmd)
+        self._states = self._domain.inbox(STATE_TOPIC, raw(LowState))
+        self._commands = self._domain.outbox(COMMAND_TOPIC, self._sample)
+        self._switcher = MotionSwitcher(self._domain, self.name)
+
+    @property
+    def name(self) -> str:
+        return f"{self._settings.kind} on {self._settings.interface}"
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._robot.joint_names
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return ACCEPTS_EVERYTHING
+
+    @property
+    def control_period(self) -> float:
+        return CONTROL_PERIOD
+
+    def receive(self) -> list[RobotState]:
+        """As a link's; raises CommunicationError also if the robot falls silent, or only damaged samples arrive."""
+        samples = self._arrived()
+        if not samples and self._silent_since() > self._settings.silence:
+            time.sleep(_TURN)  # this computer was busy, perhaps, not the robot silent
+            samples = self._arrived()
+        self._note(samples)
+        return samples
+
+    def send(self, command: JointCommand) -> None:
+        """As a link's. Before the first command the robot's own controller lets go of the motors, which takes seconds.
+
+        Raises:
+            MotionError: it holds them, and the robot does not lie.
+            SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
+        """
+        if len(command.position) != MOTORS:
+            raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
+        if not self._obeys:
+            self._take_over()
+        if self._beside and not self._commands.heard:
+            raise CommunicationError(f"nobody hears {self.name}: is the robot on, is the cable in?")
+        order, (kp, kd) = self._joint_of_motor, self._own_gains
+        values = zip(
+            ("q", "dq", "tau", "kp", "kd"),
+            (command.position, command.velocity, command.torque, command.kp, command.kd),
+            (0.0, 0.0, 0.0, kp, kd),
+            strict=True,
+        )
+        for name, given, default in values:
+            self._motors[name][:MOTORS] = default if given is None else given[order]
+        self._transmit()
+
+    def foretell(self) -> list[Finding]:
+        """What the first command will meet: which controller holds the motors. The question lets go of none."""
+        return [outlook(self._switcher, self._settings.release_sport_mode, self._may_let_go())]
+
+    def release(self) -> None:
+        """No torque. A robot that was never commanded is left to its own controller."""
+        if not self._obeys:
+            return
+        self._obeys = False
+        self._stop_motors()
+        for _ in range(_RELEASES):
+            self._transmit()
+            time.sleep(CONTROL_PERIOD)
+
+    def close(self) -> None:
+        self._obeys = False
+        self._domain.close()
+
+    def _transmit(self) -> None:
+        self._commands.send(self._sample(self._message.encoded()))
+
+    def _stop_motors(self) -> None:
+        """Neither position nor velocity nor torque, of all motors that a message has room for."""
+        for name, value in (("q", STOP_POSITION), ("dq", STOP_VELOCITY), ("tau", 0.0), ("kp", 0.0), ("kd", 0.0)):
+            self._motors[name][:] = value
+
+    def _take_over(self) -> None:
+        self._domain.check_company()  # others may have come since
+        if self._settings.release_sport_mode and (mode := self._switcher.mode()):
+            if not self._may_let_go():
+                raise MotionError(
+                    f"the controller {mode!r} of {self.name} holds its motors, and the robot does not lie: it would fall when "
+                    "they are let go. Have it lie down with its remote control; if it hangs in a frame, set hanging=true"
+                )
+            self._switcher.release()
+        self._obeys = True
+
+    def _may_let_go(self) -> bool:
+        return self._settings.hanging or self._lies()
+
+    def _lies(self) -> bool:
+        """Whether all legs are folded."""
+        if self._newest is None:
+            raise MotionError(f"{self.name} must be read before it is commanded: is it lying?")
+        robot, data = self._robot, self._robot.pinocchio_data
+        pin.framesForwardKinematics(robot.pinocchio, data, robot.configuration(self._newest.joint_position))
+        reach = [
+            np.linalg.norm(data.oMf[leg.foot_frame_id].translation - data.oMi[leg.joint_ids[-2]].translation)
+            for leg in robot.legs.values()
+        ]
+        return bool(max(reach) <= _FOLDED * robot.leg_length)
+
+    def _clock_of(self, tick: int) -> RobotClock | None:
+        """The robot's clock, or this computer's if it stands still, as public simulators'; None before it is known."""
+        if self._clock is None and (tick or self._stood_still):
+            self._clock = RobotClock(_TICK if tick else 0.0)
+        self._stood_still = tick == 0
+        return self._clock
+
+    def _arrived(self) -> list[RobotState]:
+        samples: list[RobotState] = []
+        for received, sample in self._states.take():
+            record = read_message(STATE, sample.data, self._settings.check_crc)
+            if record is None:
+                self.damaged += 1
+            elif (clock := self._clock_of(int(record["tick"]))) is not None:
+                samples.append(self._state(record, clock.time(int(record["tick"]), received), received))
+        return samples
+
+    def _silent_since(self) -> float:
+        """For how long [s]; 0 before the first sample."""
+        newest = self._newest
+        return 0.0 if newest is None or newest.received is None else time.monotonic() - newest.received
+
+    def _state(self, record: NDArray[Any], at: float, received: float) -> RobotState:
+        motors, imu, order = record["motor_state"], record["imu_state"], self._motor_of_joint
+        if received - self._examined > _HEALTH:
+            self._health = self._examine(record, received)
+        return RobotState(
+            at,
+            motors["q"][order].astype(float),
+            motors["dq"][order].astype(float),
+            motors["tau_est"][order].astype(float),
+            imu["gyroscope"].astype(float),
+            imu["accelerometer"].astype(float),
+            received=received,
+            health=self._health,
+        )
+
+    def _examine(self, record: NDArray[Any], received: float) -> Health:
+        """Temperatures, battery, and messages lost inside the robot; zeros are what simulators leave empty."""
+        motors, order = record["motor_state"], self._motor_of_joint
+        temperature, voltage = motors["temperature"][order].astype(float), float(record["power_v"])
+        lost, before = motors["lost"][order].astype(float), self._lost_before
+        since, self._lost_before, self._examined = received - self._examined, lost, received
+        losing = lost - before > _LOST * since / CONTROL_PERIOD  # the first time, since ever: none
+        fault = (
+            "messages to motors get lost: " + ", ".join(np.array(self.joint_names)[losing]) if losing.any() else None
+        )
+        return Health(
+            temperature if temperature.any() else None,
+            voltage or None,
+            float(record["bms_state"]["soc"]) / 100 if voltage else None,
+            fault,
+        )
+
+    def _note(self, samples: list[RobotState]) -> None:
+        """Keep the newest sample; complain when the robot has fallen silent, or cannot be understood."""
+        if samples:
+            self._newest = samples[-1]
+        elif self._newest is None:
+            if self.damaged and time.monotonic() - self._opened > _PATIENCE:
+                raise CommunicationError(
+                    f"{self.name} cannot be understood: all {self.damaged} samples had another length or a wrong checksum. "
+                    "Is it this kind of robot? check_crc=false takes samples with wrong checksums"
+                )
+        elif (since := self._silent_since()) > self._settings.silence:
+            raise CommunicationError(
+                f"{self.name} has been silent for {since:.1f} s: is the robot on, is the cable in?"
+            )
+
+
+def open_link(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsLink:
+    """A link to a Go2 or a B2, which one the settings say."""
+    return UnitreeDdsLink(robot, settings)
+
+
+def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsLink:
+    """The same, for a watchdog: `drivers/catalog.py` says what that is."""
+    return UnitreeDdsLink(robot, settings, beside=True)

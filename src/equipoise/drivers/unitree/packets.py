@@ -1,0 +1,241 @@
+"""The low-level packets of the Unitree A1 and Go1, both ways: as the driver and as the robot.
+
+What is held against packets of the makers' SDKs and what is not, `unitree_formats` says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.drivers.unitree.crc import crc32_words
+from equipoise.drivers.unitree.formats import PacketFormat
+from equipoise.errors import SettingsError
+from equipoise.robot.unitree_motors import MOTORS
+
+POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # instead of a target: do not control this
+_SERVO = 0x0A
+_SCRAMBLE = 0xEDCAB9DE
+_CHECKSUM_SIZE = 4
+_CELLS = 6  # of a Go1's battery
+_COMMANDED = ("position", "velocity", "torque", "kp", "kd")
+_SENSED = ("position", "velocity", "torque")
+_GAINS = ("kp", "kd")  # never negative: what a robot makes of such a count is not known
+
+
+class Damage(Enum):
+    """Why a packet is not one."""
+
+    LENGTH = "wrong length"
+    HEAD = "wrong head"
+    CHECKSUM = "wrong checksum"
+
+
+@dataclass(frozen=True, eq=False)
+class MotorCommands:
+    """What the twelve motors should do: (12,) in the order FR FL RR RL.
+
+    Attributes:
+        position: target, or POSITION_STOP [rad].
+        velocity: target, or VELOCITY_STOP [rad/s].
+        torque: [Nm].
+        kp: [Nm/rad].
+        kd: [Nm s/rad].
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    torque: FloatArray
+    kp: FloatArray
+    kd: FloatArray
+
+    @classmethod
+    def without_torque(cls) -> MotorCommands:
+        """Nothing is controlled."""
+        zeros = np.zeros(MOTORS)
+        return cls(np.full(MOTORS, POSITION_STOP), np.full(MOTORS, VELOCITY_STOP), zeros, zeros, zeros)
+
+
+@dataclass(frozen=True, eq=False)
+class LowState:
+    """What the robot says: (12,) in the order FR FL RR RL, and the IMU.
+
+    Attributes:
+        position: [rad].
+        velocity: [rad/s].
+        torque: as the motors estimate it [Nm].
+        temperature: of the motors [deg C].
+        gyroscope: (3,) [rad/s].
+        accelerometer: (3,) +g upward at rest [m/s2].
+        tick: the robot's clock, modulo 2^32.
+        battery_charge: from 0 to 1; None on robots that do not say.
+        battery_voltage: [V]; None on robots that do not say.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    torque: FloatArray
+    temperature: FloatArray
+    gyroscope: FloatArray
+    accelerometer: FloatArray
+    tick: int
+    battery_charge: float | None = None
+    battery_voltage: float | None = None
+
+
+class CommandPacket:
+    """A command's bytes, written over and over: at 500 Hz nothing should be made anew."""
+
+    def __init__(self, packets: PacketFormat) -> None:
+        self._format = packets
+        self._bytes, record = _blank(packets.command, packets.begins)
+        record["bandwidth"] = packets.bandwidth
+        motors = record["motors"]
+        motors["mode"], motors["position"], motors["velocity"] = _SERVO, POSITION_STOP, VELOCITY_STOP
+        self._motors = _Columns(motors[:MOTORS], _COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
+
+    def write(self, commands: MotorCommands) -> bytearray:
+        """The packet; the next call writes over it. Beyond what a field can hold, it holds the most that it can.
+
+        Raises:
+            SettingsError: a command is no number.
+        """
+        values = (commands.position, commands.velocity, commands.torque, commands.kp, commands.kd)
+        self._motors.write(np.array(values))
+        _seal(self._format, self._bytes)
+        return self._bytes
+
+
+class StatePacket:
+    """A state's bytes, as the robot writes them; how it rounds is not known."""
+
+    def __init__(self, packets: PacketFormat) -> None:
+        self._format = packets
+        self._bytes, self._record = _blank(packets.state, packets.begins)
+        self._motors = _Columns(self._record["motors"][:MOTORS], (*_SENSED, "temperature"), packets.counts, np.rint)
+        self._imu = _Columns(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
+
+    def write(self, state: LowState) -> bytearray:
+        """The packet; the next call writes over it. Raises SettingsError if something is no number."""
+        self._motors.write(np.array((state.position, state.velocity, state.torque, state.temperature)))
+        self._imu.write(np.array((state.gyroscope, state.accelerometer)))
+        self._record["tick"] = state.tick % 2**32
+        if "battery" in self._record.dtype.names:
+            battery, cells = self._record["battery"], (state.battery_voltage or 0.0) / _CELLS
+            battery["charge"] = round(100 * (state.battery_charge or 0.0))
+            battery["cells"][:_CELLS] = min(round(cells * self._format.counts["cells"]), 255)
+        _seal(self._format, self._bytes)
+        return self._bytes
+
+
+def read_command(packets: PacketFormat, data: bytes) -> MotorCommands | Damage:
+    """What a command packet says, as the robot reads it."""
+    if len(data) != packets.command.itemsize:
+        return Damage.LENGTH
+    if not data.startswith(packets.begins):
+        return Damage.HEAD
+    record = np.frombuffer(data, packets.command)[0]
+    if record["checksum"] != _checksum(data, packets.scrambled):
+        return Damage.CHECKSUM
+    motors = record["motors"][:MOTORS]
+    return MotorCommands(*(_read(motors[name], packets.counts.get(name)) for name in _COMMANDED))
+
+
+def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> LowState | Damage:
+    """What a state packet says, as the driver reads it.
+
+    Args:
+        packets: the robot's.
+        data: one datagram.
+        check: whether a wrong checksum is damage.
+    """
+    if len(data) not in packets.state_lengths:
+        return Damage.LENGTH
+    if not data.startswith(packets.begins):
+        return Damage.HEAD
+    data = data[: packets.state.itemsize]
+    record = np.frombuffer(data, packets.state)[0]
+    if check and not _is_whole(packets, data, record["checksum"]):
+        return Damage.CHECKSUM
+    motors, imu = record["motors"][:MOTORS], record["imu"]
+    return LowState(
+        *(_read(motors[name], packets.counts.get(name)) for name in (*_SENSED, "temperature")),
+        gyroscope=_read(imu["gyroscope"]),
+        accelerometer=_read(imu["accelerometer"]),
+        tick=int(record["tick"]),
+        **_battery(packets, record),
+    )
+
+
+def _battery(packets: PacketFormat, record: Any) -> dict[str, float]:
+    if "battery" not in (packets.state.names or ()):
+        return {}
+    battery = record["battery"]
+    voltage = float(_read(battery["cells"], packets.counts["cells"]).sum())
+    return {"battery_charge": float(battery["charge"]) / 100, "battery_voltage": voltage}
+
+
+class _Columns:
+    """Fields that are written together: one row of values each."""
+
+    def __init__(self, record: Any, names: tuple[str, ...], counts: Mapping[str, float], whole: np.ufunc) -> None:
+        self._views: list[NDArray[Any]] = [record[name] for name in names]
+        kinds = [view.dtype for view in self._views]
+        limits = [np.iinfo(kind) if kind.kind in "iu" else np.finfo(kind) for kind in kinds]
+        lowest = [0.0 if name in _GAINS else float(limit.min) for name, limit in zip(names, limits, strict=True)]
+        self._counts = np.array([counts.get(name, 1.0) for name in names])[:, None]
+        self._low = np.array(lowest)[:, None] / self._counts
+        self._high = np.array([float(limit.max) for limit in limits])[:, None] / self._counts
+        self._rows = [row for row, kind in enumerate(kinds) if kind.kind in "iu"]
+        self._whole = whole
+
+    def write(self, values: FloatArray) -> None:
+        """Write (n, width) values in SI units, limited to what the fields can hold, and made whole where they are integers.
+
+        As float32 first, as the SDKs' structures hold them: there 12.5 - 1e-9 is 12.5, which may be one count more.
+        """
+        if not np.isfinite(values).all():
+            raise SettingsError(f"what is sent must be numbers, not {values}")
+        np.minimum(np.maximum(values, self._low, out=values), self._high, out=values)
+        counted = values.astype(np.float32) * self._counts
+        for row in self._rows:
+            self._whole(counted[row], out=counted[row])
+        for view, row in zip(self._views, counted, strict=True):
+            view[:] = row
+
+
+def _blank(layout: np.dtype[Any], begins: bytes) -> tuple[bytearray, Any]:
+    """A packet's bytes, and the same as a record."""
+    data = bytearray(layout.itemsize)
+    data[: len(begins)] = begins
+    return data, np.frombuffer(data, layout)[0]
+
+
+def _read(view: NDArray[Any], counts: float | None = None) -> FloatArray:
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
+        values = view.astype(float)
+    return values if counts is None else values / counts
+
+
+def _seal(packets: PacketFormat, data: bytearray) -> None:
+    data[-_CHECKSUM_SIZE:] = _checksum(data, packets.scrambled).to_bytes(_CHECKSUM_SIZE, "little")
+
+
+def _is_whole(packets: PacketFormat, state: bytes, checksum: int) -> bool:
+    """Whether a state's checksum is right; where commands are scrambled, either kind is."""
+    return checksum == _checksum(state, False) or (packets.scrambled and checksum == _checksum(state, True))
+
+
+def _checksum(data: bytes | bytearray, scrambled: bool) -> int:
+    """Of all whole words but the last: where a packet's length is no multiple of four, its last bytes are not covered."""
+    plain = crc32_words(data[: (len(data) // _CHECKSUM_SIZE - 1) * _CHECKSUM_SIZE])
+    if not scrambled:
+        return plain
+    mixed = plain ^ _SCRAMBLE
+    return mixed >> 8 | (mixed & 0xFF) << 24

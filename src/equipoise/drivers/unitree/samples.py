@@ -1,0 +1,186 @@
+"""Go2 and B2 messages as bytes: laid out as in the robot's memory, which the checksum covers, and as on the wire.
+
+On the wire (CDR) nothing but the alignment of single fields pads; in memory a motor's record begins at a multiple of four.
+The two differ in one place, the pad before the first motor's mode. Records are NumPy's: fields of all motors at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.drivers.unitree.crc import crc32_words
+
+STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # what tells a motor not to hold a position or a velocity
+SERVO = 1  # mode of a motor that heeds its command
+
+_HEADER = b"\x00\x01\x00\x00"  # of the plain encoding, little endian
+_BEGINS = (0xFE, 0xEF)
+_LOW_LEVEL = 0xFF
+_PLACES = 20
+_PAD = bytes(128)
+
+_HEAD = [
+    ("head", "u1", 2),
+    ("level_flag", "u1"),
+    ("frame_reserve", "u1"),
+    ("sn", "<u4", 2),
+    ("version", "<u4", 2),
+    ("bandwidth", "<u2"),
+]
+_MOTOR_CMD = np.dtype(
+    [
+        ("mode", "u1"),
+        ("q", "<f4"),
+        ("dq", "<f4"),
+        ("tau", "<f4"),
+        ("kp", "<f4"),
+        ("kd", "<f4"),
+        ("reserve", "<u4", 3),
+    ],
+    align=True,
+)
+LOW_CMD = np.dtype(
+    [
+        *_HEAD,
+        ("motor_cmd", _MOTOR_CMD, _PLACES),
+        ("bms_cmd", "u1", 4),
+        ("wireless_remote", "u1", 40),
+        ("led", "u1", 12),
+        ("fan", "u1", 2),
+        ("gpio", "u1"),
+        ("reserve", "<u4"),
+        ("crc", "<u4"),
+    ],
+    align=True,
+)
+_IMU_STATE = np.dtype(
+    [
+        ("quaternion", "<f4", 4),
+        ("gyroscope", "<f4", 3),
+        ("accelerometer", "<f4", 3),
+        ("rpy", "<f4", 3),
+        ("temperature", "u1"),
+    ],
+    align=True,
+)
+_MOTOR_STATE = np.dtype(
+    [
+        ("mode", "u1"),
+        ("q", "<f4"),
+        ("dq", "<f4"),
+        ("ddq", "<f4"),
+        ("tau_est", "<f4"),
+        ("raw", "<f4", 3),
+        ("temperature", "u1"),
+        ("lost", "<u4"),
+        ("reserve", "<u4", 2),
+    ],
+    align=True,
+)
+_BMS_STATE = np.dtype(
+    [
+        ("version", "u1", 2),
+        ("status", "u1"),
+        ("soc", "u1"),
+        ("current", "<i4"),
+        ("cycle", "<u2"),
+        ("ntc", "u1", 4),
+        ("cell_vol", "<u2", 15),
+    ],
+    align=True,
+)
+LOW_STATE = np.dtype(
+    [
+        *_HEAD,
+        ("imu_state", _IMU_STATE),
+        ("motor_state", _MOTOR_STATE, _PLACES),
+        ("bms_state", _BMS_STATE),
+        ("foot_force", "<i2", 4),
+        ("foot_force_est", "<i2", 4),
+        ("tick", "<u4"),
+        ("wireless_remote", "u1", 40),
+        ("bit_flag", "u1"),
+        ("adc_reel", "<f4"),
+        ("temperature_ntc", "u1", 2),
+        ("power_v", "<f4"),
+        ("power_a", "<f4"),
+        ("fan_frequency", "<u2", 4),
+        ("reserve", "<u4"),
+        ("crc", "<u4"),
+    ],
+    align=True,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Of one message.
+
+    Attributes:
+        memory: as a record.
+        motors: its field with one record a motor.
+        first_motor: where that begins in memory [bytes].
+        first_mode: where the first motor's mode is on the wire, after the header [bytes].
+    """
+
+    memory: np.dtype[Any]
+    motors: str
+    first_motor: int
+    first_mode: int
+
+    def to_wire(self, memory: bytes) -> bytes:
+        """Encoding of a record's bytes."""
+        end, begin = self.first_mode, self.first_motor
+        return b"".join((_HEADER, memory[:end], memory[begin : begin + 1], _PAD[end + 1 : begin], memory[begin + 4 :]))
+
+    def to_memory(self, wire: bytes) -> bytes | None:
+        """The record's bytes; None if it is something else that is encoded, or it is in another encoding."""
+        if len(wire) != self.memory.itemsize or wire[:4] != _HEADER:  # the header is as long as what is not padded
+            return None
+        end, begin = self.first_mode, self.first_motor
+        body = memoryview(wire)[4:]
+        return b"".join((body[:end], _PAD[end:begin], body[end : end + 1], _PAD[:3], body[begin:]))
+
+
+COMMAND = Layout(LOW_CMD, "motor_cmd", first_motor=24, first_mode=22)
+STATE = Layout(LOW_STATE, "motor_state", first_motor=80, first_mode=77)
+
+
+class Message:
+    """A message that is filled in again and again.
+
+    Attributes:
+        record: its fields; write into them.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self.record = np.zeros((), layout.memory)
+        self.record["head"] = _BEGINS
+        self.record["level_flag"] = _LOW_LEVEL
+        self.record[layout.motors]["mode"] = SERVO
+
+    def encoded(self) -> bytes:
+        """For the wire, with its checksum."""
+        covered = self.record.tobytes()[:-4]
+        return self._layout.to_wire(covered + crc32_words(covered).to_bytes(4, "little"))
+
+
+def read_message(layout: Layout, data: bytes, check: bool = True) -> NDArray[Any] | None:
+    """A record with a message's fields, or None if it is damaged.
+
+    Args:
+        data: as it came over the wire.
+        check: the checksum, where there is one: public simulators leave it zero.
+    """
+    memory = layout.to_memory(data)
+    if memory is None:
+        return None
+    record = np.frombuffer(memory, layout.memory, 1).reshape(())
+    if check and (crc := int(record["crc"])) and crc != crc32_words(memory[:-4]):
+        return None
+    return record

@@ -1,0 +1,142 @@
+"""Who holds a Go2's motors: the robot's own controller lets go of them when it is asked to."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+from equipoise.drivers.checkup import Finding
+from equipoise.drivers.dds.domain import DdsDomain
+from equipoise.drivers.unitree.messages import (
+    Request,
+    RequestHeader,
+    RequestIdentity,
+    RequestLease,
+    RequestPolicy,
+    Response,
+)
+from equipoise.errors import CommunicationError
+
+CHECK_MODE, RELEASE_MODE = 1001, 1003  # functions of the service
+REQUESTS, RESPONSES = "rt/api/motion_switcher/request", "rt/api/motion_switcher/response"
+
+_FOUND = 3.0  # [s] in which the service must be found
+_ANSWER = 1.0  # [s] in which it must answer
+_TRIES = 3  # a request or a response may get lost
+_LETS_GO = 10.0  # [s] in which the mode must end
+_POLL, _AGAIN = 2e-3, 0.5  # [s] between looks at what has arrived, and between requests to let go
+_NO_BYTES: Any = []
+
+
+class MotionSwitcher:
+    """The service that starts and ends the robot's own controllers ("normal", "ai", ... : sport mode).
+
+    Args:
+        domain: of the robot.
+        robot: its name, for messages.
+    """
+
+    def __init__(self, domain: DdsDomain, robot: str) -> None:
+        self._robot = robot
+        self._requests = domain.outbox(REQUESTS, Request)
+        self._responses = domain.inbox(RESPONSES, Response)
+        self._number = time.monotonic_ns()
+
+    def mode(self) -> str:
+        """Name of the controller that holds the motors; empty if none does.
+
+        Raises:
+            CommunicationError: the service is not there, or answers something else.
+        """
+        answer = self._call(CHECK_MODE)
+        try:
+            return str(json.loads(answer)["name"])
+        except (ValueError, TypeError, KeyError):
+            raise self._failure(f"answers {answer[:80]!r} when it is asked for the mode") from None
+
+    def release(self) -> None:
+        """Have the robot's own controller let go of the motors. They are limp then: the robot must lie or hang.
+
+        Raises:
+            CommunicationError: it does not.
+        """
+        until = time.monotonic() + _LETS_GO
+        while mode := self.mode():
+            if time.monotonic() > until:
+                raise self._failure(
+                    f"still says that {mode!r} holds the motors, {_LETS_GO:g} s after it was asked to end it"
+                )
+            self._call(RELEASE_MODE)
+            time.sleep(_AGAIN)
+
+    def _call(self, function: int) -> str:
+        """Data of the response to a request without parameters."""
+        if not _wait_for(lambda: self._requests.heard, _FOUND):
+            raise self._failure(
+                f"was not found within {_FOUND:g} s; a simulator that has none needs release_sport_mode=false"
+            )
+        for _ in range(_TRIES):
+            self._number += 1
+            identity = RequestIdentity(self._number, function)
+            self._requests.send(
+                Request(RequestHeader(identity, RequestLease(0), RequestPolicy(0, False)), "{}", _NO_BYTES)
+            )
+            response = _wait_for(lambda number=self._number: self._response(number), _ANSWER)
+            if response is not None:
+                if response.header.status.code != 0:
+                    raise self._failure(f"refuses function {function} with code {response.header.status.code}")
+                return str(response.data)
+        raise self._failure(f"has not answered {_TRIES} requests, each within {_ANSWER:g} s")
+
+    def _response(self, number: int) -> Any | None:
+        for _, response in self._responses.take():
+            if response.header.identity.id == number:
+                return response
+        return None
+
+    def _failure(self, what: str) -> CommunicationError:
+        return CommunicationError(f"the motion_switcher service of {self._robot} {what}")
+
+
+def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> Finding:
+    """What `calibrate` will meet when it takes over the motors; nothing lets go of them meanwhile.
+
+    Args:
+        switcher: of the robot; is asked for its mode alone.
+        asks: whether `calibrate` will have the robot's own controller let go (release_sport_mode).
+        may_let_go: whether the robot would not fall then: it lies, or hangs.
+    """
+    name = "robot's own controller"
+    try:
+        mode = switcher.mode()
+    except CommunicationError as error:
+        if not asks:
+            return Finding(name, "no answer which; calibrate will not ask (release_sport_mode=false)", None)
+        return Finding(
+            name, f"{error}. calibrate will refuse", False,
+            "on a robot: is this its interface? A simulator without the service needs release_sport_mode=false",
+        )  # fmt: skip
+    if not mode:
+        return Finding(name, "none holds the motors; calibrate will command them at once", True)
+    if not asks:
+        value = f"{mode!r} holds the motors, and calibrate will not have it let go: both would command them"
+        return Finding(name, value, False, "leave out release_sport_mode=false", serious=True)
+    if not may_let_go:
+        value = f"{mode!r} holds the motors, and the robot does not lie: calibrate will refuse, it would fall"
+        return Finding(
+            name, value, False, "have it lie down with its remote control; if it hangs in a frame, set hanging=true",
+            serious=True,
+        )  # fmt: skip
+    return Finding(name, f"{mode!r} holds the motors; calibrate will have it let go, the legs are limp then", True)
+
+
+def _wait_for(look: Callable[[], Any], patience: float) -> Any | None:
+    """What a look finds, once it finds something; None after a time [s]."""
+    until = time.monotonic() + patience
+    while not (found := look()):
+        if time.monotonic() > until:
+            return None
+        time.sleep(_POLL)
+    return found

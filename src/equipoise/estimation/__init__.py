@@ -1,1 +1,0 @@
-"""What follows from recordings. Nothing here moves anything."""

@@ -1,0 +1,91 @@
+"""Snippets for controllers that keep their numbers in code: the names and the order are those of each controller's file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from equipoise.export.subject import FloatArray, Subject, number
+from equipoise.export.written import Written
+
+
+def quadruped_pympc(subject: Subject) -> Written:
+    """Quadruped-PyMPC, quadruped_pympc/config.py."""
+    body, about = subject.composite, subject.composite_words
+    rows = [f"[{', '.join(map(number, row))}]" for row in body.inertia]
+    indent = ",\n" + " " * len("inertia = np.array([")
+    return Written.text(
+        [
+            *_comment("# ", subject.header(about)),
+            "# quadruped_pympc/config.py, behind the choice of the robot; needs 'use_inertia_recomputation': False",
+            f"mass = {number(body.mass)}",
+            f"inertia = np.array([{indent.join(rows)}])",
+        ],
+        about,
+    )
+
+
+def unitree_guide(subject: Subject) -> Written:
+    """unitree_guide, src/common/unitreeRobot.cpp."""
+    body, about = subject.composite, subject.composite_words
+    return Written.text(
+        [
+            *_comment("// ", subject.header(about)),
+            "// src/common/unitreeRobot.cpp, in the constructor of the robot",
+            f"_mass = {number(body.mass)};",
+            f"_pcb << {', '.join(map(number, body.com))};",
+            *_matrix("_Ib << ", body.inertia),
+        ],
+        about,
+    )
+
+
+def mit_cheetah(subject: Subject) -> Written:
+    """Cheetah-Software: RobotState.h, RobotState.cpp (composite) and MiniCheetah.h (base)."""
+    whole, base = subject.composite, subject.base
+    about = f"{subject.composite_words}; in MiniCheetah.h the {subject.base_words}"
+    return Written.text(
+        [
+            *_comment("// ", subject.header(about)),
+            "// user/MIT_Controller/Controllers/convexMPC/RobotState.h: composite",
+            f"fpt m = {number(whole.mass)}f;",
+            "// user/MIT_Controller/Controllers/convexMPC/RobotState.cpp: composite; for Id and I_body.diagonal()",
+            *_matrix("I_body << ", whole.inertia, suffix="f"),
+            "// common/include/Dynamics/MiniCheetah.h: base",
+            f"cheetah._bodyMass = {number(base.mass)};",
+            *_matrix("bodyRotationalInertia << ", base.inertia * 1e6),
+            "bodyRotationalInertia = bodyRotationalInertia * 1e-6;",
+            f"Vec3<T> bodyCOM({', '.join(map(number, base.com))});",
+        ],
+        about,
+    )
+
+
+def quad_sdk(subject: Subject) -> Written:
+    """Quad-SDK: quad_utils/config/ROBOT.yaml, and nmpc_controller/scripts/main.m in a comment."""
+    body, about = subject.composite, subject.composite_words
+    rows = "; ".join(" ".join(map(number, row)) for row in body.inertia)
+    return Written.text(
+        [
+            *_comment("# ", subject.header(about)),
+            "# nmpc_controller/scripts/main.m, before dynamicsModel(parameter), in place of all that was added up till there:",
+            f"#   parameter.physics.mass_body = {number(body.mass)};",
+            f"#   parameter.physics.inertia_body = [{rows}];",
+            "# quad_utils/config/ROBOT.yaml:",
+            "/**/global_body_planner:",
+            "  ros__parameters:",
+            "    global_body_planner:",
+            f"      mass: {number(body.mass)}",
+        ],
+        about,
+    )
+
+
+def _matrix(name: str, rows: FloatArray, suffix: str = "") -> list[str]:
+    """An Eigen comma initialiser, a row a line."""
+    lines = [", ".join(number(value) + suffix for value in row) for row in rows]
+    indent = " " * len(name)
+    return [f"{name}{lines[0]},", f"{indent}{lines[1]},", f"{indent}{lines[2]};"]
+
+
+def _comment(mark: str, lines: Sequence[str]) -> list[str]:
+    return [mark + " ".join(line.split()) for line in lines]

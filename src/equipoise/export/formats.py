@@ -1,0 +1,186 @@
+"""The table of all formats, and what writes one. To add a consumer: one small writer, one line in FORMATS, one page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from equipoise._version import __version__
+from equipoise.errors import OutputError, SettingsError
+from equipoise.export import controllers, learning, mjcf, sdf, tables, urdf, xacro
+from equipoise.export.model_file import find_users_file
+from equipoise.export.subject import Subject, UsersFile, judge
+from equipoise.export.written import Written
+from equipoise.result.calibration import Calibration
+from equipoise.user_file import write_file
+
+FileUse = Literal["model", "given", ""]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One consumer.
+
+    Attributes:
+        name: as --to takes it.
+        bodies: what it wants, "base", "composite" or both; they must be identified.
+        file: the user's file that is edited: the "model" of the run, one "given" with --file if there is one, or none.
+        payload: whether it can hold what was added as a link of its own.
+        where: where the numbers go.
+        output: default name of the file that is written; an edited file keeps its own.
+        write: what writes it.
+        page: under docs/controllers.
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+    file: FileUse
+    payload: bool
+    where: str
+    output: str
+    write: Callable[[Subject], Written]
+    page: str
+
+
+_BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
+FORMATS: dict[str, Format] = {
+    row.name: row
+    for row in (
+        Format("urdf", _BASE, "model", True, "your URDF", "robot.urdf", urdf.write, "urdf"),
+        Format("mjcf", _BASE, "model", True, "your MJCF", "robot.xml", mjcf.write, "mjcf"),
+        Format("sdf", _BASE, "given", True, "Gazebo's model.sdf", "base.sdf", sdf.write, "sdf"),
+        Format("xacro", _BASE, "given", False, "legged_control's const.xacro", "const.xacro", xacro.write, "legged_control"),
+        Format("quadruped-pympc", _WHOLE, "", False, "Quadruped-PyMPC's config.py", "config.py",
+               controllers.quadruped_pympc, "quadruped-pympc"),
+        Format("unitree-guide", _WHOLE, "", False, "unitree_guide's unitreeRobot.cpp", "unitreeRobot.cpp",
+               controllers.unitree_guide, "unitree-guide"),
+        Format("mit-cheetah", _BOTH, "", False, "MIT's Cheetah-Software", "cheetah.cpp",
+               controllers.mit_cheetah, "mit-cheetah"),
+        Format("quad-sdk", _WHOLE, "", False, "Quad-SDK's ROBOT.yaml, main.m", "quad-sdk.yaml", controllers.quad_sdk,
+               "quad-sdk"),
+        Format("mjlab", _BASE, "", False, "mjlab's dr.pseudo_inertia", "mjlab_randomisation.py", learning.mjlab, "mjlab"),
+        Format("isaaclab", _BASE, "", False, "Isaac Lab's event terms", "isaaclab_randomisation.py",
+               learning.isaaclab, "isaaclab"),
+        Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables"),
+        Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables"),
+    )
+}  # fmt: skip
+"""By name."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """What goes into a file.
+
+    Attributes:
+        format: its row in the table.
+        content: the file's bytes.
+        file_name: what it is called by default.
+        header: what it says of itself: which body in which frame, from which run, at which stance.
+        notes: what speaks against the numbers, worst first.
+    """
+
+    format: Format
+    content: bytes
+    file_name: str
+    header: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The content, where it is UTF-8, as all is that is not an edit of a user's file."""
+        return self.content.decode()
+
+    def save(self, path: str | Path) -> Path:
+        """Write the file, whole or not at all; raises OutputError if it cannot be written."""
+        path = Path(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write {str(path)!r}: {error.strerror}") from error
+        write_file(path, self.content)
+        return path.resolve()
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form, without the content."""
+        return {
+            "equipoise": __version__,
+            "format": self.format.name,
+            "bodies": list(self.format.bodies),
+            "about": list(self.header),
+            "notes": list(self.notes),
+        }
+
+
+def export(
+    result: Calibration,
+    format: str,  # noqa: A002 - what everyone calls it
+    *,
+    file: str | Path | None = None,
+    payload_link: bool = False,
+    force: bool = False,
+    samples: int = 0,
+    seed: int = 0,
+    run: str = "",
+) -> Export:
+    """A result in the form that a consumer reads.
+
+    Args:
+        result: of a calibration; for urdf and mjcf with its model, as `RunFolder.result` has it.
+        format: a name in the table FORMATS.
+        file: the user's file to edit; urdf and mjcf know the run's own.
+        payload_link: write what was added to the model as a link of its own (urdf, mjcf, sdf).
+        force: write what is not identified all the same, and say so in the file.
+        samples: how many drawn bodies to list (mjlab, isaaclab).
+        seed: of everything drawn.
+        run: what the file says it is from.
+
+    Raises:
+        SettingsError: no such format, or it does not take what was asked for.
+        NotEstimatedError: the method does not estimate what the format wants.
+        NotIdentifiedError: the run did not tell it, and that is not overridden.
+        NotPhysicalError: no body can have what would be written.
+        ModelError: the model file has moved, has changed or cannot be edited.
+    """
+    row = find_format(format)
+    _refuse_flags(row, file is not None, payload_link, samples)
+    bodies = ("composite",) if payload_link else row.bodies
+    notes = judge(result, bodies, force)
+    users, about_file = _users_file(result, row, None if file is None else Path(file))
+    subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force)
+    written = row.write(subject)
+    name = Path(users.path.name if users else row.output)
+    if payload_link:
+        name = name.with_stem(f"{name.stem}_payload")
+    header = subject.header(written.about, *written.notes)
+    return Export(replace(row, bodies=bodies), written.content, name.name, header, written.notes + subject.notes)
+
+
+def find_format(name: str) -> Format:
+    """A row of the table; raises SettingsError with the names that there are."""
+    if name not in FORMATS:
+        raise SettingsError(f"no format is called {name!r}; there are {', '.join(FORMATS)}")
+    return FORMATS[name]
+
+
+def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int) -> None:
+    if file and not row.file:
+        raise SettingsError(f"--file: {row.name} edits no file; paste what it writes into {row.where}")
+    if payload_link and not row.payload:
+        able = ", ".join(other.name for other in FORMATS.values() if other.payload)
+        raise SettingsError(f"--add-payload-link: {row.name} has no links; {able} have")
+    if samples < 0 or (samples and row.name not in ("mjlab", "isaaclab")):
+        raise SettingsError(f"--samples is {samples}: mjlab and isaaclab list drawn bodies, as many as it says")
+
+
+def _users_file(result: Calibration, row: Format, file: Path | None) -> tuple[UsersFile | None, tuple[str, ...]]:
+    if row.file == "model":
+        return find_users_file(result, row.name, file)
+    if file is None:
+        return None, ()
+    try:
+        return UsersFile(file, file.read_bytes()), ()
+    except OSError as error:
+        raise SettingsError(f"--file {str(file)!r} cannot be read: {error.strerror}") from error

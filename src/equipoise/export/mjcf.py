@@ -1,0 +1,106 @@
+"""The user's own MJCF with another inertial, or with a body for what was added."""
+
+from __future__ import annotations
+
+from equipoise.errors import ModelError, SettingsError
+from equipoise.export.model_file import (
+    composite_of,
+    edited_place,
+    new_inertial,
+    payload,
+    read_robot,
+    require_composite,
+    require_format,
+)
+from equipoise.export.subject import PAYLOAD, Subject, number, numbers
+from equipoise.export.written import Written
+from equipoise.export.xml_edit import Document, Edit, Element, comment_lines
+from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.mjcf_poses import ORIENTATIONS
+
+
+def write(subject: Subject) -> Written:
+    """The file as it was but for the base body's <inertial>, or with one body more."""
+    assert subject.file is not None
+    robot = read_robot(subject, subject.file.content)
+    require_format(robot, "mjcf")
+    document = Document(subject.file.content, subject.file.path)
+    base = _base_body(document)
+    if subject.payload_link:
+        about = (
+            f"body {PAYLOAD!r}, fixed to base body {robot.base_link!r}, is what the robot has more than the model file; in "
+            f"the frame of {robot.base_link!r}, inertia about its own CoM; nothing else was changed"
+        )
+        before = composite_of(subject, robot)
+        body, notes = payload(subject, before)
+        content = document.edited(_payload_edits(document, base, body, subject.header(about, *notes)))
+        require_composite(subject, content, before.vector + body.vector)
+        return Written(content, about, notes)
+    place = edited_place(robot)
+    about = (
+        f"the <inertial> of body {place.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
+        "the composite that was found; nothing else was changed"
+    )
+    body = new_inertial(subject, robot, place)
+    edited = base if place.name == robot.base_link else _named(document, base, place.name)
+    content = document.edited(_inertial_edits(document, edited, body, subject.header(about)))
+    require_composite(subject, content, subject.composite.vector)
+    return Written(content, about)
+
+
+def _base_body(document: Document) -> Element:
+    """The first body with a free joint, in the world or in frames of it."""
+    waiting = [child for world in document.root.all("worldbody") for child in world.children]
+    while waiting:
+        element = waiting.pop(0)
+        if element.tag == "frame":
+            waiting = [*element.children, *waiting]
+        elif element.tag == "body" and _is_free(element):
+            return element
+    raise ModelError(
+        f"{str(document.path)!r} does not hold the base body itself but includes it from another file; write one file of "
+        "them all (mujoco.mj_saveLastXML) and name it with --file"
+    )
+
+
+def _is_free(body: Element) -> bool:
+    joints = body.all("joint")
+    return bool(body.all("freejoint")) or any(joint.attributes.get("type") == "free" for joint in joints)
+
+
+def _named(document: Document, base: Element, name: str) -> Element:
+    for element in base.walk():
+        if element.tag == "body" and element.attributes.get("name") == name:
+            return element
+    raise ModelError(f"{str(document.path)!r} has no body {name!r} below its base body; give the body a name")
+
+
+def _inertial_edits(
+    document: Document, body: Element, parameters: InertialParameters, header: tuple[str, ...]
+) -> list[Edit]:
+    inertial = body.first("inertial")
+    if inertial is None:
+        return [document.put_first(body, [*comment_lines(header), inertial_line(parameters)])]
+    return [
+        document.comment(inertial, header),
+        *document.unset(inertial, "diaginertia", *ORIENTATIONS),
+        *(document.set(inertial, key, value) for key, value in _attributes(parameters).items()),
+    ]
+
+
+def _attributes(body: InertialParameters) -> dict[str, str]:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
+    return {"pos": numbers(body.com), "mass": number(body.mass), "fullinertia": numbers((xx, yy, zz, xy, xz, yz))}
+
+
+def inertial_line(body: InertialParameters) -> str:
+    """An <inertial> element in its body's axes."""
+    words = [f'{key}="{value}"' for key, value in _attributes(body).items()]
+    return f"<inertial {' '.join(words)}/>"
+
+
+def _payload_edits(document: Document, base: Element, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
+    if any(e.tag == "body" and e.attributes.get("name") == PAYLOAD for e in document.root.walk()):
+        raise SettingsError(f"{str(document.path)!r} has a body {PAYLOAD!r} already; start from the file without it")
+    lines = [*comment_lines(header), f'<body name="{PAYLOAD}">', f"  {inertial_line(body)}", "</body>"]
+    return [document.put_last(base, lines)]

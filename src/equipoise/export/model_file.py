@@ -1,0 +1,183 @@
+"""What urdf and mjcf have in common: the user's own model file, the link in it that is edited, and what that link gets.
+
+The link's own inertial gains what the robot that was found has more than the file's robot. So the file's robot, read
+again, has the composite that was found, whatever else is fixed to its base.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.errors import ModelError, ModelWarning, NotPhysicalError, SettingsError
+from equipoise.export.subject import PAYLOAD, FloatArray, Subject, UsersFile, body_of, seen_from
+from equipoise.result.calibration import Calibration
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.inertial import InertialParameters, composite_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.source import parse_model_source
+from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION, physical_inertia
+
+_CLOSE = 1e-9  # how well the file that is written must give the composite that was found, relative
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A link that moves with the base: its own part alone.
+
+    Attributes:
+        name: of the link.
+        placement: of its frame in the base frame.
+        vector: (10,) its inertial parameters in the base frame, Pinocchio's order, about the origin.
+    """
+
+    name: str
+    placement: pin.SE3
+    vector: FloatArray
+
+
+def find_users_file(result: Calibration, model_format: str, file: Path | None) -> tuple[UsersFile, tuple[str, ...]]:
+    """The model file to edit, and what is to be said of it.
+
+    Raises:
+        SettingsError: it is not named and the run does not know it, or is of the other format.
+        ModelError: it is not there any more, or has changed since the run.
+    """
+    known = result.robot_model
+    if file is None:
+        if known is None:
+            raise SettingsError("a calibration.json alone does not know its model file: name the run folder, or --file")
+        if known.source.format != model_format:
+            raise SettingsError(
+                f"the run's model is {known.source.format.upper()}: export --to {known.source.format}, or name your "
+                f"{model_format.upper()} file of the same robot with --file"
+            )
+        content = _read(known.source.path, "; name it with --file")
+        if hashlib.sha256(content).hexdigest() != known.source.sha256:
+            raise ModelError(
+                f"the model file {str(known.source.path)!r} has changed since the run; to write into it as it is now, "
+                f"name it with --file {known.source.path}"
+            )
+        return UsersFile(known.source.path, content), ()
+    content = _read(file, "")
+    if (found := hashlib.sha256(content).hexdigest()) == result.model["sha256"]:
+        return UsersFile(file, content), ()
+    return UsersFile(file, content), (f"{file.name} is not the model file of the run: its sha256 is {found}",)
+
+
+def _read(path: Path, remedy: str) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"the model file {str(path)!r} cannot be read: {error.strerror}{remedy}") from error
+
+
+def read_robot(subject: Subject, content: bytes) -> RobotModel:
+    """The robot that a file describes, or would describe with other content. What is repaired in it stays unsaid."""
+    assert subject.file is not None
+    known = subject.result.robot_model
+    description = known.description if known is not None else RobotDescription()
+    source = parse_model_source(content, subject.file.path, description.base_link)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        return RobotModel(source, subject.result.robot, description)
+
+
+def require_format(robot: RobotModel, model_format: str) -> None:
+    """Raise SettingsError for a file of another format."""
+    if robot.source.format != model_format:
+        raise SettingsError(f"{str(robot.source.path)!r} is {robot.source.format.upper()}, not {model_format.upper()}")
+
+
+def composite_of(subject: Subject, robot: RobotModel) -> InertialParameters:
+    """The composite of a file's robot at the result's stance."""
+    stance = robot.joint_vector(dict(subject.result.joint_position), "the run's stance")
+    return composite_parameters(robot, stance)
+
+
+def edited_place(robot: RobotModel) -> Place:
+    """The link whose inertial is edited: the base link, or, where it has no mass, the heaviest link fixed to it."""
+    model = robot.full_pinocchio
+    names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
+    own = np.array(model.inertias[1].toDynamicParameters())
+    fixed: list[Place] = []
+    for index, frame in enumerate(model.frames):
+        if frame.parentJoint == 1 and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
+            vector = np.array(frame.placement.act(frame.inertia).toDynamicParameters())
+            fixed.append(Place(names.get(index, str(frame.name)), frame.placement, vector))
+            own -= vector
+    if own[0] > NEGLIGIBLE_MASS_FRACTION * robot.mass or not fixed:
+        return Place(robot.base_link, pin.SE3.Identity(), own)
+    return max(fixed, key=lambda place: place.vector[0])
+
+
+def new_inertial(subject: Subject, robot: RobotModel, place: Place) -> InertialParameters:
+    """What the place's own link gets, in its own frame.
+
+    Raises:
+        NotPhysicalError: no body can have it.
+    """
+    what = f"link {place.name!r} of {robot.source.path.name}"
+    vector = place.vector + subject.added_to(composite_of(subject, robot))
+    try:
+        body = body_of(vector, what)
+        defect = body.physical_defect()
+    except NotPhysicalError as error:
+        body, defect = None, str(error)
+    if body is None or defect:
+        raise NotPhysicalError(
+            f"{what} cannot hold what was found, for no body can have what would be left for it ({defect}); what the file "
+            "has besides, legs and links that are fixed or held, takes more than there is: see 'equipoise audit'"
+        )
+    return seen_from(body, place.placement)
+
+
+def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:
+    """What was added to a robot with this composite, in the base frame; and what is to be said of it.
+
+    Raises:
+        NotPhysicalError: no body near enough can have it, and that is not overridden, or cannot be.
+    """
+    vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference to the model file,"
+    remedy = "leave out --add-payload-link, which changes the base link instead"
+    if not vector[0] > 0:
+        raise NotPhysicalError(f"{what} would have a mass of {vector[0]:.6g} kg; {remedy}")
+    body = body_of(vector, what)
+    defect = body.physical_defect()
+    if defect is None:
+        return body, ()
+    nearest = InertialParameters(body.mass, body.com, physical_inertia(body.inertia, body.mass))
+    within = subject.within_intervals(nearest.inertia - body.inertia)
+    if not (within or subject.forced):
+        raise NotPhysicalError(
+            f"{what} is no body: {defect}, and the nearest one that is lies beyond the intervals: {remedy}, or write that one "
+            "with --force"
+        )
+    moments = ", ".join(f"{value:+.3g}" for value in (nearest.inertia - body.inertia).diagonal())
+    how = "within the intervals" if within else "FORCED, beyond the intervals"
+    return nearest, (
+        f"{how}: the difference is no body ({defect}); its inertia is the nearest that one can have, Ixx, Iyy, Izz off by "
+        f"{moments} kg m2; its mass and place are those found",
+    )
+
+
+def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:
+    """Read what was written again.
+
+    Args:
+        wanted: (10,) the composite that it must have.
+
+    Raises:
+        ModelError: it has another.
+    """
+    got = composite_of(subject, read_robot(subject, content)).vector
+    if not np.allclose(got, wanted, rtol=_CLOSE, atol=_CLOSE * wanted[0]):
+        raise ModelError(
+            f"{str(subject.file and subject.file.path)!r} does not follow its <inertial> elements, so that they cannot say "
+            "what was found: is there <compiler inertiafromgeom='true'/>, or a second <inertial>?"
+        )

@@ -1,0 +1,166 @@
+"""Bodies drawn from what a run left open, each one that can exist.
+
+A body's pseudo-inertia is J = [[S, h], [h', m]], with its second moments of mass S and its first moment h = m c about the base
+frame's origin; bodies that can exist are those with a positive definite J (Wensing, Kim and Slotine 2018). Drawn is from the
+normal distribution that the estimate is, of which bodies that cannot exist are left out.
+
+The composite is what a run tells best, and a simulated robot has the legs of its file: so the base gets what is open of the
+composite. A drawn body is also told by the ten entries of an upper triangular U (log-Cholesky, Rucker and Wensing 2022):
+
+    J = U J0 U',   U = exp(alpha) [exp(d1)   s12      s13     t1]
+                                  [   0    exp(d2)    s23     t2]
+                                  [   0       0     exp(d3)   t3]
+                                  [   0       0        0       1]
+
+with J0 of the body that was found. Whatever the entries, J is positive definite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import NotIdentifiedError, NotPhysicalError
+from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.result.calibration import NORMAL_95
+from equipoise.robot.inertial import InertialParameters
+
+ENTRIES = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
+"""Of U: density, stretches along x y z, shears, shifts of the CoM."""
+_DRAWS = 10_000
+_FEWEST = 0.01  # of what is drawn must exist; otherwise the run left nearly everything open
+_QUANTILES = (0.025, 0.975)
+_STEP = 1e-6
+_PRODUCTS = [0, 1, 1, 2, 2, 2], [0, 0, 1, 0, 1, 2]  # xx xy yy xz yz zz, Pinocchio's order
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Bodies about one that was found.
+
+    Attributes:
+        entries: (n, 10) of U, in the order of ENTRIES.
+        bodies: (n, 10) the same bodies in the order of COMPONENTS.
+    """
+
+    entries: FloatArray
+    bodies: FloatArray
+
+    def entry_ranges(self) -> dict[str, tuple[float, float]]:
+        """By how much each entry of U is open, to 95 %, while the others stay: 1.96 / sqrt of its precision.
+
+        For who draws each by itself. The entries are correlated: a box of the 95 % of each would hold bodies whose CoM is
+        several times as far off as the run left open.
+        """
+        precision = np.linalg.inv(np.cov(self.entries.T))
+        half = NORMAL_95 / np.sqrt(np.diag(precision))
+        return {name: (-float(value), float(value)) for name, value in zip(ENTRIES, half, strict=True)}
+
+    def body_ranges(self) -> dict[str, tuple[float, float]]:
+        """95 % of mass [kg], CoM [m] and inertia about the CoM [kg m2]."""
+        low, high = np.quantile(self.bodies, _QUANTILES, axis=0)
+        return {name: (float(a), float(b)) for name, a, b in zip(COMPONENTS, low, high, strict=True)}
+
+
+def spread(
+    base: InertialParameters, composite: InertialParameters, covariance: FloatArray, seed: int, draws: int = _DRAWS
+) -> Spread:
+    """Draw bodies for the base.
+
+    Args:
+        base: such that the legs make it the composite.
+        composite: that was found.
+        covariance: (10, 10) of the composite, in the order of COMPONENTS.
+        seed: of the draws.
+        draws: how many.
+
+    Raises:
+        NotIdentifiedError: hardly any body that is drawn can exist.
+        NotPhysicalError: the base itself is as flat as a body can be, or flatter.
+    """
+    slope = _vector_slope(composite)
+    root = _square_root(slope @ covariance @ slope.T)
+    rng = np.random.default_rng(seed)
+    pseudo = pseudo_inertias(base.vector[None])[0]
+    if not np.linalg.eigvalsh(pseudo)[0] > 0:
+        raise NotPhysicalError("the base that was found is as flat as a plate, and nothing can be drawn about it")
+    kept = np.empty((0, 4, 4))
+    tried = 0
+    while len(kept) < draws:
+        drawn = pseudo_inertias(base.vector + rng.standard_normal((draws, 10)) @ root.T)
+        kept = np.concatenate([kept, drawn[np.linalg.eigvalsh(drawn)[:, 0] > 0]])
+        tried += draws
+        if len(kept) < _FEWEST * tried:
+            raise NotIdentifiedError(
+                f"of bodies drawn from what this run left open, less than {_FEWEST:.0%} can exist; calibrate longer (--budget)"
+            )
+    return Spread(_entries(kept[:draws], pseudo), _components(kept[:draws]))
+
+
+def pseudo_inertias(vectors: FloatArray) -> FloatArray:
+    """(n, 4, 4) J of (n, 10) inertial parameters about the origin, in Pinocchio's order."""
+    pseudo = np.zeros((len(vectors), 4, 4))
+    pseudo[:, _PRODUCTS[0], _PRODUCTS[1]] = pseudo[:, _PRODUCTS[1], _PRODUCTS[0]] = -vectors[:, 4:]
+    half_trace = vectors[:, [4, 6, 9]].sum(axis=1) / 2
+    pseudo[:, [0, 1, 2], [0, 1, 2]] += half_trace[:, None]
+    pseudo[:, :3, 3] = pseudo[:, 3, :3] = vectors[:, 1:4]
+    pseudo[:, 3, 3] = vectors[:, 0]
+    return pseudo
+
+
+def stretched(pseudo: FloatArray, entries: FloatArray) -> FloatArray:
+    """(10,) the body, in the order of COMPONENTS, whose pseudo-inertia is U J0 U'.
+
+    Args:
+        pseudo: (4, 4) J0.
+        entries: (10,) of U, in the order of ENTRIES.
+    """
+    alpha, d1, d2, d3, s12, s13, s23, t1, t2, t3 = entries
+    upper = np.exp(alpha) * np.array(
+        [[np.exp(d1), s12, s13, t1], [0, np.exp(d2), s23, t2], [0, 0, np.exp(d3), t3], [0, 0, 0, 1]]
+    )
+    return _components((upper @ pseudo @ upper.T)[None])[0]
+
+
+def _components(pseudo: FloatArray) -> FloatArray:
+    """(n, 10) in the order of COMPONENTS."""
+    mass = pseudo[:, 3, 3]
+    com = pseudo[:, :3, 3] / mass[:, None]
+    second = pseudo[:, :3, :3] - mass[:, None, None] * com[:, :, None] * com[:, None, :]
+    inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    return np.column_stack([mass, com, inertia[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]])
+
+
+def _entries(pseudo: FloatArray, found: FloatArray) -> FloatArray:
+    """(n, 10) of U with J = U J0 U': U is the upper triangular root of J times the inverse of J0's."""
+    upper = np.asarray(_upper_root(pseudo) @ np.linalg.inv(_upper_root(found[None])[0]), dtype=float)
+    scale = upper[:, 3, 3]
+    unit = upper / scale[:, None, None]
+    stretches = np.log(unit[:, [0, 1, 2], [0, 1, 2]])
+    return np.column_stack([np.log(scale), stretches, unit[:, [0, 0, 1], [1, 2, 2]], unit[:, :3, 3]])
+
+
+def _upper_root(pseudo: FloatArray) -> FloatArray:
+    """(n, 4, 4) upper triangular U with J = U U'."""
+    return np.asarray(np.linalg.cholesky(pseudo[:, ::-1, ::-1])[:, ::-1, ::-1], dtype=float)
+
+
+def _vector_slope(body: InertialParameters) -> FloatArray:
+    """(10, 10) derivative of the parameters about the origin by those in the order of COMPONENTS."""
+    at = components(body)
+    columns = [(_vector(at + step) - _vector(at - step)) / (2 * _STEP) for step in _STEP * np.eye(len(at))]
+    return np.column_stack(columns)
+
+
+def _vector(at: FloatArray) -> FloatArray:
+    xx, yy, zz, xy, xz, yz = at[4:]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return InertialParameters(float(at[0]), at[1:4], inertia).vector
+
+
+def _square_root(covariance: FloatArray) -> FloatArray:
+    """(10, 10) R with R R' the covariance, which may be singular (a mass that is known)."""
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))

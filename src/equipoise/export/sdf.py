@@ -1,0 +1,135 @@
+"""SDF (Gazebo): the <inertial> of the base link, or a link for what was added; alone, or in the user's own file.
+
+Gazebo's reader joins all that is fixed to a URDF's base into one link, so the link gets the whole base.
+"""
+
+from __future__ import annotations
+
+from equipoise.errors import ModelError, SettingsError
+from equipoise.export.model_file import payload
+from equipoise.export.subject import PAYLOAD, Subject, number, numbers, products
+from equipoise.export.written import Written
+from equipoise.export.xml_edit import Document, Edit, Element, comment_lines, escaped
+from equipoise.robot.inertial import InertialParameters
+
+
+def write(subject: Subject) -> Written:
+    """An <inertial>, or a <link> with its <joint>."""
+    notes: tuple[str, ...] = ()
+    if subject.payload_link:
+        about = (
+            f"link {PAYLOAD!r}, fixed to base link {subject.base_link!r}, is what the robot has more than the run's model "
+            f"file; in the frame of {subject.base_link!r}, inertia about its own CoM"
+        )
+        body, notes = payload(subject, subject.result.nominal.composite)
+        element = _payload_lines(subject, body)
+    else:
+        about, body = subject.base_words, subject.base
+        element = inertial_lines(body)
+    header = subject.header(about, *notes)
+    lines = [*comment_lines(header), *element]
+    if subject.file is None:
+        return Written(("\n".join(lines) + "\n").encode(), about, notes)
+    document = Document(subject.file.content, subject.file.path)
+    link = _link(document, subject.base_link)
+    edit = (
+        _payload_edits(document, link, lines) if subject.payload_link else _inertial_edits(document, link, body, header)
+    )
+    return Written(document.edited(edit), about, notes)
+
+
+def inertial_lines(body: InertialParameters) -> list[str]:
+    """An <inertial> element in its link's axes."""
+    return [
+        "<inertial>",
+        f"  <pose>{_pose(body)}</pose>",
+        f"  <mass>{number(body.mass)}</mass>",
+        "  <inertia>",
+        *(f"    <{key}>{number(value)}</{key}>" for key, value in products(body.inertia).items()),
+        "  </inertia>",
+        "</inertial>",
+    ]
+
+
+def _pose(body: InertialParameters) -> str:
+    return f"{numbers(body.com)} 0 0 0"
+
+
+def _payload_lines(subject: Subject, body: InertialParameters) -> list[str]:
+    base = escaped(subject.base_link)
+    return [
+        f'<link name="{PAYLOAD}">',
+        f'  <pose relative_to="{base}">0 0 0 0 0 0</pose>',
+        *(f"  {line}" for line in inertial_lines(body)),
+        "</link>",
+        f'<joint name="{PAYLOAD}_joint" type="fixed">',
+        f"  <parent>{base}</parent>",
+        f"  <child>{PAYLOAD}</child>",
+        "</joint>",
+    ]
+
+
+def _link(document: Document, name: str) -> Element:
+    links = [e for e in document.root.walk() if e.tag == "link" and e.attributes.get("name") == name and e.parent]
+    if len(links) != 1:
+        raise ModelError(f"{str(document.path)!r} has {len(links)} links called {name!r}; it must have one")
+    return links[0]
+
+
+def _payload_edits(document: Document, link: Element, lines: list[str]) -> list[Edit]:
+    assert link.parent is not None
+    if any(other.attributes.get("name") == PAYLOAD for other in link.parent.all("link")):
+        raise SettingsError(f"{str(document.path)!r} has a link {PAYLOAD!r} already; start from the file without it")
+    return [document.put_last(link.parent, lines)]
+
+
+def _inertial_edits(document: Document, link: Element, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
+    _refuse_fixed_links(document, link)
+    inertial = link.first("inertial")
+    if inertial is None:
+        return [document.put_first(link, [*comment_lines(header), *inertial_lines(body)])]
+    edits, missing = [document.comment(inertial, header)], list[str]()
+    pose, mass, inertia = (inertial.first(tag) for tag in ("pose", "mass", "inertia"))
+    if pose is None:
+        missing.append(f"<pose>{_pose(body)}</pose>")
+    else:
+        edits += [document.fill(pose, _pose(body)), *document.unset(pose, "degrees", "rotation_format", "relative_to")]
+    if mass is None:
+        missing.append(f"<mass>{number(body.mass)}</mass>")
+    else:
+        edits.append(document.fill(mass, number(body.mass)))
+    moments = {key: number(value) for key, value in products(body.inertia).items()}
+    if inertia is None:
+        missing.append("<inertia>" + "".join(f"<{key}>{text}</{key}>" for key, text in moments.items()) + "</inertia>")
+    else:
+        edits += _moment_edits(document, inertia, moments)
+    return [*edits, document.put_first(inertial, missing)] if missing else edits
+
+
+def _moment_edits(document: Document, inertia: Element, moments: dict[str, str]) -> list[Edit]:
+    edits: list[Edit] = []
+    missing: list[str] = []
+    for key, text in moments.items():
+        element = inertia.first(key)
+        if element is None:
+            missing.append(f"<{key}>{text}</{key}>")
+        else:
+            edits.append(document.fill(element, text))
+    return [*edits, document.put_first(inertia, missing)] if missing else edits
+
+
+def _refuse_fixed_links(document: Document, link: Element) -> None:
+    """What is fixed to the base would be counted twice."""
+    assert link.parent is not None
+    for joint in link.parent.all("joint"):
+        ends = [_text(document, joint.first(tag)) for tag in ("parent", "child")]
+        if joint.attributes.get("type") == "fixed" and link.attributes["name"] in ends:
+            raise ModelError(
+                f"{str(document.path)!r} fixes links to {link.attributes['name']!r} (joint "
+                f"{joint.attributes.get('name')!r}), whose masses would be counted twice: join them, as Gazebo does when it "
+                "reads a URDF, or use --add-payload-link"
+            )
+
+
+def _text(document: Document, element: Element | None) -> str:
+    return "" if element is None else document.data[element.inside : element.inside_end].decode().strip()

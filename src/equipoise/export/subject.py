@@ -1,0 +1,203 @@
+"""What is exported: the numbers, and what is said of them wherever they go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise._version import __version__
+from equipoise.conventions import FloatArray
+from equipoise.errors import NotEstimatedError, NotIdentifiedError, NotPhysicalError
+from equipoise.result.calibration import Calibration
+from equipoise.robot.inertial import InertialParameters
+
+PAYLOAD = "equipoise_payload"
+"""Name of the link that `--add-payload-link` writes."""
+_PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True)
+class UsersFile:
+    """A file that is edited."""
+
+    path: Path
+    content: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What a writer is given.
+
+    Attributes:
+        result: the calibration.
+        run: where it is from, as the user named it; empty for one in memory.
+        file: the user's own file, if there is one.
+        payload_link: whether what was added is to be a link of its own.
+        samples: how many bodies to draw and list.
+        seed: of everything drawn.
+        notes: what speaks against the numbers, worst first.
+        forced: whether to write the nearest body where no body can have what was added.
+    """
+
+    result: Calibration
+    run: str = ""
+    file: UsersFile | None = None
+    payload_link: bool = False
+    samples: int = 0
+    seed: int = 0
+    notes: tuple[str, ...] = ()
+    forced: bool = False
+
+    @property
+    def composite(self) -> InertialParameters:
+        """The whole robot frozen at the stance, in the base frame."""
+        return self.result.composite.parameters()
+
+    @property
+    def base(self) -> InertialParameters:
+        """The base link with all that is fixed to it or held.
+
+        It is such that the model's own legs make it the composite that was found, which is what a run tells best. The
+        calibration's own base goes with legs that were adjusted too, which no file has that gets the base alone.
+        """
+        nominal = self.result.nominal
+        what = f"base link {self.base_link!r}, less the model's legs,"
+        body = body_of(nominal.base.vector + self.added_to(nominal.composite), what)
+        if defect := body.physical_defect():
+            raise NotPhysicalError(
+                f"{what} is no body: {defect}; do the model's legs weigh what it says? 'equipoise audit'"
+            )
+        return body
+
+    def added_to(self, composite: InertialParameters) -> FloatArray:
+        """(10,) what the robot that was found has more than one with this composite; Pinocchio's order, about the origin."""
+        return self.composite.vector - composite.vector
+
+    def within_intervals(self, change: FloatArray) -> bool:
+        """Whether a change of the inertia [kg m2] (3, 3) is within what the run leaves open of the whole robot's."""
+        if "composite" not in self.result.uncertainty:
+            return False
+        known = self.result.uncertainty["composite"].intervals
+        names = [f"I{'xyz'[row]}{'xyz'[column]}" for row, column in _PRODUCTS]
+        halves = [(known[name].upper - known[name].lower) / 2 for name in names]
+        return all(abs(change[place]) <= half for place, half in zip(_PRODUCTS, halves, strict=True))
+
+    @property
+    def base_link(self) -> str:
+        """Its name in the model."""
+        return self.result.model["base_link"]
+
+    @property
+    def stance(self) -> str:
+        """Joint positions in words [rad]."""
+        robot = self.result.robot_model
+        joints = [*self.result.joint_position.items(), *(robot.held.items() if robot is not None else ())]
+        return ", ".join(f"{name} {round(q, 6) + 0.0:g}" for name, q in joints)
+
+    def header(self, about: str, *notes: str) -> tuple[str, ...]:
+        """What every output says of itself, a sentence a line.
+
+        Args:
+            about: which body, in which frame, about which point.
+            notes: what else speaks against the numbers.
+        """
+        result = self.result
+        time = result.provenance.get("time")
+        made = ", ".join([result.robot, f"method {result.method}", *([str(time)] if time else [])])
+        origin = f"run {self.run} ({made})" if self.run else f"a calibration in memory ({made})"
+        model = result.model
+        return (
+            f"equipoise {__version__}: {about}",
+            f"from {origin}",
+            f"stance [rad]: {self.stance}",
+            f"model: {model['format']}, sha256 {model['sha256']}",
+            *notes,
+            *self.notes,
+        )
+
+    @property
+    def base_words(self) -> str:
+        """About the base."""
+        return (
+            f"base link {self.base_link!r} with all that is fixed to it or held, such that the model's legs make it the "
+            "composite that was found; CoM in the base frame, inertia about the CoM, in base axes"
+        )
+
+    @property
+    def composite_words(self) -> str:
+        """About the composite."""
+        return (
+            f"composite: the whole robot frozen at the stance; CoM in the frame of base link {self.base_link!r}, inertia "
+            "about the CoM, in base axes"
+        )
+
+
+def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
+    """What speaks against a result's bodies, a sentence each, worst first.
+
+    Raises:
+        NotEstimatedError: its method does not estimate one of them.
+        NotIdentifiedError: a parameter is not identified, and that is not overridden.
+    """
+    for body in bodies:
+        try:
+            {"composite": result.composite, "base": result.base}[body].parameters()
+        except NotEstimatedError as error:
+            raise NotEstimatedError(f"{body}: {error}; calibrate with --method precise") from None
+    missing = _with_verdict(result, bodies, "not identified")
+    if missing and not force:
+        raise NotIdentifiedError(
+            f"not identified by this run: {', '.join(missing)}; calibrate longer (--budget) or with a scale (--mass), or "
+            "write them all the same with --force"
+        )
+    notes = [f"FORCED: not identified, hardly more than the model file's word: {', '.join(missing)}"] if missing else []
+    notes += [f"check failed: {check.name}: {check.message}" for check in result.checks if not check.passed]
+    weak = _with_verdict(result, bodies, "weak")
+    return (*notes, *([f"weakly identified: {', '.join(weak)}"] if weak else []))
+
+
+def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> list[str]:
+    return [
+        f"{body} {name}"
+        for body in bodies
+        if body in result.uncertainty
+        for name, interval in result.uncertainty[body].intervals.items()
+        if interval.verdict == verdict
+    ]
+
+
+def body_of(vector: FloatArray, what: str) -> InertialParameters:
+    """A body from its (10,) vector; raises NotPhysicalError if its mass is no mass, with `what` in the message."""
+    if not vector[0] > 0:
+        raise NotPhysicalError(f"{what} would have a mass of {vector[0]:.6g} kg")
+    return InertialParameters.from_vector(vector)
+
+
+def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:
+    """A body in another frame's axes, about the same CoM.
+
+    Args:
+        placement: of that frame in the one that the body is given in.
+    """
+    rotation = np.array(placement.rotation)
+    com = rotation.T @ (body.com - np.array(placement.translation))
+    return InertialParameters(body.mass, com, rotation.T @ body.inertia @ rotation)
+
+
+def number(value: float) -> str:
+    """The shortest text that reads as the same number, without a negative zero."""
+    return repr(float(value) + 0.0)
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Several, with spaces."""
+    return " ".join(number(value) for value in values)
+
+
+def products(inertia: FloatArray) -> dict[str, float]:
+    """ixx, ixy, ixz, iyy, iyz, izz of a tensor."""
+    return {f"i{'xyz'[row]}{'xyz'[column]}": float(inertia[row, column]) for row, column in _PRODUCTS}

@@ -1,0 +1,103 @@
+"""The user's own URDF with another inertial, or with a link for what was added."""
+
+from __future__ import annotations
+
+from equipoise.errors import ModelError, SettingsError
+from equipoise.export.model_file import (
+    composite_of,
+    edited_place,
+    new_inertial,
+    payload,
+    read_robot,
+    require_composite,
+    require_format,
+)
+from equipoise.export.subject import PAYLOAD, Subject, number, numbers, products
+from equipoise.export.written import Written
+from equipoise.export.xml_edit import Document, Edit, Element, comment_lines, escaped
+from equipoise.robot.inertial import InertialParameters
+
+
+def write(subject: Subject) -> Written:
+    """The file as it was but for the base link's <inertial>, or with one link more."""
+    assert subject.file is not None
+    robot = read_robot(subject, subject.file.content)
+    require_format(robot, "urdf")
+    document = Document(subject.file.content, subject.file.path)
+    if subject.payload_link:
+        about = (
+            f"link {PAYLOAD!r}, fixed to base link {robot.base_link!r}, is what the robot has more than the model file; "
+            f"in the frame of {robot.base_link!r}, inertia about its own CoM; nothing else was changed"
+        )
+        before = composite_of(subject, robot)
+        body, notes = payload(subject, before)
+        content = document.edited(_payload_edits(document, robot.base_link, body, subject.header(about, *notes)))
+        require_composite(subject, content, before.vector + body.vector)
+        return Written(content, about, notes)
+    place = edited_place(robot)
+    about = (
+        f"the <inertial> of link {place.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
+        "the composite that was found; nothing else was changed"
+    )
+    body = new_inertial(subject, robot, place)
+    content = document.edited(_inertial_edits(document, _link(document, place.name), body, subject.header(about)))
+    require_composite(subject, content, subject.composite.vector)
+    return Written(content, about)
+
+
+def _link(document: Document, name: str) -> Element:
+    for link in document.root.all("link"):
+        if link.attributes.get("name") == name:
+            return link
+    raise ModelError(f"{str(document.path)!r} has no <link name={name!r}>")
+
+
+def _inertial_edits(document: Document, link: Element, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
+    inertial = link.first("inertial")
+    lines = inertial_lines(body)
+    if inertial is None:
+        return [document.put_first(link, [*comment_lines(header), *lines])]
+    parts = {tag: inertial.first(tag) for tag in ("origin", "mass", "inertia")}
+    edits = [document.comment(inertial, header)]
+    values = {
+        "origin": {"xyz": numbers(body.com), "rpy": "0 0 0"},
+        "mass": {"value": number(body.mass)},
+        "inertia": {key: number(value) for key, value in products(body.inertia).items()},
+    }
+    missing: list[str] = []
+    for tag, element in parts.items():
+        if element is None:
+            missing.append(next(line.strip() for line in lines if line.strip().startswith(f"<{tag} ")))
+            continue
+        pairs = {key: value for key, value in values[tag].items() if key != "rpy" or key in element.attributes}
+        edits += [document.set(element, key, value) for key, value in pairs.items()]
+    return [*edits, document.put_first(inertial, missing)] if missing else edits
+
+
+def inertial_lines(body: InertialParameters) -> list[str]:
+    """An <inertial> element in its frame's axes."""
+    moments = " ".join(f'{key}="{number(value)}"' for key, value in products(body.inertia).items())
+    return [
+        "<inertial>",
+        f'  <origin xyz="{numbers(body.com)}" rpy="0 0 0"/>',
+        f'  <mass value="{number(body.mass)}"/>',
+        f"  <inertia {moments}/>",
+        "</inertial>",
+    ]
+
+
+def _payload_edits(document: Document, base_link: str, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:
+    if any(link.attributes.get("name") == PAYLOAD for link in document.root.all("link")):
+        raise SettingsError(f"{str(document.path)!r} has a link {PAYLOAD!r} already; start from the file without it")
+    lines = [
+        *comment_lines(header),
+        f'<link name="{PAYLOAD}">',
+        *(f"  {line}" for line in inertial_lines(body)),
+        "</link>",
+        f'<joint name="{PAYLOAD}_joint" type="fixed">',
+        '  <origin xyz="0 0 0" rpy="0 0 0"/>',
+        f'  <parent link="{escaped(base_link)}"/>',
+        f'  <child link="{PAYLOAD}"/>',
+        "</joint>",
+    ]
+    return [document.put_last(document.root, lines)]

@@ -1,0 +1,49 @@
+"""Properties of legged_control's const.xacro: a file of its own, or an edit of the user's."""
+
+from __future__ import annotations
+
+from equipoise.errors import SettingsError
+from equipoise.export.subject import Subject, number, products
+from equipoise.export.written import Written
+from equipoise.export.xml_edit import Document, comment_lines
+
+_PREFIX = "trunk"
+
+
+def write(subject: Subject) -> Written:
+    """trunk_mass, trunk_com_x ... trunk_izz."""
+    values = _properties(subject)
+    header = subject.header(subject.base_words)
+    if subject.file is not None:
+        return Written(_edited(subject, values, header), subject.base_words)
+    lines = [
+        '<?xml version="1.0"?>',
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="trunk_inertia">',
+        *(f"  {line}" for line in comment_lines(header)),
+        *(f'  <xacro:property name="{name}" value="{value}"/>' for name, value in values.items()),
+        "</robot>",
+    ]
+    return Written.text(lines, subject.base_words)
+
+
+def _properties(subject: Subject) -> dict[str, str]:
+    base = subject.base
+    values = {"mass": base.mass, **{f"com_{axis}": value for axis, value in zip("xyz", base.com, strict=True)}}
+    return {f"{_PREFIX}_{name}": number(value) for name, value in {**values, **products(base.inertia)}.items()}
+
+
+def _edited(subject: Subject, values: dict[str, str], header: tuple[str, ...]) -> bytes:
+    assert subject.file is not None
+    document = Document(subject.file.content, subject.file.path)
+    found = {
+        name: [e for e in document.root.walk() if e.tag.endswith(":property") and e.attributes.get("name") == name]
+        for name in values
+    }
+    wrong = [name for name, elements in found.items() if len(elements) != 1]
+    if wrong:
+        raise SettingsError(
+            f"{str(document.path)!r} must define each of {', '.join(values)} once; it does not {', '.join(wrong)}"
+        )
+    edits = [document.set(found[name][0], "value", value) for name, value in values.items()]
+    first = min((elements[0] for elements in found.values()), key=lambda element: element.start)
+    return document.edited([document.comment(first, header), *edits])

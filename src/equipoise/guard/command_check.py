@@ -1,0 +1,95 @@
+"""Whether a command may be sent at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import LimitError, SettingsError
+from equipoise.guard.limits import Limits
+from equipoise.platform.platform import JointCommand
+from equipoise.robot.model import RobotModel
+
+_ROUNDING = 1e-3  # [rad] by which a command may be beyond a joint's limit
+
+
+class CommandCheck:
+    """Refuses commands that no sound experiment sends.
+
+    Args:
+        own_gains: kp [Nm/rad] and kd [Nm s/rad] of the robot's model.
+        control_period: [s].
+    """
+
+    def __init__(
+        self, limits: Limits, robot: RobotModel, own_gains: tuple[float, float], control_period: float
+    ) -> None:
+        self._robot, self._period = robot, control_period
+        kp, kd = own_gains
+        joints = np.ones(len(robot.joint_names))
+        velocity, torque = limits.speed * robot.velocity_limit, limits.torque * robot.effort_limit
+        self._ranges = (
+            ("velocity", "rad/s", -velocity, velocity),
+            ("torque", "Nm", -torque, torque),
+            ("kp", "Nm/rad", 0 * joints, limits.gains * kp * joints),
+            ("kd", "Nm s/rad", 0 * joints, limits.gains * kd * joints),
+        )
+
+    def check(self, command: JointCommand, before: FloatArray, here: FloatArray) -> None:
+        """Look at a command before it is sent.
+
+        Args:
+            before: (nj,) targets sent last [rad].
+            here: (nj,) where the joints are [rad].
+
+        Raises:
+            SettingsError: it is for another number of joints.
+            LimitError: not a number, a jump, or beyond a joint's limits (and farther than the joint is by itself).
+        """
+        self._check_position(command.position, before, here)
+        for name, unit, least, most in self._ranges:
+            values = getattr(command, name)
+            if values is not None:
+                self._check_range(name, unit, values, least, most)
+
+    def _check_position(self, target: FloatArray, before: FloatArray, here: FloatArray) -> None:
+        robot = self._robot
+        self._check_shape(target)
+        beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
+        # Of what is no number nothing is true: it is refused because it is not known to be within the limits.
+        if not (beyond <= _ROUNDING).all():
+            self._refuse_what_is_no_number("position", target)
+            joint = int(np.argmax(beyond))
+            raise LimitError(
+                f"joint {robot.joint_names[joint]!r} was sent to {target[joint]:.3f} rad; its limits are "
+                f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad"
+            )
+        speed = np.abs(target - before) / self._period
+        if (speed > robot.velocity_limit).any():
+            joint = int(np.argmax(speed / robot.velocity_limit))
+            raise LimitError(
+                f"joint {robot.joint_names[joint]!r} was sent a jump of {abs(target[joint] - before[joint]):.3f} rad, which "
+                f"is {speed[joint]:.0f} rad/s; its limit is {robot.velocity_limit[joint]:.1f} rad/s"
+            )
+
+    def _check_range(self, name: str, unit: str, values: FloatArray, least: FloatArray, most: FloatArray) -> None:
+        self._check_shape(values)
+        within = (values >= least) & (values <= most)
+        if not within.all():
+            self._refuse_what_is_no_number(name, values)
+            joint = int(np.argmin(within))
+            raise LimitError(
+                f"joint {self._robot.joint_names[joint]!r} was sent a {name} of {values[joint]:.2f} {unit}; from "
+                f"{least[joint]:.2f} to {most[joint]:.2f} is allowed"
+            )
+
+    def _check_shape(self, values: FloatArray) -> None:
+        joints = len(self._robot.joint_names)
+        if values.shape != (joints,):
+            count = len(values) if values.ndim == 1 else f"{values.shape}"
+            raise SettingsError(f"commands for {count} joints; {self._robot.name!r} has {joints}")
+
+    def _refuse_what_is_no_number(self, name: str, values: FloatArray) -> None:
+        if not np.isfinite(values).all():
+            joint = int(np.argmax(~np.isfinite(values)))
+            raise LimitError(f"joint {self._robot.joint_names[joint]!r} was sent a {name} that is no number")

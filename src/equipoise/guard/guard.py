@@ -1,0 +1,287 @@
+"""The guard: what stands between an experiment and a robot that can break.
+
+It is a platform around a platform. Nothing passes it: `play` is stepped, every command is checked before it is sent, every
+sample when it arrives: see `watched_robot`. While nobody moves the robot it is held: see `held_robot`. Whatever goes wrong,
+and however the program ends, the robot is put down: see `safe_ending`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import time
+from collections.abc import Callable, Generator
+from dataclasses import replace
+
+import numpy as np
+
+from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.guard.held_robot import HeldRobot, WatchdogSide
+from equipoise.guard.limits import Limits
+from equipoise.guard.noted_steps import NotedSteps
+from equipoise.guard.report import GuardReport
+from equipoise.guard.safe_ending import SafeEnding
+from equipoise.guard.soft_start import soft_start
+from equipoise.guard.watched_robot import WatchedRobot
+from equipoise.platform.interruptions import Interruptions
+from equipoise.platform.piece_log import MotionLog, PieceLog
+from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
+from equipoise.platform.stepping import Steps, following
+from equipoise.platform.tilt_limit import TiltLimit, TiltTest
+from equipoise.recording.recording import PHASE, Recording
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import lies, nominal_stance
+
+_LOOK_TIME = 0.3  # [s] of samples before anything moves
+_HANGS = 1.0  # [s] after which who steps hangs: it must not keep the motors from being released
+_OVER = "the robot was put down and released; start again to move it"
+
+
+class Guard:
+    """A guarded robot. Use it as a context manager, in the main thread; leaving it, in whatever way, is the safe ending.
+
+    Args:
+        platform: to be guarded; the guard closes it.
+        robot: what is known about it.
+        limits: how far it may go.
+        log: is told of every motion when it begins, and takes pieces of it every quarter of a second while it goes on.
+        watchdog: starts what lets the robot down if this process dies or hangs; called when the robot is looked at first.
+
+    Attributes:
+        phase: of the motion that is played, as its events name it.
+    """
+
+    def __init__(
+        self,
+        platform: Platform,
+        robot: RobotModel,
+        limits: Limits | None = None,
+        log: MotionLog | None = None,
+        watchdog: Callable[[], WatchdogSide] | None = None,
+    ) -> None:
+        self._platform, self._limits = platform, limits or Limits()
+        self._robot, self._stance = robot, nominal_stance(robot)
+        self._watched = WatchedRobot(platform, robot, self._stance, self._limits)
+        self._held = HeldRobot(self._watched, platform.control_period, self._limits.stall, self._end_held)
+        self._start_watchdog = watchdog
+        self._watchdog: WatchdogSide | None = None
+        self._interruptions = Interruptions()
+        self._noted = NotedSteps(self._held)
+        self._ending = SafeEnding(
+            self._noted, robot, self._stance, platform.control_period, lambda: self._interruptions.asked
+        )
+        self._motion_log, self._log = log, PieceLog(log, platform.control_period)
+        self._steps: Steps | None = None
+        self.phase = ""
+        self._stepped = 0.0
+        self._ended = False
+        self._trouble: BaseException | None = None  # what went wrong while nobody moved the robot
+        atexit.register(self.close)
+
+    @property
+    def control_period(self) -> float:
+        return self._platform.control_period
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._platform.joint_names
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return self._platform.accepts
+
+    def read(self) -> RobotState:
+        """As a platform's; raises what `step` raises, and the robot has been put down by then."""
+        with self._ending_on_trouble(), self._held.turn():
+            if self._trouble is not None:
+                raise self._trouble
+            self._be_watched()
+            return self._held.read()
+
+    def step(self, command: JointCommand) -> RobotState:
+        """As a platform's. When it raises, the robot has been put down.
+
+        Raises:
+            LimitError: a joint, a motor or a command is beyond its limits.
+            TrackingError: a joint does not follow.
+            FallError: the base tilts.
+            SensorError, CommunicationError: samples cannot be believed, or none arrive.
+        """
+        with self._ending_on_trouble(), self._interruptions.held():
+            self._begin(command)
+            self._steps = None  # the next motion does not follow on the last one
+            return self._step(command)
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        """As a platform's; raises what `step` raises, with what was recorded so far, OverrunError and OutputError."""
+        steps: Steps | None = None
+        try:
+            with self._ending_on_trouble(), self._interruptions.held():
+                self._begin(trajectory.command(0))
+                steps = self._steps = Steps(self, self._present(), self._steps)
+                self._play(trajectory, stop, steps)
+        except KeyboardInterrupt as interrupt:
+            recorded = steps.recording(trajectory.events) if steps is not None and steps.count else None
+            raise MotionInterrupted(recorded) from interrupt
+        except MotionError as error:
+            if steps is not None and steps.count and not error.recordings:
+                error.recordings = (steps.recording(trajectory.events),)
+            raise
+        return steps.recording(trajectory.events)
+
+    def close(self) -> None:
+        """The safe ending of a robot that is well. May be called twice, and by any thread."""
+        self._end(None)
+
+    def report(self) -> GuardReport:
+        """What the run was like so far."""
+        report = self._watched.report(self._ending.done)
+        return report if self._trouble is None else replace(report, trouble=str(self._trouble))
+
+    def __enter__(self) -> Guard:
+        self._interruptions.__enter__()
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self._end(error)
+        finally:
+            self._interruptions.__exit__()
+
+    # --- moving
+
+    def _begin(self, first: JointCommand) -> None:
+        """Before the first command: look, then take the robot over without a jolt."""
+        self._check_going()
+        if self._watched.sent is not None:
+            return
+        self._be_watched()
+        state = self._watched.read()
+        if state.received is not None:
+            for _ in range(round(_LOOK_TIME / self.control_period)):
+                time.sleep(self.control_period)
+                state = self._watched.read()
+        self._watched.take_over(state, first)
+        lying = lies(self._robot, self._stance, state.joint_position)
+        allowed = np.stack([self._robot.lower_limit, self._robot.upper_limit])
+        commands = soft_start(first, state, self._watched.own_gains, lying, self.control_period, allowed)
+        for number, command in enumerate(commands):
+            self._step(command)
+            if number == 0 and state.received is not None:  # a simulated robot waits
+                self._held.begin(self._watchdog)
+            self._interruptions.check()
+
+    def _be_watched(self) -> None:
+        """Before anybody decides what to send: it takes seconds, in which limp legs slide."""
+        if self._start_watchdog is not None and self._watchdog is None and not self._ended:
+            self._watchdog = self._start_watchdog()
+            self._watchdog.wait()
+
+    def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: Steps) -> None:
+        test = TiltTest(stop, self.control_period)
+        phases = [event for event in trajectory.events if event.name == PHASE]
+        self._log.begin(steps, len(trajectory.position), trajectory.events)
+        self._stepped = time.monotonic()
+        for index in range(len(trajectory.position)):
+            while phases and phases[0].time <= (index + 0.5) * self.control_period:
+                self.phase = str(phases.pop(0).data.get("name"))
+            command = trajectory.command(index)
+            self._check_pace(steps.state)
+            state = steps.add(command.position, lambda command=command: self._step(command))
+            self._log.step()
+            self._interruptions.check()
+            if test.reached(state.angular_velocity[None], state.joint_position[None]):
+                break
+        # A robot on two feet does not wait for a disk.
+        self._log.finish(wait=not self._watched.footing.lifted(trajectory.position[steps.count - 1]))
+
+    def _step(self, command: JointCommand) -> RobotState:
+        with self._held.turn():
+            self._check_going()
+            return self._held.step(command)
+
+    def _check_going(self) -> None:
+        """Whoever wants to move the robot hears why it was put down meanwhile."""
+        if self._ended:
+            raise self._trouble or MotionError(_OVER)
+
+    def _present(self) -> RobotState:
+        """The present state, and with it the last one of the motion before, which no recording has yet."""
+        return following(self._held.read(), self._steps)
+
+    def _check_pace(self, state: RobotState) -> None:
+        """Nothing is sent to a robot that has had to do without for too long: it may be somewhere else by now."""
+        now = time.monotonic()
+        if state.received is not None and now - self._stepped > self._limits.stall:
+            raise OverrunError(
+                f"this computer sent nothing for {(now - self._stepped) * 1000:.0f} ms while the robot moved: end other "
+                "programs, or give this one a core of its own"
+            )
+        self._stepped = now
+
+    # --- ending
+
+    @contextlib.contextmanager
+    def _ending_on_trouble(self) -> Generator[None]:
+        """Put the robot down before anybody else hears of what happened."""
+        try:
+            yield
+        except BaseException as error:
+            self._end(error)
+            raise
+
+    def _end_held(self, error: BaseException) -> None:
+        """By the thread that holds the robot."""
+        self._trouble = error
+        self._end(error)
+
+    def _end(self, error: BaseException | None) -> None:
+        """Put the robot down, release it, and see to it that what was recorded is written; once."""
+        with self._interruptions.noted(), self._alone() as alone:
+            if self._ended:
+                return
+            self._ended = True
+            self._held.stop()
+            atexit.unregister(self.close)
+            failures: list[BaseException] = []
+            put_down = [lambda: self._put_down(error)] if alone else []
+            for act in (*put_down, self._release, self._log.close):
+                try:
+                    act()
+                except BaseException as failure:  # nothing may keep the next act from being tried
+                    failures.append(failure)
+            if self._motion_log is not None:
+                with contextlib.suppress(Exception):  # samples of a robot that went wrong may be no recording
+                    self._noted.keep(self._motion_log)
+            if error is None and failures:
+                raise failures[0]
+
+    @contextlib.contextmanager
+    def _alone(self) -> Generator[bool]:
+        """Whether nobody else steps the robot: not if a thread hangs in a step; one that ends the run is waited for."""
+        lock = self._held.lock
+        alone = lock.acquire(timeout=_HANGS) or (self._ended and lock.acquire())
+        try:
+            yield alone
+        finally:
+            if alone:
+                lock.release()
+
+    def _put_down(self, error: BaseException | None) -> None:
+        found = self._watched.situation(error)
+        if found is not None:
+            if self._steps is not None:
+                self._noted.begin(Steps(self, self._steps.state, self._steps))
+            self._ending.put_down(found)
+
+    def _release(self) -> None:
+        try:
+            self._platform.close()
+        except BaseException as failure:
+            self._ending.done.append(f"not released: {failure}")
+            raise CommunicationError(
+                f"the robot could not be released: {failure}. Its motors may still hold it: use its own emergency stop"
+            ) from failure
+        self._ending.done.append("released")
+        if self._watchdog is not None:  # not if the release failed
+            self._watchdog.dismiss()

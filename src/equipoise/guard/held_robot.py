@@ -1,0 +1,166 @@
+"""A watched robot that stands where it was sent while nobody moves it, as long as the program that should is alive.
+
+A thread repeats the last command and looks at every sample as in a motion. What a limit stops then, and a program that gives
+no sign of life any more, ends the run from that thread: whoever moves the robot next is told.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import threading
+import time
+from collections.abc import Callable, Generator
+from typing import Protocol
+
+from equipoise.alive import alive, last_sign
+from equipoise.errors import HungError, OverrunError
+from equipoise.guard.watched_robot import WatchedRobot
+from equipoise.platform.platform import JointCommand, RobotState
+
+_IDLE = 5  # control periods without a step after which the last command is repeated
+_PATIENCE = 1.3  # [s] without a sign of life: with feet that come down and stiffness that fades, damped after 2.1 s
+_BEAT = 0.2  # [s] between signs of life to the watchdog
+_YIELD = 0.1e-3  # [s] in which somebody who wants to move the robot gets the lock
+
+
+class WatchdogSide(Protocol):
+    """What lets the robot down if this process dies or hangs."""
+
+    def wait(self) -> None:
+        """Until it watches; raises CommunicationError if it cannot."""
+        ...
+
+    def moves(self) -> None:
+        """From now on the robot must not be left alone."""
+        ...
+
+    def beat(self) -> None:
+        """A sign of life."""
+        ...
+
+    def dismiss(self) -> None:
+        """The robot was released."""
+        ...
+
+
+class HeldRobot:
+    """Steps of a watched robot, one thread at a time.
+
+    While it is moved, Python does not look for unused objects, which would take milliseconds; while it is held, it does.
+
+    Args:
+        watched: the robot.
+        period: of control [s].
+        stall: the longest time without a command [s].
+        end: ends the run by an error; called by the thread that holds.
+
+    Attributes:
+        lock: of the robot.
+        footing, own_gains: the watched robot's.
+    """
+
+    def __init__(
+        self, watched: WatchedRobot, period: float, stall: float, end: Callable[[BaseException], None]
+    ) -> None:
+        self._watched, self._period, self._stall, self._end = watched, period, stall, end
+        self.footing, self.own_gains = watched.footing, watched.own_gains
+        self.lock = threading.RLock()
+        self._wanted = False
+        self._stepped = self._beaten = -float("inf")
+        self._told = -float("inf")  # the newest sign of life that the watchdog knows of
+        self._thinker = 0
+        self._watchdog: WatchdogSide | None = None
+        self._over = threading.Event()
+        self._collects = gc.isenabled()
+        self._holder: threading.Thread | None = None
+
+    def begin(self, watchdog: WatchdogSide | None) -> None:
+        """From now on, the first command was sent, it must not be left alone."""
+        self._watchdog = watchdog
+        if watchdog is not None:
+            watchdog.moves()
+        self._holder = threading.Thread(target=self._hold, name="hold", daemon=True)
+        self._holder.start()
+
+    def stop(self) -> None:
+        """Hold no more."""
+        self._over.set()
+        if self._collects:
+            gc.enable()
+
+    def read(self) -> RobotState:
+        """As the watched robot's."""
+        with self.turn():
+            return self._watched.read()
+
+    def step(self, command: JointCommand) -> RobotState:
+        """As the watched robot's."""
+        with self.turn():
+            try:
+                return self._watched.step(command)
+            finally:
+                self._stepped = time.monotonic()
+
+    def push(self, command: JointCommand) -> RobotState:
+        """As the watched robot's."""
+        with self.turn():
+            try:
+                return self._watched.push(command)
+            finally:
+                self._stepped = time.monotonic()
+
+    @contextlib.contextmanager
+    def turn(self) -> Generator[None]:
+        """The robot is the calling thread's, whose signs of life count from now on."""
+        self._wanted = True
+        with self.lock:
+            self._wanted = False
+            self._thinker = threading.get_ident()
+            alive()
+            if self._holder is not None and not self._over.is_set():
+                gc.disable()
+            yield
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Tell the watchdog of a sign of life that it does not know of yet."""
+        now, sign = time.monotonic(), last_sign(self._thinker)
+        if self._watchdog is not None and sign > self._told and now - self._beaten > _BEAT:
+            self._told, self._beaten = sign, now
+            self._watchdog.beat()
+
+    @property
+    def _idle(self) -> bool:
+        return not self._wanted and time.monotonic() - self._stepped > _IDLE * self._period
+
+    def _hold(self) -> None:
+        """Until the run is over: step where nobody does."""
+        while not self._over.wait(_YIELD if self._idle else _IDLE * self._period):
+            with self.lock:
+                if self._over.is_set() or not self._idle:
+                    continue
+                try:
+                    self._repeat()
+                except BaseException as error:
+                    self._end(error)
+
+    def _repeat(self) -> None:
+        """The last command again, with everything that is checked in a motion."""
+        now, sign = time.monotonic(), last_sign(self._thinker)
+        if now - self._stepped > self._stall:  # it may lie by now
+            raise OverrunError(
+                f"this computer sent nothing for {(now - self._stepped) * 1000:.0f} ms while it held the robot: end other "
+                "programs, or give this one a core of its own; and do not stop it (Ctrl-Z)"
+            )
+        if now - sign > _PATIENCE:
+            raise HungError(
+                f"the program that moves the robot gave no sign of life for {now - sign:.1f} s, and the robot was let down: "
+                "a loop that does not end, a disk or a terminal that does not answer? What computes for long calls "
+                "equipoise.alive.alive()"
+            )
+        if self._collects:
+            gc.enable()
+        self._stepped = now  # not when it is done: this process may be stopped meanwhile
+        self._watched.hold()
+        self._pass_on()

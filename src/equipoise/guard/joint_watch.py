@@ -1,0 +1,223 @@
+"""Whether joints go where they are sent, and motors do what they are told: samples held against the limits."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.errors import LimitError, SensorError, TrackingError
+from equipoise.guard.limits import Limits
+from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.robot.model import A1_TORQUE_SCALE, RobotModel
+
+_STUCK_TIME = 0.5  # [s] over which a joint must follow
+_STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] that it was sent through; the share to move by (sound joints: 0.66)
+
+
+_RUNAWAY = 2.0  # times the limit: a joint this far from where it was sent is not waited for
+_GRAVITY_RANGE = 2.5  # [m/s2]
+
+
+class JointWatch:
+    """Holds joints against their limits, sample by sample.
+
+    Args:
+        limits: how far they may go.
+        robot: whose joints they are.
+        hip_height: that torques scale with [m].
+        control_period: [s].
+        knows_gains: whether the motors run the gains that commands ask for, so that their torques can be foretold.
+    """
+
+    def __init__(
+        self, limits: Limits, robot: RobotModel, hip_height: float, control_period: float, knows_gains: bool
+    ) -> None:
+        self._limits, self._robot, self._period, self._knows_gains = limits, robot, control_period, knows_gains
+        self._missing_torque = limits.missing_torque * robot.torque_scale(hip_height) / A1_TORQUE_SCALE
+        self._kp, self._kd = robot.gains(hip_height)
+        joints = len(robot.joint_names)
+        self._too_fast, self._too_strong, self._behind, self._too_hot = np.zeros((4, joints))
+        self._short = np.zeros(joints)
+        self._newest = -np.inf  # [s]
+        self._stuck = StuckWatch(joints, round(limits.patience / control_period), round(_STUCK_TIME / control_period))
+
+    def check_at_rest(self, state: RobotState) -> None:
+        """Look at a robot before it is moved.
+
+        Raises:
+            LimitError: position, temperature, or the robot itself says that something is wrong.
+            SensorError: the accelerometer does not feel gravity.
+        """
+        self._check_position(state.joint_position)
+        self._check_health(state)
+        size = float(np.linalg.norm(state.acceleration))
+        if abs(size - GRAVITY) > _GRAVITY_RANGE:
+            raise SensorError(
+                f"the accelerometer reads {size:.1f} m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is "
+                "the robot being moved?"
+            )
+
+    def check_held(self, position: FloatArray, command: JointCommand) -> None:
+        """Look at a robot that held still while nobody looked.
+
+        Raises:
+            TrackingError: it is not where it was sent last.
+        """
+        away = np.abs(position - command.position)
+        joint = int(np.argmax(away))
+        if away[joint] > self._limits.following and not _limp(command):
+            raise TrackingError(
+                f"joint {self._robot.joint_names[joint]!r} is {away[joint]:.2f} rad from where it was sent to hold: has "
+                "somebody moved the robot, has it sunk?"
+            )
+
+    def check(self, state: RobotState, command: JointCommand) -> None:
+        """Hold a sample against the limits, and against what was sent.
+
+        Raises:
+            LimitError: position, speed, torque or temperature.
+            TrackingError: a joint does not go where it is sent, or its motor does not do what it is told.
+        """
+        self._check_position(state.joint_position)
+        if state.joint_velocity is not None:
+            share = np.abs(state.joint_velocity) / self._robot.velocity_limit
+            if (joint := self._lasting(self._too_fast, share > self._limits.speed)) is not None:
+                raise LimitError(
+                    f"joint {self._robot.joint_names[joint]!r} turns at {state.joint_velocity[joint]:.1f} rad/s; its limit is "
+                    f"{self._robot.velocity_limit[joint]:.1f} rad/s"
+                )
+        self._check_following(state, command)
+        # A sample that came again says nothing of what motors make of the newest command.
+        if state.joint_torque is not None and state.time > self._newest:
+            self._check_torque(state, state.joint_torque, command)
+        self._newest = state.time
+        self._check_health(state)
+
+    def _check_position(self, position: FloatArray) -> None:
+        robot = self._robot
+        beyond = np.maximum(robot.lower_limit - position, position - robot.upper_limit)
+        joint = int(np.argmax(beyond))
+        if beyond[joint] > self._limits.position_margin:
+            raise LimitError(
+                f"joint {robot.joint_names[joint]!r} is at {position[joint]:.3f} rad; its limits are "
+                f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad. Are the joint map and the zeros right?"
+            )
+
+    def _check_following(self, state: RobotState, command: JointCommand) -> None:
+        if _limp(command):
+            return
+        behind = np.abs(command.position - state.joint_position)
+        joint = self._lasting(self._behind, behind > self._limits.following)
+        if joint is None and behind.max() > _RUNAWAY * self._limits.following:
+            joint = int(np.argmax(behind))
+        if joint is not None:
+            raise TrackingError(
+                f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from where it was sent: is it "
+                "stuck, has its motor lost power?"
+            )
+        if (stuck := self._stuck.feel(command.position, state.joint_position)) is not None:
+            joint, sent, moved = stuck
+            raise TrackingError(
+                f"joint {self._robot.joint_names[joint]!r} was sent through {sent:.2f} rad and moved by {moved:.2f} rad: "
+                "is it stuck?"
+            )
+
+    def _check_torque(self, state: RobotState, torque: FloatArray, command: JointCommand) -> None:
+        names = self._robot.joint_names
+        if (
+            joint := self._lasting(self._too_strong, np.abs(torque) > self._limits.torque * self._robot.effort_limit)
+        ) is not None:
+            raise LimitError(
+                f"joint {names[joint]!r} gives {torque[joint]:.1f} Nm; its limit is {self._robot.effort_limit[joint]:.1f} Nm"
+            )
+        if not self._knows_gains:
+            return
+        kp = self._kp if command.kp is None else command.kp
+        kd = self._kd if command.kd is None else command.kd
+        velocity = 0.0 if state.joint_velocity is None else state.joint_velocity
+        sent = kp * (command.position - state.joint_position) - kd * velocity
+        sent = sent + (0.0 if command.torque is None else command.torque)
+        sent = np.minimum(np.maximum(sent, -self._robot.effort_limit), self._robot.effort_limit)  # clip() is slow
+        self._short += self._period / self._limits.patience * (np.abs(sent - torque) - self._short)
+        joint = int(np.argmax(self._short))
+        if self._short[joint] > self._missing_torque:
+            raise TrackingError(
+                f"the motor of joint {names[joint]!r} gives {torque[joint]:.1f} Nm where its position and what it was sent "
+                f"make it {sent[joint]:.1f} Nm: is it on, are its gains those that are sent?"
+            )
+
+    def _check_health(self, state: RobotState) -> None:
+        if state.health is None:
+            return
+        if state.health.fault is not None:
+            raise LimitError(f"the robot says: {state.health.fault}")
+        temperature = state.health.motor_temperature
+        if temperature is None:
+            return
+        if (joint := self._lasting(self._too_hot, temperature > self._limits.temperature)) is not None:
+            raise LimitError(
+                f"the motor of joint {self._robot.joint_names[joint]!r} has {temperature[joint]:.0f} deg C; "
+                f"{self._limits.temperature:.0f} are allowed. Let it cool down"
+            )
+
+    def _lasting(self, since: FloatArray, now: NDArray[np.bool_]) -> int | None:
+        """The joint for which something has been so for too long."""
+        if not now.any():
+            since.fill(0.0)
+            return None
+        since += self._period
+        since *= now
+        joint = int(np.argmax(since))
+        return joint if since[joint] > self._limits.patience else None
+
+
+def _limp(command: JointCommand) -> bool:
+    return command.kp is not None and not command.kp.any()
+
+
+class StuckWatch:
+    """Notices a joint that does not move while it is sent elsewhere.
+
+    It looks at one window of time after the other. What a joint did is taken from the window before, too: it may have moved
+    there on what the delayed target only shows here.
+
+    Args:
+        joints: how many.
+        delay: control periods by which a joint may be late.
+        window: control periods that are looked at.
+    """
+
+    def __init__(self, joints: int, delay: int, window: int) -> None:
+        self._sent: deque[FloatArray] = deque(maxlen=delay + 1)
+        self._window, self._count = window, 0
+        self._now = np.zeros((2, joints))  # where it was sent, and where it is
+        self._least, self._most = np.zeros((2, 2, joints))
+        self._before: tuple[FloatArray, FloatArray] | None = None  # least and most of the window before
+
+    def feel(self, target: FloatArray, position: FloatArray) -> tuple[int, float, float] | None:
+        """Take (nj,) targets and positions in; the joint that is stuck, what it was sent through, what it did [rad]."""
+        self._sent.append(target)
+        now = self._now
+        now[0], now[1] = self._sent[0], position
+        if self._count == 0:
+            self._least[:] = self._most[:] = now
+        np.minimum(self._least, now, out=self._least)
+        np.maximum(self._most, now, out=self._most)
+        self._count = (self._count + 1) % self._window
+        return None if self._count else self._judge()
+
+    def _judge(self) -> tuple[int, float, float] | None:
+        (sent_least, least), (sent_most, most) = self._least, self._most
+        before, self._before = self._before, (least.copy(), most.copy())
+        if before is None:
+            return None
+        sent = sent_most - sent_least
+        moved = np.maximum(most, before[1]) - np.minimum(least, before[0])
+        stuck = (sent > _STUCK_MOVE) & (moved < _STUCK_SHARE * sent)
+        if not stuck.any():
+            return None
+        joint = int(np.argmax(stuck))
+        return joint, float(sent[joint]), float(moved[joint])

@@ -1,0 +1,177 @@
+"""Whether samples can be believed: fresh, in order, numbers, and not frozen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import CommunicationError, SensorError
+from equipoise.platform.platform import RobotState
+from equipoise.robot.model import RobotModel
+
+_FROZEN_TIME = 0.15  # [s] of identical samples
+_FROZEN_MOVE = 0.03  # [rad] that a joint was sent through meanwhile
+_JUMP, _JUMP_SPEED, _FASTEST = 0.05, 2.0, 50.0  # [rad], times the joint's limit, [rad/s]: beyond, no joint moved
+
+
+@dataclass
+class SampleCounts:
+    """What arrived, and what was wrong with it."""
+
+    fresh: int = 0
+    repeated: int = 0
+    out_of_order: int = 0
+    missing: int = 0
+    longest_silence: float = 0.0
+
+
+class SampleWatch:
+    """Looks at every sample.
+
+    Args:
+        robot: whose samples they are.
+        control_period: [s].
+        silence: the longest time without a fresh sample [s].
+
+    Attributes:
+        counts: so far.
+    """
+
+    def __init__(self, robot: RobotModel, control_period: float, silence: float) -> None:
+        self._names, self._period, self._silence = robot.joint_names, control_period, silence
+        self._fastest = np.minimum(_JUMP_SPEED * robot.velocity_limit, _FASTEST)
+        self._last: RobotState | None = None
+        self._newest: RobotState | None = None
+        self._handed: FloatArray | None = None  # what was looked at last: the same object again is no new sample
+        self._counting = True
+        self._joints = self._imu = -np.inf  # times of the newest samples [s]
+        self._joints_without = self._imu_without = 0.0  # [s]
+        self._why = "missing"
+        self._since = np.zeros(len(robot.joint_names))  # [s] that an encoder has read the same
+        self._imu_since = 0.0
+        self._sent_low, self._sent_high = np.zeros((2, len(robot.joint_names)))
+        self._imu_target = np.zeros(len(robot.joint_names))
+        self._moved = 0.0
+        self.counts = SampleCounts()
+
+    def forgive(self) -> None:
+        """Begin anew after a pause in which nobody looked."""
+        self._joints_without = self._imu_without = self._imu_since = 0.0
+        self._since[:] = 0.0
+
+    def check(self, state: RobotState, target: FloatArray | None) -> RobotState:
+        """Look at a state and those that arrived before it.
+
+        Args:
+            target: (nj,) where the joints were sent at the time [rad], or None if nothing was sent.
+
+        Returns:
+            the newest fresh sample, with those between it and the last one in `earlier`; what came again or late is left
+            out.
+
+        Raises:
+            SensorError: not a number, frozen, jumping, or no sample in order for too long.
+            CommunicationError: silence.
+        """
+        joints, imu = self._joints, self._imu
+        self._counting = target is not None  # who only reads may find what is there already
+        fresh = tuple(sample for sample in (*state.earlier, state) if self._look(sample))
+        self._joints_without = 0.0 if self._joints != joints else self._joints_without + self._period
+        self._imu_without = 0.0 if self._imu != imu else self._imu_without + self._period
+        self.counts.longest_silence = max(self.counts.longest_silence, self._joints_without, self._imu_without)
+        if max(self._joints_without, self._imu_without) > self._silence:
+            self._complain()
+        if target is not None:
+            self._check_frozen(target)
+        if fresh:
+            self._newest = (
+                fresh[0] if len(fresh) == 1 and not fresh[0].earlier else replace(fresh[-1], earlier=fresh[:-1])
+            )
+        elif self._newest is None or self._newest.earlier:
+            self._newest = replace(self._newest or state, earlier=())
+        return self._newest
+
+    def _look(self, sample: RobotState) -> bool:
+        """Whether a sample says something new; counts it."""
+        last = self._last
+        imu = sample.time if sample.imu_time is None else sample.imu_time
+        new_joints, new_imu = sample.time > self._joints, imu > self._imu
+        again, self._handed = sample.joint_position is self._handed, sample.joint_position
+        if not (new_joints or new_imu):
+            if not self._counting:
+                return False
+            self._why = "missing" if again else "repeated" if sample.time == self._joints else "out_of_order"
+            setattr(self.counts, self._why, getattr(self.counts, self._why) + 1)
+            return False
+        self._check_numbers(sample)
+        if last is not None and new_joints:
+            step = sample.time - self._joints
+            self._check_jump(sample, last, step)
+            self._since += step
+            self._since *= sample.joint_position == last.joint_position
+        if last is not None and new_imu:
+            same = np.array_equal(sample.angular_velocity, last.angular_velocity)
+            same = same and np.array_equal(sample.acceleration, last.acceleration)
+            self._imu_since = (self._imu_since + imu - self._imu) * same
+        self._last = sample
+        self._joints, self._imu = max(self._joints, sample.time), max(self._imu, imu)
+        self.counts.fresh += 1
+        return True
+
+    def _check_numbers(self, sample: RobotState) -> None:
+        joints = (sample.joint_position, sample.joint_velocity, sample.joint_torque)
+        imu = (sample.angular_velocity, sample.acceleration)
+        # A sum of squares is finite if all numbers are; which one is not is looked for only then.
+        if math.isfinite(sum(float(values @ values) for values in (*joints, *imu) if values is not None)):
+            return
+        for what, values in zip(("encoder", "velocity", "torque"), joints, strict=True):
+            if values is not None and not np.isfinite(values).all():
+                joint = self._names[int(np.argmax(~np.isfinite(values)))]
+                raise SensorError(f"the {what} of joint {joint!r} says what is no number at t = {sample.time:.3f} s")
+        what = "gyroscope" if not np.isfinite(sample.angular_velocity).all() else "accelerometer"
+        raise SensorError(f"the {what} says what is no number at t = {sample.time:.3f} s")
+
+    def _check_jump(self, sample: RobotState, last: RobotState, step: float) -> None:
+        """An encoder cannot move faster than its joint."""
+        moved = np.abs(sample.joint_position - last.joint_position)
+        wild = moved > _JUMP + self._fastest * step
+        if wild.any():
+            joint = int(np.argmax(moved * wild))
+            raise SensorError(
+                f"the encoder of joint {self._names[joint]!r} jumped by {moved[joint]:.2f} rad in {step * 1000:.0f} ms at "
+                f"t = {sample.time:.3f} s"
+            )
+
+    def _check_frozen(self, target: FloatArray) -> None:
+        """Sensors that do not change while the joints are sent elsewhere."""
+        low, high = self._sent_low, self._sent_high
+        np.minimum(low, target, out=low, where=self._since > 0)
+        np.maximum(high, target, out=high, where=self._since > 0)
+        np.copyto(low, target, where=self._since == 0)
+        np.copyto(high, target, where=self._since == 0)
+        frozen = (self._since > _FROZEN_TIME) & (high - low > _FROZEN_MOVE)
+        if frozen.any():
+            joint = int(np.argmax(frozen))
+            raise SensorError(
+                f"the encoder of joint {self._names[joint]!r} is frozen: it has read exactly the same for "
+                f"{self._since[joint]:.2f} s while the joint was sent through {high[joint] - low[joint]:.2f} rad"
+            )
+        if self._imu_since == 0.0:
+            self._moved, self._imu_target = 0.0, target
+        self._moved = max(self._moved, float(np.abs(target - self._imu_target).max()))
+        if self._imu_since > _FROZEN_TIME and self._moved > _FROZEN_MOVE:
+            raise SensorError(
+                f"the IMU is frozen: it has read exactly the same for {self._imu_since:.2f} s while the robot moved"
+            )
+
+    def _complain(self) -> None:
+        time = f"for {max(self._joints_without, self._imu_without) * 1000:.0f} ms"
+        if self._joints_without <= self._silence:
+            raise CommunicationError(f"no sample of the IMU has arrived {time}; joint samples have")
+        if self._why == "missing":
+            raise CommunicationError(f"no sample has arrived {time}: is the robot still on, is the cable in?")
+        what = "samples repeat themselves" if self._why == "repeated" else "samples arrive out of order"
+        raise SensorError(f"{what}: not a fresh one {time}")

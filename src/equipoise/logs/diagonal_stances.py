@@ -1,0 +1,71 @@
+"""When a robot stands on two diagonal feet, and whether that is a lift: from rest, by its legs, with the others standing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from equipoise.logs.foot_paths import FootPaths
+from equipoise.logs.rests import Rest
+from equipoise.logs.track import true_runs
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.stance import Stance
+
+# On an A1; lengths scale with the stance's size, times with its clock.
+_CLEAR = 2.5e-3  # [m] above the standing feet: off the floor, as lift_samples.py has it
+_DRAWN_UP = (
+    6e-3  # [m] by which a leg lifts its foot: at least 9 mm in lifts, 2 mm where another steps and the robot tips
+)
+_STANDING_SLID = 5e-3  # [m] of two standing feet against each other; below 1 mm in lifts
+_SOON = 1.5  # [s] from the rest's end until two feet are up: the attitude drifts
+_NEXT_STEP = 0.15  # [s]; feet that rise so soon after others came down walk
+SHORTEST_STANCE = 0.05
+"""[s] on an A1; shorter ones are not worth a word."""
+
+
+@dataclass(frozen=True)
+class DiagonalStance:
+    """A time in which the two feet off a diagonal are up: which stand, and from when to when [s]."""
+
+    diagonal: str
+    start: float
+    end: float
+
+
+def diagonal_stances(paths: FootPaths, stance: Stance) -> list[DiagonalStance]:
+    """All of them, in order of time."""
+    found: list[DiagonalStance] = []
+    for diagonal, standing in DIAGONALS.items():
+        up = paths.rise_above(standing)[:, _lifted(diagonal)].min(axis=1) > _CLEAR * stance.size
+        spans = [(float(paths.time[first]), float(paths.time[last - 1])) for first, last in true_runs(up)]
+        found += [DiagonalStance(diagonal, a, b) for a, b in spans if b - a >= SHORTEST_STANCE * stance.clock]
+    return sorted(found, key=lambda one: one.start)
+
+
+def why_no_lift(paths: FootPaths, stances: Sequence[DiagonalStance], rest: Rest, stance: Stance) -> str | None:
+    """What speaks against the first diagonal stance after a rest being a lift, or None.
+
+    Args:
+        paths: of the feet since that rest.
+        stances: all that follow it.
+        stance: the robot's nominal one.
+    """
+    clock, size, first = stance.clock, stance.size, stances[0]
+    for other in stances[1:]:
+        if other.diagonal != first.diagonal and other.start - first.end < _NEXT_STEP * clock:
+            return f"the other two feet rise {max(0.0, other.start - first.end):.2f} s after these came down: it walks"
+    inside = (paths.time >= first.start) & (paths.time <= first.end)
+    slid = float(paths.slid(DIAGONALS[first.diagonal])[paths.time <= first.end].max())
+    if slid > _STANDING_SLID * size:
+        return f"the standing feet have moved by {slid * 1000:.0f} mm since the rest: they step or slip"
+    if first.start - rest.end > _SOON * clock:
+        return f"two feet go up {first.start - rest.end:.1f} s after the last rest: the attitude is not known well"
+    lifted = _lifted(first.diagonal)
+    drawn_up = paths.drawn_up - paths.drawn_up[:, [not up for up in lifted]].mean(axis=1, keepdims=True)
+    if drawn_up[inside][:, lifted].min(axis=1).max() < _DRAWN_UP * size:
+        return "only one of the two feet is lifted, and the robot tips off the other"
+    return None
+
+
+def _lifted(diagonal: str) -> list[bool]:
+    return [leg not in DIAGONALS[diagonal] for leg in LEG_NAMES]

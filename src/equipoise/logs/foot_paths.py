@@ -1,0 +1,108 @@
+"""Where the feet go while a robot moves, as its encoders and its gyroscope say, since it stood still.
+
+The base's way through the room is unknown, so that only differences between feet mean something: each foot's way less the
+mean way of the feet that stand. Standing feet roll, which is no way of theirs: a sphere's centre moves with its angular
+velocity x (radius up).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.logs.rests import Rest
+from equipoise.logs.track import Track, true_runs
+from equipoise.precise.measurements.leg_motion import LegChains, cross
+from equipoise.precise.measurements.lift_samples import attitudes
+from equipoise.robot.model import LEG_NAMES
+from equipoise.robot.stance import Stance
+
+_PLANTED_WINDOW, _PLANTED_SLID = 0.2, 1.5e-3  # [s], [m] on an A1: feet that move less in a window do not slip
+
+
+@dataclass(frozen=True, eq=False)
+class FootPaths:
+    """The feet of n steps after a rest, in base axes at that rest.
+
+    Attributes:
+        time: (n,) [s].
+        way: (n, 4, 3) of each foot since the rest, rolling taken off, all with the same unknown way of the base [m].
+        height: (n, 4) of the ways, against gravity [m].
+        drawn_up: (n, 4) by how much each foot is nearer to the base than at the rest, along up then [m].
+        turned: (n,) angle that the base has turned by [rad].
+    """
+
+    time: FloatArray
+    way: FloatArray
+    height: FloatArray
+    drawn_up: FloatArray
+    turned: FloatArray
+
+    @classmethod
+    def after(cls, legs: LegChains, track: Track, rest: Rest, end: float) -> FootPaths:
+        """From a rest's end to a time [s].
+
+        Args:
+            track: with the gyroscope's bias taken off.
+        """
+        part = track.indices(rest.end, end)
+        time, position, turning = track.time[part], track.joint_position[part], track.turning[part]
+        if len(time) < 2:
+            none = np.zeros((len(time), 4))
+            return cls(time, np.zeros((len(time), 4, 3)), none, none, np.zeros(len(time)))
+        attitude = attitudes(time, turning)
+        to_rest = attitude.as_matrix()
+        up = attitude.inv().apply(rest.up)
+        motion = legs.motion(position, np.gradient(position, time, axis=0), turning)
+        rolling = cross(motion.foot_angular_velocity, legs.foot_radius[:, None] * up[:, None])
+        velocity = np.einsum("nij,nlj->nli", to_rest, rolling)
+        rolled = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(time)[:, None, None], axis=0)
+        feet = legs.feet(rest.joint_position[None])[0]
+        way = np.einsum("nij,nlj->nli", to_rest, motion.foot) - feet
+        way[1:] -= rolled
+        return cls(
+            time, way, way @ rest.up, (motion.foot - feet) @ rest.up, np.linalg.norm(attitude.as_rotvec(), axis=1)
+        )
+
+    def slid(self, feet: tuple[str, ...] = LEG_NAMES) -> FloatArray:
+        """(n,) by how much the farthest of some feet has moved against their mean [m]."""
+        way = self.way[:, [LEG_NAMES.index(foot) for foot in feet]]
+        return np.linalg.norm(way - way.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+
+    def rise_above(self, feet: tuple[str, ...]) -> FloatArray:
+        """(n, 4) heights above the mean of the feet that stand [m]."""
+        standing = [LEG_NAMES.index(foot) for foot in feet]
+        return self.height - self.height[:, standing].mean(axis=1, keepdims=True)
+
+    def between(self, start: float, end: float) -> FootPaths:
+        """The part with start <= time < end [s]."""
+        part = (self.time >= start) & (self.time < end)
+        return FootPaths(*(getattr(self, field.name)[part] for field in fields(self)))
+
+    def off_the_floor(self, least: float, shortest: float) -> list[str]:
+        """Feet that are higher than the two lowest by a least height [m] for a while [s] altogether."""
+        if len(self.time) < 2:
+            return []
+        lowest = np.sort(self.height, axis=1)[:, :2].mean(axis=1, keepdims=True)
+        duration = (self.height - lowest > least).sum(axis=0) * float(np.diff(self.time).mean())
+        return [foot for foot, time in zip(LEG_NAMES, duration.tolist(), strict=True) if time > shortest]
+
+    def longest_planted(self, stance: Stance, shortest: float) -> tuple[float, float] | None:
+        """The longest stretch in which no foot moves, though they moved before or after; None if it is shorter than that.
+
+        Args:
+            shortest: [s].
+        """
+        window = max(2, round(_PLANTED_WINDOW * stance.clock / float(np.diff(self.time).mean())))
+        if len(self.time) <= window:
+            return None
+        moved = self.way[window:] - self.way[:-window]
+        slid = np.linalg.norm(moved - moved.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        runs = true_runs(slid < _PLANTED_SLID * stance.size)
+        if not runs:
+            return None
+        first, last = max(runs, key=lambda run: run[1] - run[0])
+        start, end = float(self.time[first]), float(self.time[last + window - 1])
+        return (start, end) if end - start >= shortest else None

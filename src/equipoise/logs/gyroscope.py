@@ -1,0 +1,123 @@
+"""The gyroscope held against the legs: over planted feet the encoders alone say how the base turns.
+
+What both feel of one motion tells by how much their clocks differ, before anything else is read from a log; and whether the
+gyroscope is in other units or axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.logs.track import Integral, Track
+from equipoise.precise.measurements.leg_motion import LegChains, cross, cross_matrix
+from equipoise.precise.screening import GYROSCOPE_MISTAKES
+from equipoise.recording.recording import Recording
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+Unexplained = Callable[[float, FloatArray], float]
+
+_FARTHEST = 0.5  # [s] that clocks may differ by: more is no delay, and rests and motions no longer meet
+_COARSE, _FINE = 0.01, 0.0025  # [s]
+_SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay below
+_TURNING = 0.05  # [rad/s]: slower motion tells nothing
+_ENOUGH = 1.0  # [s] of such motion
+_WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
+_CURED = 0.25
+
+
+@dataclass(frozen=True)
+class GyroscopeComparison:
+    """The gyroscope against the legs.
+
+    Attributes:
+        offset: to be added to the IMU's stamps so that it agrees with the joints [s].
+        unexplained: fraction of the base's angular velocity by the legs that the gyroscope leaves unexplained.
+        agrees: whether that is little enough to believe the offset.
+        time: of motion that was compared [s].
+    """
+
+    offset: float
+    unexplained: float
+    agrees: bool
+    time: float
+
+
+def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -> GyroscopeComparison | None:
+    """By how much the IMU's clock differs; None if there is too little motion over planted feet to tell.
+
+    Raises:
+        RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
+    """
+    track = Track.of(robot, recording, stance.clock)
+    if len(track.time) < 8:
+        return None
+    turning, planted = turning_by_legs(LegChains(robot), stance, track)
+    if planted.sum() * track.step < _ENOUGH * stance.clock:
+        return None
+    gyroscope = recording.imu.angular_velocity @ np.array(robot.imu_in_base.rotation).T
+    angle = Integral(recording.imu.time, gyroscope)
+
+    def unexplained(offset: float, factor: FloatArray) -> float:
+        edges = np.append(track.time - track.step / 2, track.time[-1] + track.step / 2) - offset
+        felt = factor * angle.means(edges)
+        inside = planted & (edges[:-1] >= recording.imu.time[0]) & (edges[1:] <= recording.imu.time[-1])
+        difference, reference = (felt - turning)[inside], turning[inside]
+        spread = ((reference - reference.mean(axis=0)) ** 2).sum()
+        return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
+
+    offset, left = _best_offset(unexplained, np.ones(3))
+    if left > _WRONG:
+        _name_mistake(unexplained)
+    return GyroscopeComparison(offset, left, left <= _WRONG, float(planted.sum() * track.step))
+
+
+def turning_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """(n, 3) angular velocity of the base by the encoders, in base axes, and where it can be believed.
+
+    A planted foot's velocity in the base frame is J dq = rolling - v - omega x p: least squares over the four feet. Where
+    that leaves much, a foot moves over the floor.
+    """
+    velocity = np.gradient(track.joint_position, track.time, axis=0)
+    motion = legs.motion(track.joint_position, velocity, np.zeros_like(track.turning))
+    # A foot that rolls moves its centre by its angular velocity x radius: omega's part is in the design, the legs' here.
+    up = np.median(track.acceleration, axis=0)
+    up = up / np.linalg.norm(up)
+    radius = legs.foot_radius[:, None] * up
+    moved = cross(motion.foot_angular_velocity, np.broadcast_to(radius, motion.foot.shape)) - motion.foot_velocity
+    arm = cross_matrix(radius - motion.foot)  # omega x (p - r) = -(p - r) x omega
+    design = np.concatenate([np.broadcast_to(np.eye(3), arm.shape), arm], axis=-1).reshape(len(moved), 12, 6)
+    target = moved.reshape(len(moved), 12, 1)
+    transposed = np.swapaxes(design, 1, 2)
+    solution = np.linalg.solve(transposed @ design, transposed @ target)
+    slip = np.sqrt(((target - design @ solution) ** 2).mean(axis=(1, 2)) * 3)
+    turning = np.asarray(solution[:, 3:, 0], dtype=float)
+    return turning, (slip < _SLIP * stance.size / stance.clock) & (np.linalg.norm(turning, axis=1) > _TURNING)
+
+
+def _best_offset(unexplained: Unexplained, factor: FloatArray) -> tuple[float, float]:
+    """Where it is least, and what is left there."""
+    coarse = np.arange(-_FARTHEST, _FARTHEST + _COARSE / 2, _COARSE)
+    left = [unexplained(float(offset), factor) for offset in coarse]
+    near = float(coarse[int(np.argmin(left))])
+    fine = near + np.arange(-4, 5) * _FINE
+    left = np.array([unexplained(float(offset), factor) for offset in fine])
+    second, first, _ = np.polyfit(fine - near, left, 2)
+    offset = float(np.clip(near - first / (2 * second), fine[0], fine[-1])) if second > 0 else near
+    return offset, unexplained(offset, factor)
+
+
+def _name_mistake(unexplained: Unexplained) -> None:
+    for what, factor in GYROSCOPE_MISTAKES:
+        _, cured = _best_offset(unexplained, factor)
+        if cured < _CURED:
+            raise RecordingError(
+                "over planted feet the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in "
+                f"the axes of the IMU's frame ({what})"
+            )

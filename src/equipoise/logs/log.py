@@ -1,0 +1,275 @@
+"""Logs that are not ours: streams as a file has them, and the one `Recording` that is made of them.
+
+A reader (rosbag.py, tables.py) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams
+on one clock that starts at zero, and notes what it found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.logs.finding import Finding
+from equipoise.logs.joint_names import JointMap, map_joints
+from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
+from equipoise.robot.model import RobotModel
+
+_MOST_BAD = 0.05  # of a stream's samples: more is no dropped packet but another kind of file
+_LEAST_OVERLAP = 1.0  # [s] of joints and IMU together
+_HELD = 0.3  # of consecutive samples that repeat: an IMU that was written more often than it was read
+_SLOWEST = 20.0  # [Hz]
+_LONGEST_HELD = 20  # samples: an IMU that repeats for longer is frozen
+
+
+@dataclass(frozen=True, eq=False)
+class RawJoints:
+    """Joint samples or commands as a log has them.
+
+    Attributes:
+        time: (n,) stamps, from the log's own origin [s].
+        names: (k) of the columns.
+        position: (n, k) [rad].
+        velocity, torque: (n, k) or None [rad/s], [Nm].
+    """
+
+    time: FloatArray
+    names: tuple[str, ...]
+    position: FloatArray
+    velocity: FloatArray | None = None
+    torque: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RawImu:
+    """IMU samples as a log has them: (n,) stamps [s], (n, 3) angular velocity [rad/s] and specific force [m/s2]."""
+
+    time: FloatArray
+    angular_velocity: FloatArray
+    acceleration: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class RawLog:
+    """What a reader found.
+
+    Attributes:
+        joints, imu, commands: the streams.
+        about: where they are from, as topics, columns and stamps, for people.
+        findings: of the reader.
+        joint_map: if the log's format says which joint is which.
+    """
+
+    joints: RawJoints
+    imu: RawImu
+    commands: RawJoints | None = None
+    about: Mapping[str, str] = field(default_factory=dict[str, str])
+    findings: tuple[Finding, ...] = ()
+    joint_map: JointMap | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log as the robot's own recording.
+
+    Attributes:
+        recording: without events; time zero is the first sample.
+        joint_map: which joint of the log is which of the robot.
+        about: where the streams are from.
+        findings: what was seen on the way.
+    """
+
+    recording: Recording
+    joint_map: JointMap
+    about: Mapping[str, str]
+    findings: tuple[Finding, ...]
+
+
+def assemble(
+    robot: RobotModel,
+    raw: RawLog,
+    given: Mapping[str, str | int] | None = None,
+    span: tuple[float | None, float | None] = (None, None),
+) -> Log:
+    """The recording that a raw log holds.
+
+    Args:
+        given: the user's joint map.
+        span: from when until when to read, after the log's first sample [s].
+
+    Raises:
+        RecordingError: joints cannot be told, streams do not overlap, or too many samples are no samples.
+        SettingsError: the user's joint map does not fit.
+    """
+    findings = list(raw.findings)
+    joint_map = raw.joint_map if raw.joint_map is not None and not given else map_joints(robot, raw.joints.names, given)
+    origin = min(_first(raw.joints.time), _first(raw.imu.time))
+    start, end = origin + (span[0] or 0.0), np.inf if span[1] is None else origin + span[1]
+    joints = _joint_stream(raw.joints, joint_map.columns, origin, (start, end), findings)
+    imu = _imu_stream(raw.imu, origin, (start, end), findings)
+    commands = _commands(raw.commands, joint_map, origin, (start, end), findings)
+    _check_overlap(joints.time, imu.time)
+    _check_rate("joint", joints.time)
+    _check_rate("IMU", imu.time)
+    recording = Recording(robot.joint_names, joints, imu, commands)
+    about = {**raw.about, "rates": f"joints {rate(joints.time):.0f} Hz, IMU {rate(imu.time):.0f} Hz"}
+    return Log(recording, joint_map, about, tuple(findings))
+
+
+def rate(time: FloatArray) -> float:
+    """Samples a second, gaps left aside."""
+    return 1 / float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+
+def _first(time: FloatArray) -> float:
+    finite = time[np.isfinite(time)]
+    if not finite.size:
+        raise RecordingError("the log holds no sample with a time stamp")
+    return float(finite.min())
+
+
+def _joint_stream(
+    raw: RawJoints, columns: NDArray[np.intp], origin: float, span: tuple[float, float], findings: list[Finding]
+) -> JointStream:
+    rows = _rows_of_legs(raw, columns, findings)
+    time, position = raw.time[rows], raw.position[rows[:, None], columns]
+    velocity = _measured(raw.velocity, rows, columns, "velocities", findings)
+    torque = _measured(raw.torque, rows, columns, "torques", findings)
+    needed = np.hstack([part for part in (position, velocity, torque) if part is not None])
+    kept = _kept("joint", time, needed, span, findings)
+    return JointStream(
+        time[kept] - origin,
+        position[kept],
+        None if velocity is None else velocity[kept],
+        None if torque is None else torque[kept],
+    )
+
+
+def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[Finding]) -> NDArray[np.intp]:
+    """Samples with any of the legs' joints: an arm may share the topic."""
+    there = ~np.isnan(raw.position[:, columns])
+    rows = np.flatnonzero(there.any(axis=1))
+    if not rows.size:
+        raise RecordingError("the log holds no sample of the legs' joints")
+    partial = ~there[rows].all(axis=1)
+    if partial.mean() > _MOST_BAD:
+        first = there[rows[int(np.argmax(partial))]]
+        absent = [raw.names[int(column)] for column in columns[~first]]
+        raise RecordingError(
+            f"{partial.mean():.0%} of the joint samples hold only some of the legs' joints (the first lacks "
+            f"{', '.join(absent)}): a sample must hold all of them"
+        )
+    if len(rows) < len(there):
+        findings.append(Finding("joints", f"{len(there) - len(rows)} samples are of other joints: left out"))
+    return rows
+
+
+def _measured(
+    values: FloatArray | None, rows: NDArray[np.intp], columns: NDArray[np.intp], what: str, findings: list[Finding]
+) -> FloatArray | None:
+    """A quantity that not every driver reports: None if it is missing, not a number, or zero throughout."""
+    if values is None:
+        findings.append(Finding("joints", f"the log has no joint {what}"))
+        return None
+    chosen = values[rows[:, None], columns]
+    bad = ~np.isfinite(chosen).all(axis=1)
+    if bad.mean() > _MOST_BAD:
+        findings.append(Finding("joints", f"joint {what} are not numbers in {bad.mean():.0%} of the samples: not used"))
+        return None
+    if not np.nan_to_num(chosen).any():
+        findings.append(Finding("joints", f"joint {what} are zero throughout: taken as not measured"))
+        return None
+    return chosen
+
+
+def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[Finding]) -> ImuStream:
+    values = np.hstack([raw.angular_velocity, raw.acceleration])
+    kept = _kept("IMU", raw.time, values, span, findings)
+    if len(kept) > 1:
+        repeated = np.concatenate([[False], (np.diff(values[kept], axis=0) == 0).all(axis=1)])
+        longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeated[1:], [True]]))).max())
+        if repeated.mean() > _HELD and longest <= _LONGEST_HELD:
+            # Held values would look like a sensor with half the noise that lags by half its period.
+            message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
+            findings.append(Finding("IMU", message))
+            kept = kept[~repeated]
+    return ImuStream(raw.time[kept] - origin, raw.angular_velocity[kept], raw.acceleration[kept])
+
+
+def _commands(
+    raw: RawJoints | None, joint_map: JointMap, origin: float, span: tuple[float, float], findings: list[Finding]
+) -> CommandStream | None:
+    """Commands only help to notice frozen encoders: what does not fit is left out and noted."""
+    if raw is None:
+        return None
+    names = [match.log_joint for match in joint_map.matches]
+    if not set(names) <= set(raw.names):
+        findings.append(Finding("commands", "they name other joints than the joint states: not used"))
+        return None
+    position = raw.position[:, [raw.names.index(name) for name in names]]
+    try:
+        kept = _kept("command", raw.time, position, span, findings)
+    except RecordingError as error:
+        findings.append(Finding("commands", f"not used: {error}"))
+        return None
+    return CommandStream(raw.time[kept] - origin, position[kept])
+
+
+def _kept(
+    name: str, time: FloatArray, values: FloatArray, span: tuple[float, float], findings: list[Finding]
+) -> NDArray[np.intp]:
+    """Indices of the samples that can be used: numbers, with stamps that increase.
+
+    Raises:
+        RecordingError: there are none, or too many that cannot be used.
+    """
+    index = np.flatnonzero(~np.isfinite(time) | ((time >= span[0]) & (time <= span[1])))
+    if not index.size:
+        raise RecordingError(f"the log holds no {name} sample within the time that was asked for")
+    broken = ~np.isfinite(time[index]) | ~np.isfinite(values[index]).all(axis=1)
+    _refuse_many(name, broken, "are not numbers")
+    if broken.any():
+        findings.append(Finding(name, f"{broken.sum()} of {len(index)} {name} samples are not numbers: left out"))
+    index = index[~broken]
+    latest = np.maximum.accumulate(time[index])
+    late = np.concatenate([[False], time[index][1:] <= latest[:-1]])
+    if late.mean() > _MOST_BAD:
+        first = int(np.argmax(late))
+        back = float((latest[:-1] - time[index][1:]).max())
+        raise RecordingError(
+            f"{late.mean():.0%} of the {name} stamps do not increase, from sample {first} on, and go back by as much as "
+            f"{back:.3g} s: are these several logs in one, or several publishers on one topic? Cut with --from and --until"
+        )
+    if late.any():
+        message = f"{late.sum()} of {len(index)} {name} samples have stamps that repeat or go back: left out"
+        findings.append(Finding(name, message))
+    return index[~late]
+
+
+def _refuse_many(name: str, bad: NDArray[np.bool_], what: str) -> None:
+    if bad.mean() > _MOST_BAD:
+        raise RecordingError(
+            f"{bad.mean():.0%} of the {name} samples {what}, the first at sample {int(np.argmax(bad))}: a sensor that fails "
+            "so often cannot be believed between"
+        )
+
+
+def _check_rate(name: str, time: FloatArray) -> None:
+    if rate(time) < _SLOWEST:
+        raise RecordingError(
+            f"{name} samples come at {rate(time):.3g} Hz, or their stamps are not in seconds: below {_SLOWEST:.0f} Hz nothing "
+            "can be said of a motion; 100 Hz and more are usual"
+        )
+
+
+def _check_overlap(joints: FloatArray, imu: FloatArray) -> None:
+    overlap = min(joints[-1], imu[-1]) - max(joints[0], imu[0])
+    if overlap < _LEAST_OVERLAP:
+        raise RecordingError(
+            f"joint samples are from {joints[0]:.2f} to {joints[-1]:.2f} s, IMU samples from {imu[0]:.2f} to {imu[-1]:.2f} s: "
+            f"they share {max(overlap, 0.0):.2f} s. Are the stamps of one clock, and is the whole log in the file?"
+        )

@@ -1,0 +1,185 @@
+"""Estimates from logs that are not ours: what in them can be used is found, and what they cannot tell is said."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from equipoise.calibration.routine import CalibrationSettings
+from equipoise.errors import LogError, RecordingError
+from equipoise.logs.finding import Finding
+from equipoise.logs.gyroscope import compare_gyroscope
+from equipoise.logs.log import Log, rate
+from equipoise.logs.segments import Segment, find_segments, usable
+from equipoise.precise import method as precise
+from equipoise.precise.screening import screen_log
+from equipoise.recording.recording import Recording
+from equipoise.result.calibration import Calibration
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.stance import Stance, nominal_stance
+
+_CLOCK_KNOWN = 3e-3  # [s]: closer than the legs can tell, and the estimate finds the rest
+_SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
+
+
+@dataclass(frozen=True, eq=False)
+class LogReport:
+    """What a log holds.
+
+    Attributes:
+        log: as it was read.
+        segments: every piece of it, and whether it is used.
+        findings: what was seen in it.
+        not_told: what cannot be told from it and why, a sentence each.
+    """
+
+    log: Log
+    segments: tuple[Segment, ...]
+    findings: tuple[Finding, ...]
+    not_told: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "about": dict(self.log.about),
+            **self.log.joint_map.to_dict(),
+            "segments": [_segment_to_dict(segment) for segment in self.segments],
+            "findings": [dataclasses.asdict(finding) for finding in self.findings],
+            "not_told": list(self.not_told),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class LogEstimate:
+    """A result, and what the log that it is from holds."""
+
+    result: Calibration
+    report: LogReport
+
+
+def estimate_log(robot: RobotModel, log: Log, settings: CalibrationSettings | None = None) -> LogEstimate:
+    """What a log says of the robot, by the precise method.
+
+    Raises:
+        LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
+        RecordingError: its units cannot be right.
+        ImuMountingError: the IMU is mounted turned.
+    """
+    settings, stance = settings or CalibrationSettings(), nominal_stance(robot)
+    screen_log(robot, log.recording)
+    findings = list(log.findings)
+    recording = _on_one_clock(robot, stance, log.recording, findings)
+    findings += _rates(recording, stance)
+    segments = find_segments(robot, stance, recording)
+    report = LogReport(log, tuple(segments), tuple(findings))
+    recordings = usable(segments)
+    if not recordings:
+        raise _nothing_usable(report)
+    try:
+        result = precise.estimate(robot, recordings, settings, stance, lifts_needed=False)
+    except RecordingError as error:
+        raise LogError(str(error), report, {"log": report.to_dict()}) from error
+    report = replace(report, segments=_judged(segments, result))
+    return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, settings))))
+
+
+def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[Finding]) -> Recording:
+    """With the IMU's stamps moved so that gyroscope and legs turn together."""
+    compared = compare_gyroscope(robot, stance, recording)
+    if compared is None:
+        message = "too little motion over planted feet to hold the clocks of joints and IMU against each other"
+        findings.append(Finding("clocks", message))
+        return recording
+    if not compared.agrees:
+        message = (
+            f"over planted feet the gyroscope does not turn as the legs say ({compared.unexplained:.0%} of it differs): are "
+            "the joints, the IMU's axes and the robot the right ones?"
+        )
+        findings.append(Finding("gyroscope", message))
+        return recording
+    if abs(compared.offset) < _CLOCK_KNOWN:
+        return recording
+    later = "late" if compared.offset < 0 else "early"
+    message = (
+        f"the IMU's stamps are {abs(compared.offset) * 1000:.0f} ms {later} against the joints', by {compared.time:.0f} s of "
+        "motion over planted feet: they are moved by as much"
+    )
+    findings.append(Finding("clocks", message))
+    return replace(recording, imu=replace(recording.imu, time=recording.imu.time + compared.offset))
+
+
+def _rates(recording: Recording, stance: Stance) -> list[Finding]:
+    slow = [
+        (name, rate(stream.time), least / stance.clock)
+        for name, stream, least in (("joint", recording.joints, _SLOW_JOINTS), ("IMU", recording.imu, _SLOW_IMU))
+        if rate(stream.time) < least / stance.clock
+    ]
+    return [
+        Finding(
+            "rates", f"{name} samples come at {found:.0f} Hz; a lift is over in half a second and wants {wanted:.0f} Hz"
+        )
+        for name, found, wanted in slow
+    ]
+
+
+def _judged(segments: list[Segment], result: Calibration) -> tuple[Segment, ...]:
+    """Segments with what the estimate found: trials are in the order of their recordings."""
+    notes = iter([trial.note for trial in result.trials])
+    judged: list[Segment] = []
+    for segment in segments:
+        note = next(notes) if segment.recording is not None else None
+        judged.append(segment if note is None else replace(segment, why_not=note))
+    return tuple(judged)
+
+
+def _not_told(result: Calibration, report: LogReport, settings: CalibrationSettings) -> list[str]:
+    """What the result does not know, causes first."""
+    used = [segment for segment in report.segments if segment.used and segment.recording is not None]
+    trials = [segment.recording.trial for segment in used if segment.recording is not None]
+    diagonals = {str(trial["diagonal"]) for trial in trials if trial.get("kind") == "lift"}
+    said: list[str] = []
+    if not diagonals:
+        said.append(
+            "There is no lift of two diagonal feet after a rest: the height of the centre of mass and the inertia cannot be "
+            "told, and x and y only as well as joint torques tell them."
+        )
+    elif len(diagonals) < len(DIAGONALS):
+        said.append(
+            f"All lifts are on {diagonals.pop()}: the centre of mass is known across that line, and along it only as well as "
+            "joint torques tell it."
+        )
+    if not any(trial.get("kind") == "posture" for trial in trials):
+        said.append(
+            "There is no move over planted feet from rest to rest: a joint's zero cannot be told from an offset of the centre "
+            "of mass."
+        )
+    if settings.precise.mass is None and report.log.recording.joints.torque is None:
+        said.append(
+            "There are no joint torques and no --mass: the mass is the model's, and the inertia, which scales with it, is as "
+            "uncertain."
+        )
+    intervals = result.uncertainty["composite"].intervals
+    for verdict, words in (("not identified", "Not told by this log"), ("weak", "Told only roughly")):
+        names = [name for name, interval in intervals.items() if interval.verdict == verdict]
+        if names:
+            said.append(f"{words}: {', '.join(names)}.")
+    return said
+
+
+def _nothing_usable(report: LogReport) -> LogError:
+    reasons = dict.fromkeys(f"{segment.what}: {segment.why_not}" for segment in report.segments if segment.why_not)
+    return LogError(
+        f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are "
+        "rests on four feet with joint torques, and lifts of two diagonal feet or moves over planted feet after them",
+        report,
+        {"log": report.to_dict()},
+    )
+
+
+def _segment_to_dict(segment: Segment) -> Mapping[str, Any]:
+    return {
+        "start": segment.start, "end": segment.end, "kind": segment.kind, "what": segment.what, "used": segment.used,
+        "why_not": segment.why_not,
+    }  # fmt: skip

@@ -1,0 +1,80 @@
+"""Whether a base oscillates, about which of its axes, and from when to when it does so steadily."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import AXES, Axis, FloatArray
+from equipoise.logs.track import true_runs
+
+# On an A1; times scale with the stance's clock.
+_ENVELOPE = 0.8  # [s] that the strength of the motion is taken over
+_STEADY = 0.5  # of the strongest
+_SHORTEST, _FEWEST_PERIODS = 1.5, 3  # [s]
+_DOMINANT = 0.5  # of an axis' power within two bins of its peak: a hand-held wiggle has less
+_WEAKEST = 0.25  # of the strongest axis
+_LEAST = 0.03  # [rad/s] rms
+_BINS = 2  # on either side of a peak: as wide as a Hann window makes a sinusoid's
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """A steady part of a motion.
+
+    Attributes:
+        start, end: [s].
+        frequencies: by axis about which a sinusoid dominates [Hz].
+    """
+
+    start: float
+    end: float
+    frequencies: dict[Axis, float]
+
+    @property
+    def words(self) -> str:
+        """In words, short."""
+        axes = [f"{axis} {frequency:.1f} Hz" for axis, frequency in self.frequencies.items()]
+        return ", ".join([*axes, f"{self.end - self.start:.1f} s"])
+
+
+def find_oscillation(time: FloatArray, turning: FloatArray, clock: float) -> Oscillation | None:
+    """The longest steady part, if a sinusoid dominates it about one axis at least.
+
+    Args:
+        time: (n,) evenly spaced [s].
+        turning: (n, 3) angular velocity in base axes [rad/s].
+        clock: factor on times, one on an A1.
+    """
+    if len(time) < 8 or time[-1] - time[0] < _SHORTEST * clock:
+        return None
+    step = float(np.diff(time).mean())
+    window = np.ones(max(1, round(_ENVELOPE * clock / step)))
+    strength = np.convolve((turning**2).sum(axis=1), window / len(window), mode="same") ** 0.5
+    steady = true_runs(strength > _STEADY * strength.max())
+    if not steady:
+        return None
+    first, last = max(steady, key=lambda run: run[1] - run[0])
+    if (last - first) * step < _SHORTEST * clock:
+        return None
+    found = _dominant(turning[first:last], step)
+    if not found:
+        return None
+    return Oscillation(float(time[first]), float(time[last - 1]), found)
+
+
+def _dominant(turning: FloatArray, step: float) -> dict[Axis, float]:
+    """Frequencies of the axes that a sinusoid dominates [Hz]."""
+    centred = turning - turning.mean(axis=0)
+    size = centred.std(axis=0)
+    power = np.abs(np.fft.rfft(centred * np.hanning(len(centred))[:, None], axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(centred), step)
+    found: dict[Axis, float] = {}
+    for index, axis in enumerate(AXES):
+        peak = int(np.argmax(power[:, index]))
+        near = power[max(0, peak - _BINS) : peak + _BINS + 1, index].sum() / max(power[:, index].sum(), 1e-30)
+        strong = size[index] > max(_LEAST, _WEAKEST * size.max())
+        if strong and near > _DOMINANT and frequency[peak] * len(centred) * step >= _FEWEST_PERIODS:
+            found[axis] = float(frequency[peak])
+    return found

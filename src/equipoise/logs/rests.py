@@ -1,0 +1,132 @@
+"""Rests in a long recording: where nothing moves, and whether a robot stands there on four feet.
+
+Still is what neither the encoders nor the gyroscope see move; a constant gyroscope bias does not matter. Standing is what
+the feet say that the encoders place: under the base, on one plane, as level as floors are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from equipoise.conventions import FloatArray
+from equipoise.logs.track import STEP, Track, true_runs
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.screening import floor_normals
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.robot.statics import carried_mass
+
+# Of means over a quarter of a window: spread within it. Resting A1s and Solos show a third to a half of this, moving ones ten
+# times as much.
+_WINDOW, _PARTS = 16, 4  # [steps]
+_STILL_JOINTS, _STILL_BASE = 1.5e-3, 6e-3  # [rad], [rad/s]
+_NOISE_FACTOR = 4.0  # of a mean's white noise: its spread over four parts and a dozen joints
+_SHORTEST = 0.2  # [s] on an A1; half of it serves each neighbour
+_LOWEST = 0.4  # hips over their height at the nominal stance: crouching robots have 0.6, lying ones 0.3
+_RAISED = 0.02  # [m] on an A1: a foot so far off the plane of the others is not on the floor
+_LEANING = 0.25  # [rad] between the feet's floor and the accelerometer's: no floor that a calibration is done on
+_CARRIED = 0.4  # of the model's mass, by the joint torques
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A piece of time in which nothing moves.
+
+    Attributes:
+        start, end: [s].
+        joint_position: (nj,) mean [rad].
+        up: (3,) against gravity, in base axes, by the accelerometer.
+        turning: (3,) mean angular velocity, in base axes: the gyroscope's bias [rad/s].
+        acceleration: (3,) mean, in base axes [m/s2].
+        folded: whether the legs are folded, as those of a robot that lies.
+        why_not: why the robot does not stand on four feet here, or None if it does.
+    """
+
+    start: float
+    end: float
+    joint_position: FloatArray
+    up: FloatArray
+    turning: FloatArray
+    acceleration: FloatArray
+    folded: bool
+    why_not: str | None
+
+    @property
+    def standing(self) -> bool:
+        """On four feet."""
+        return self.why_not is None
+
+    @property
+    def middle(self) -> float:
+        """[s]."""
+        return (self.start + self.end) / 2
+
+
+def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[Rest]:
+    """All rests of a track, in order of time."""
+    rests: list[Rest] = []
+    legs = LegChains(robot)
+    for first, last in _still_runs(track, max(_WINDOW, round(_SHORTEST / STEP))):
+        part = slice(first, last)
+        position, acceleration = track.joint_position[part].mean(axis=0), track.acceleration[part].mean(axis=0)
+        up = acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
+        torque = None if track.joint_torque is None else track.joint_torque[part].mean(axis=0)
+        feet = legs.feet(position[None])[0]
+        normal, _ = floor_normals(feet[None])
+        folded = _folded(stance, feet, normal[0])
+        why_not = "the legs are folded: it lies, or hangs" if folded else _why_not_level(stance, feet, normal[0], up)
+        if why_not is None and torque is not None:
+            why_not = _why_not_carried(robot, position, torque)
+        start, end = float(track.time[first] - track.step / 2), float(track.time[last - 1] + track.step / 2)
+        rests.append(Rest(start, end, position, up, track.turning[part].mean(axis=0), acceleration, folded, why_not))
+    return rests
+
+
+def _still_runs(track: Track, shortest: int) -> list[tuple[int, int]]:
+    """First and last (exclusive) index of every run of steps in which nothing moves."""
+    if len(track.time) < _WINDOW:
+        return []
+    part_noise = np.sqrt(_PARTS / _WINDOW)
+    still = _spread(track.joint_position) < _STILL_JOINTS + _NOISE_FACTOR * part_noise * track.encoder_noise
+    still &= _spread(track.turning) < _STILL_BASE + _NOISE_FACTOR * part_noise * track.gyro_noise
+    covered = np.zeros(len(track.time) + 1, dtype=int)  # by windows that are still
+    starts = np.flatnonzero(still)
+    np.add.at(covered, starts, 1)
+    np.add.at(covered, starts + _WINDOW, -1)
+    return [run for run in true_runs(np.cumsum(covered)[:-1] > 0) if run[1] - run[0] >= shortest]
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    """(n - window + 1,) largest spread, over columns, of the means over the parts of each window."""
+    length = _WINDOW // _PARTS
+    means = sliding_window_view(values, length, axis=0).mean(axis=-1)
+    parts = np.stack([means[k * length : len(values) - _WINDOW + k * length + 1] for k in range(_PARTS)])
+    return np.ptp(parts, axis=0).max(axis=1)
+
+
+def _folded(stance: Stance, feet: FloatArray, normal: FloatArray) -> bool:
+    # The base's origin may be anywhere; the hips are above the floor by as much more as the feet are farther below.
+    lower = float((stance.feet_in_base[:, 2] - feet @ normal).mean())
+    return stance.hip_height + lower < _LOWEST * stance.hip_height
+
+
+def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: FloatArray) -> str | None:
+    """Why (4, 3) feet in the base frame, and the normal of their plane, are not those of a robot that stands on them."""
+    # One foot that is raised by d turns the plane through all four: each is then d / 4 off it.
+    raised = 4 * float(np.abs((feet - feet.mean(axis=0)) @ normal).max())
+    if raised > _RAISED * stance.size:
+        return f"the feet are not on one plane: one is raised by some {1000 * raised:.0f} mm"
+    lean = float(np.arccos(np.clip(normal @ up, -1, 1)))
+    if lean > _LEANING:
+        return f"the plane of the feet leans by {np.degrees(lean):.0f} deg against gravity"
+    return None
+
+
+def _why_not_carried(robot: RobotModel, position: FloatArray, torque: FloatArray) -> str | None:
+    carried = carried_mass(robot, position, torque)
+    if abs(carried) < _CARRIED * robot.mass:  # a wrong sign is another matter, and screened for
+        return f"the joint torques carry only {carried:.1f} kg: it hangs, or lies"
+    return None

@@ -1,0 +1,299 @@
+"""What a long recording without events holds: rests, moves and sways over planted feet, lifts of two diagonal feet.
+
+Every piece of it ends up in a `Segment`: what it is, and whether it can be used or why not. What can be used comes with a
+`Recording` that says what it is in the words that the estimators know, as if we had commanded it ourselves.
+
+No contact sensors: encoders and gyroscope say where the feet go (foot_paths.py), encoders and accelerometer where the robot
+stands still (rests.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from equipoise.logs.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
+from equipoise.logs.foot_paths import FootPaths
+from equipoise.logs.oscillation import Oscillation, find_oscillation
+from equipoise.logs.rests import Rest, find_rests
+from equipoise.logs.track import Track
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.screening import screen
+from equipoise.recording.gaps import split_at_gaps
+from equipoise.recording.recording import PHASE, TRIAL, Event, Recording
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+Kind = Literal["rest", "move", "nudge", "sway", "lift", "steps", "slip", "motion", "gap"]
+
+# On an A1; lengths scale with the stance's size, times with its clock.
+_OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
+_SLID = 6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders off by 5 mrad
+_SLIDING = 12e-3  # [m] on the way
+_FALLING = 5.0  # [m/s2]: a robot whose accelerometer reads less has no foot on the floor
+_MOVED = 0.1  # [rad] of a joint: smaller moves tell no joint zeros, and add what feet creep by while they stand
+_LONGEST_MOVE = 8.0  # [s]: the gyroscope's attitude is good for a milliradian so long
+_HELD = 1.0  # [s] of a rest that are used, at most: what is nearest to the motion
+# [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
+_SETTLING, _LEAVING = 0.3, 0.12
+_LANDED = 0.2  # [s] after a lift that are kept with it
+_SHORTEST_SWAY = 1.5  # [s] of planted motion that torques are worth reading of
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A piece of a recording.
+
+    Attributes:
+        start, end: [s].
+        kind: what it is.
+        what: the same in words.
+        why_not: why it is not used, or None if it is.
+        recording: with the events that the estimators expect, if it is used on its own.
+    """
+
+    start: float
+    end: float
+    kind: Kind
+    what: str
+    why_not: str | None = None
+    recording: Recording | None = None
+
+    @property
+    def used(self) -> bool:
+        """Whether the estimate gets it; most rests go with the motions between them."""
+        return self.why_not is None
+
+
+def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> list[Segment]:
+    """All segments of a recording, in order of time.
+
+    Raises:
+        RecordingError: a sensor that cannot be believed, as `screen` finds it in the rests.
+        ImuMountingError: the IMU is mounted turned.
+    """
+    pieces = split_at_gaps(recording)
+    tracks = [Track.of(robot, piece.recording, stance.clock) for piece in pieces]
+    rests = [find_rests(robot, stance, track) for track in tracks]
+    all_rests = [rest for of_piece in rests for rest in of_piece]
+    _screen_rests(robot, recording, all_rests)
+    bias = np.median([rest.turning for rest in all_rests], axis=0) if all_rests else np.zeros(3)
+    segments: list[Segment] = []
+    for piece, track, of_piece in zip(pieces, tracks, rests, strict=True):
+        if piece.gap is not None and segments:
+            start, end = piece.gap
+            what = f"no {piece.missing} samples for {end - start:.2f} s"
+            segments.append(Segment(start, end, "gap", what, "nothing was recorded"))
+        reader = _PieceReader(robot, stance, piece.recording, track.without_bias(bias), of_piece)
+        segments += reader.segments()
+    return segments
+
+
+def usable(segments: Sequence[Segment]) -> list[Recording]:
+    """The recordings of all segments that can be used."""
+    return [segment.recording for segment in segments if segment.recording is not None]
+
+
+def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[Rest]) -> None:
+    """Screen the sensors at the rests, if the robot does not seem to stand in most of them: one of them may lie."""
+    standing = sum(rest.standing for rest in rests)
+    if standing * 2 > len(rests):
+        return
+    upright = [rest for rest in rests if not rest.folded]
+    screen(robot, [_marked(recording, [("rest", rest.start)], rest.start, rest.end) for rest in upright])
+
+
+class _PieceReader:
+    """Reads one piece without gaps."""
+
+    def __init__(
+        self, robot: RobotModel, stance: Stance, recording: Recording, track: Track, rests: list[Rest]
+    ) -> None:
+        self.robot, self.stance, self.recording, self.track, self.rests = robot, stance, recording, track, rests
+        self.legs = LegChains(robot)
+        self._weighed: set[int] = set()  # rests by index whose torques a motion has: none counts twice
+
+    def segments(self) -> list[Segment]:
+        """Rests and what lies between them, in order."""
+        start, end = self.recording.joints.time[0], self.recording.joints.time[-1]
+        if not self.rests:
+            return [Segment(start, end, "motion", "motion", "no rest in it: the robot never stands still on four feet")]
+        found: list[Segment] = []
+        if self.rests[0].start > start + self.track.step:
+            found.append(Segment(start, self.rests[0].start, "motion", "motion", "no rest before it"))
+        for index, rest in enumerate(self.rests):
+            after = self.rests[index + 1] if index + 1 < len(self.rests) else None
+            until = after.start if after is not None else end
+            if until > rest.end + self.track.step:
+                found += self._motion(index, until, after)
+        found += [self._rest(index) for index in range(len(self.rests))]
+        return sorted(found, key=lambda segment: segment.start)
+
+    def _rest(self, index: int) -> Segment:
+        """A rest; torques of one that serves no motion tell something on their own."""
+        rest = self.rests[index]
+        if not rest.standing:
+            return Segment(rest.start, rest.end, "rest", "still", rest.why_not)
+        recording = None
+        if index not in self._weighed and self.recording.joints.torque is not None:
+            start, end = self._before(index)
+            recording = _marked(self.recording, [("rest", start)], start, end, kind="stand")
+        return Segment(rest.start, rest.end, "rest", "rest on four feet", None, recording)
+
+    def _motion(self, index: int, until: float, after: Rest | None) -> list[Segment]:
+        """What follows a rest."""
+        rest = self.rests[index]
+        if not rest.standing:
+            return [Segment(rest.end, until, "motion", "motion", "no rest on four feet before it")]
+        paths = FootPaths.after(self.legs, self.track, rest, until)
+        if len(paths.time) < 2:
+            return []
+        lift = self._lift(index, paths, until)
+        if lift is not None:
+            return [lift]
+        if paths.slid().max() > _SLIDING * self.stance.size:
+            return self._not_planted(rest, paths, until, after)
+        return [self._planted(index, paths, until, after)]
+
+    # --- lifts
+
+    def _lift(self, index: int, paths: FootPaths, until: float) -> Segment | None:
+        """The first time that two diagonal feet are up; None if they never are."""
+        clock, rest = self.stance.clock, self.rests[index]
+        stances = diagonal_stances(paths, self.stance)
+        if not stances:
+            return None
+        first = stances[0]
+        why_not = why_no_lift(paths, stances, rest, self.stance)
+        felt = np.linalg.norm(self.track.acceleration[self.track.indices(first.start, first.end)], axis=1)
+        if why_not is None and felt.size and felt.min() < _FALLING:
+            why_not = "it jumps: no foot is on the floor for a moment"
+        if why_not is not None:
+            return Segment(rest.end, until, "steps", f"steps, the first on {first.diagonal}", why_not)
+        what = f"lift on {first.diagonal}, {first.end - first.start:.2f} s on two feet"
+        begin, leaves = self._before(index)
+        phases = [("rest", begin), ("unload", leaves), ("lower", first.end)]
+        landed = min(first.end + _LANDED * clock, until)
+        whole = self.recording if index not in self._weighed else _without_torques(self.recording)
+        self._weighed.add(index)
+        recording = _marked(whole, phases, begin, landed, kind="lift", diagonal=first.diagonal)
+        return Segment(rest.end, until, "lift", what, None, recording)
+
+    # --- planted feet
+
+    def _planted(self, index: int, paths: FootPaths, until: float, after: Rest | None) -> Segment:
+        """A move or a sway over planted feet."""
+        rest = self.rests[index]
+        sway = self._sway(rest.end, until)
+        if sway is not None:
+            return sway
+        why_not = self._why_no_move(rest, until, after)
+        if why_not is None:
+            return self._move(index, paths, until)
+        kind: Kind = "nudge" if after is not None and _moved(rest, after) < _MOVED else "motion"
+        motion = Segment(rest.end, until, kind, "motion over planted feet", why_not)
+        return self._weighable(rest.end, until, after) or motion
+
+    def _why_no_move(self, rest: Rest, until: float, after: Rest | None) -> str | None:
+        if after is None or not after.standing:
+            return "no rest on four feet after it"
+        if until - rest.end > _LONGEST_MOVE * self.stance.clock:
+            return f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts by then"
+        moved = _moved(rest, after)
+        if moved < _MOVED:
+            return f"it ends within {np.degrees(moved):.0f} deg of where it began: too little to tell joint zeros by"
+        return None
+
+    def _move(self, index: int, paths: FootPaths, until: float) -> Segment:
+        start, what = self.rests[index].end, f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
+        slid = float(paths.slid()[-1])
+        if slid > _SLID * self.stance.size:
+            return Segment(start, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
+        (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
+        phases = [("before", begin), ("move", leaves), ("rest", arrives)]
+        self._weighed.add(index + 1)
+        return Segment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, kind="posture"))
+
+    def _sway(self, start: float, end: float) -> Segment | None:
+        """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
+        part = self.track.indices(start, end)
+        found = find_oscillation(self.track.time[part], self.track.turning[part], self.stance.clock)
+        if found is None:
+            return None
+        what = f"sway over planted feet, {found.words}"
+        if self.recording.joints.torque is None:
+            return Segment(start, end, "sway", what, "no joint torques: a sway tells nothing without them")
+        return Segment(start, end, "sway", what, None, self._swaying(start, end, found))
+
+    def _weighable(self, start: float, end: float, after: Rest | None) -> Segment | None:
+        """Any other motion over planted feet that is long enough for its torques to tell something.
+
+        After it the robot must stand: one that lies down touches the floor with more than its feet before it is still.
+        """
+        short = end - start < _SHORTEST_SWAY * self.stance.clock
+        if self.recording.joints.torque is None or short or after is None or not after.standing:
+            return None
+        recording = self._swaying(start, end, Oscillation(start, end, {}))
+        return Segment(start, end, "sway", f"motion over planted feet, {end - start:.1f} s", None, recording)
+
+    def _swaying(self, start: float, end: float, steady: Oscillation) -> Recording:
+        phases = [("ramp", start), ("sway", steady.start), ("end", steady.end)]
+        return _marked(self.recording, phases, start, end, kind="sway", axis="all", frequencies=steady.frequencies)
+
+    def _not_planted(self, rest: Rest, paths: FootPaths, until: float, after: Rest | None) -> list[Segment]:
+        """Walking, or sliding; with a sway in it, if the feet stay for long enough somewhere."""
+        stretch = paths.longest_planted(self.stance, _SHORTEST_SWAY * self.stance.clock)
+        sway = None if stretch is None else self._sway(*stretch) or self._weighable(*stretch, after)
+        if stretch is not None and sway is not None:
+            parts = [(rest.end, stretch[0]), (stretch[1], until)]
+            around = [self._moving_feet(paths, a, b) for a, b in parts if b - a > 2 * self.track.step]
+            return sorted([sway, *around], key=lambda segment: segment.start)
+        return [self._moving_feet(paths, rest.end, until)]
+
+    def _moving_feet(self, paths: FootPaths, start: float, end: float) -> Segment:
+        part = paths.between(start, end)
+        feet = part.off_the_floor(_OFF_FLOOR * self.stance.size, SHORTEST_STANCE * self.stance.clock)
+        if feet:
+            why_not = f"feet leave the floor ({', '.join(feet)}), but no diagonal pair alone"
+            return Segment(start, end, "steps", "steps", why_not)
+        slid = float(part.slid().max(initial=0.0))
+        return Segment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
+
+    # --- rests serve the motions on either side of them
+
+    def _before(self, index: int) -> tuple[float, float]:
+        """Start and end of the part of a rest that serves the motion after it [s]."""
+        start, end = self._settled(index)
+        return max(start, end - _HELD * self.stance.clock), end
+
+    def _after(self, index: int) -> tuple[float, float]:
+        """Start and end of the part of a rest that serves the motion before it [s]."""
+        start, end = self._settled(index)
+        return start, min(end, start + _HELD * self.stance.clock)
+
+    def _settled(self, index: int) -> tuple[float, float]:
+        """A rest without its ends, in which the base still creeps, or creeps already [s]."""
+        rest, clock = self.rests[index], self.stance.clock
+        length = rest.end - rest.start
+        return rest.start + min(_SETTLING * clock, length / 3), rest.end - min(_LEAVING * clock, length / 4)
+
+
+def _moved(rest: Rest, after: Rest) -> float:
+    """By how much the joint that moved most is elsewhere [rad]."""
+    return float(np.abs(after.joint_position - rest.joint_position).max())
+
+
+def _without_torques(recording: Recording) -> Recording:
+    return replace(recording, joints=replace(recording.joints, torque=None))
+
+
+def _marked(
+    recording: Recording, phases: Sequence[tuple[str, float]], start: float, end: float, **trial: Any
+) -> Recording:
+    """A part of a recording, with the events that say what it is."""
+    trial["at"] = f"at {start:.1f} s"
+    events = (Event(start, TRIAL, trial), *(Event(time, PHASE, {"name": name}) for name, time in phases))
+    return replace(recording.between(start, end), events=tuple(sorted(events, key=lambda event: event.time)))

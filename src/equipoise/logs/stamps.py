@@ -1,0 +1,105 @@
+"""Which clock a bag's messages are put on: their own stamps if those are sane, else the times at which they were received.
+
+Stamps are whole nanoseconds since 1970, too long for a float: the first is subtracted before they become seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.logs.finding import Finding
+
+IntArray = NDArray[np.int64]
+
+_INCREASING = 0.95  # of the stamps
+_SPAN = 0.2  # by which the stamps' span may differ from that of the receive times
+_TICK_MISS = 0.02  # [s] that a steady clock may miss receive times by: delays of the link
+_OVERLAP = 0.5  # of the shorter stream that must lie within the other
+
+
+@dataclass(frozen=True, eq=False)
+class Stamps:
+    """When the messages of a topic were made.
+
+    Attributes:
+        topic: its name.
+        received: (n,) when the recorder got them [ns since 1970].
+        header: (n,) their own stamps [ns], or empty if they have none.
+        ticks: (n,) count of a clock on board in an unknown unit, or empty.
+    """
+
+    topic: str
+    received: IntArray
+    header: IntArray
+    ticks: IntArray
+
+    def why_not_header(self) -> str | None:
+        """What speaks against the messages' own stamps, or None."""
+        if not self.header.size:
+            return "its messages have no stamps"
+        if not self.header.any():  # the first may well be: simulated clocks start there
+            return "its stamps are zero"
+        if self.header.size > 1 and (np.diff(self.header) > 0).mean() < _INCREASING:
+            return "its stamps do not increase"
+        span, received = np.ptp(self.header), np.ptp(self.received)
+        if abs(float(span) - float(received)) > _SPAN * max(float(received), 1e8):
+            return f"its stamps span {span * 1e-9:.1f} s and were received in {received * 1e-9:.1f} s"
+        return None
+
+    def by_ticks(self) -> FloatArray | None:
+        """Receive times without their jitter, by a clock on board that runs steadily [ns after the first]."""
+        if self.ticks.size < 10 or (np.diff(self.ticks) <= 0).any():
+            return None
+        ticks, received = (self.ticks - self.ticks[0]).astype(float), (self.received - self.received[0]).astype(float)
+        slope, start = (float(value) for value in np.asarray(np.polyfit(ticks, received, 1), dtype=float))
+        steady = slope * ticks + start
+        return steady if float(np.quantile(np.abs(steady - received), 0.95)) < _TICK_MISS * 1e9 else None
+
+
+def common_times(
+    streams: Sequence[Stamps], needed: Sequence[str], findings: list[Finding]
+) -> tuple[dict[str, FloatArray], str]:
+    """Times of all streams after the earliest sample [s], and which clock they are by.
+
+    Args:
+        needed: topics that decide: joints and IMU.
+    """
+    sensed = [stream for stream in streams if stream.topic in needed]
+    reasons = [f"{stream.topic}: {why}" for stream in sensed if (why := stream.why_not_header()) is not None]
+    if not reasons and not _overlap([stream.header for stream in sensed]):
+        reasons.append("the stamps of joints and IMU are of different clocks")
+    if not reasons:
+        origin = min(int(stream.header[0]) for stream in sensed)
+        clocks = {stream.topic: stream.header if stream.header.size else stream.received for stream in streams}
+        return {topic: _seconds(clock, origin) for topic, clock in clocks.items()}, "the messages' own stamps"
+    if any(stream.header.size for stream in sensed):
+        message = f"{'; '.join(reasons)}: receive times are used, which wander by the delays of the link"
+        findings.append(Finding("stamps", message))
+    return _by_receipt(streams, min(int(stream.received[0]) for stream in sensed))
+
+
+def _by_receipt(streams: Sequence[Stamps], origin: int) -> tuple[dict[str, FloatArray], str]:
+    times: dict[str, FloatArray] = {}
+    kind = "receive times"
+    for stream in streams:
+        steady = stream.by_ticks()
+        if steady is None:
+            times[stream.topic] = _seconds(stream.received, origin)
+        else:
+            times[stream.topic] = np.asarray((steady + float(stream.received[0] - origin)) * 1e-9, dtype=float)
+            kind = "receive times, made even by the robot's tick"
+    return times, kind
+
+
+def _seconds(nanoseconds: IntArray, origin: int) -> FloatArray:
+    return np.asarray((nanoseconds - origin) * 1e-9, dtype=float)
+
+
+def _overlap(clocks: Sequence[IntArray]) -> bool:
+    start, end = max(int(clock.min()) for clock in clocks), min(int(clock.max()) for clock in clocks)
+    return end - start > _OVERLAP * min(int(np.ptp(clock)) for clock in clocks)

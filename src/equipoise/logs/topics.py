@@ -1,0 +1,101 @@
+"""Which topics of a bag hold joints, IMU and commands: found by their types, then by what they are usually called."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from equipoise.errors import RecordingError
+from equipoise.logs.finding import Finding
+from equipoise.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE
+
+Found = Mapping[str, tuple[str, int]]
+"""Message type and number of messages by topic."""
+
+_COMMAND_WORDS = ("command", "cmd", "target", "desired", "reference")
+_OFTEN = 5  # times as many messages: the same data at a lower rate, as Unitree's lf/ topics
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Topics to read; None: found by their types."""
+
+    joints: str | None = None
+    imu: str | None = None
+    commands: str | None = None
+
+
+def choose_topics(found: Found, wanted: Topics, findings: list[Finding]) -> tuple[str | None, str | None, str | None]:
+    """Topics of joints, IMU and commands; None where there is none.
+
+    Raises:
+        RecordingError: several would do, or what the user names would not.
+    """
+    low_state = _of_types(found, LOW_STATE)
+    joints = _given(found, wanted.joints, "--joint-topic", (JOINT_STATE, LOW_STATE))
+    if joints is None:
+        states = _of_types(found, JOINT_STATE)
+        not_commands = [topic for topic in states if not _names_commands(topic)]
+        joints = _one(found, low_state or not_commands or states, "joint states", "--joint-topic", findings)
+    imu = _given(found, wanted.imu, "--imu-topic", (IMU, LOW_STATE))
+    if imu is None and joints is not None and found[joints][0] == LOW_STATE:
+        imu = joints  # one message, one clock
+    if imu is None:
+        imu = _one(found, _of_types(found, IMU) or low_state, "IMU samples", "--imu-topic", findings)
+    commands = _given(found, wanted.commands, "--command-topic", (JOINT_STATE, LOW_CMD))
+    if commands is None:
+        type_of_commands = LOW_CMD if joints is not None and found[joints][0] == LOW_STATE else JOINT_STATE
+        likely = [t for t in _of_types(found, type_of_commands) if _names_commands(t) and t != joints]
+        commands = likely[0] if len(likely) == 1 else None
+    return joints, imu, commands
+
+
+def _of_types(found: Found, message_type: str) -> list[str]:
+    return [topic for topic, (kind, count) in found.items() if kind == message_type and count > 0]
+
+
+def _names_commands(topic: str) -> bool:
+    return any(word in topic.lower() for word in _COMMAND_WORDS)
+
+
+def _given(found: Found, topic: str | None, flag: str, types: Sequence[str]) -> str | None:
+    if topic is None:
+        return None
+    topic = topic if topic in found or topic.startswith("/") else f"/{topic}"
+    if topic not in found or found[topic][0] not in types:
+        what = f"is a {found[topic][0]}" if topic in found else "is not in the bag"
+        raise RecordingError(f"{flag} {topic} {what}; it must be a {' or '.join(types)}. The bag has {_listed(found)}")
+    return topic
+
+
+def _one(found: Found, candidates: Sequence[str], what: str, flag: str, findings: list[Finding]) -> str | None:
+    """The only candidate, the one of the usual name, or the one with by far the most messages."""
+    if len(candidates) <= 1:
+        return candidates[0] if candidates else None
+    usual = [topic for topic in candidates if topic.lower() in ("/joint_states", "/imu/data", "/imu")]
+    by_count = sorted(candidates, key=lambda topic: -found[topic][1])
+    if len(usual) == 1:
+        choice, why = usual[0], "it has the usual name"
+    elif found[by_count[0]][1] >= _OFTEN * found[by_count[1]][1]:
+        choice, why = by_count[0], "it has by far the most messages"
+    else:
+        raise RecordingError(
+            f"several topics hold {what}: {', '.join(candidates)}. Say which with {flag}; the bag has {_listed(found)}"
+        )
+    others = ", ".join(topic for topic in candidates if topic != choice)
+    findings.append(Finding("topics", f"{choice} is taken for {what}, not {others}: {why}"))
+    return choice
+
+
+def _listed(found: Found) -> str:
+    return ", ".join(f"{topic} ({kind}, {count})" for topic, (kind, count) in found.items()) or "no topics"
+
+
+def nothing_to_read(path: Path, found: Found, joints: str | None, imu: str | None) -> RecordingError:
+    """The error of a bag without joints or IMU."""
+    missing = [what for what, topic in (("joint states", joints), ("IMU samples", imu)) if topic is None]
+    return RecordingError(
+        f"the bag {str(path)!r} holds no {' and no '.join(missing)}: it needs {JOINT_STATE} and {IMU}, or {LOW_STATE}. It has "
+        f"{_listed(found)}"
+    )

@@ -1,0 +1,109 @@
+"""A long recording on one clock: means over short, equal steps of what the joints and the IMU sense.
+
+Joints and IMU may have different rates, and samples may come unevenly: a mean over a step is a difference of the signal's
+integral, which does not care.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+
+from equipoise.conventions import FloatArray
+from equipoise.recording.recording import Recording
+from equipoise.robot.model import RobotModel
+
+STEP = 0.01
+"""[s] on an A1: short against every motion of interest, long enough to average a fast log's noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """n equal steps of a recording.
+
+    Attributes:
+        time: (n,) middles of the steps [s].
+        step: [s].
+        joint_position: (n, nj) [rad].
+        turning: (n, 3) angular velocity in base axes, as sensed [rad/s].
+        acceleration: (n, 3) specific force in base axes, at the IMU [m/s2].
+        joint_torque: (n, nj) [Nm], or None.
+        gyro_noise: white noise of the steps' angular velocity, per axis [rad/s].
+        encoder_noise: of the steps' joint positions [rad].
+    """
+
+    time: FloatArray
+    step: float
+    joint_position: FloatArray
+    turning: FloatArray
+    acceleration: FloatArray
+    joint_torque: FloatArray | None
+    gyro_noise: float
+    encoder_noise: float
+
+    @classmethod
+    def of(cls, robot: RobotModel, recording: Recording, clock: float) -> Track:
+        """Of the time that joints and IMU share; empty if that is shorter than two steps.
+
+        Args:
+            clock: factor on times, one on an A1.
+        """
+        joints, imu, step = recording.joints, recording.imu, STEP * clock
+        start = max(joints.time[0], imu.time[0]) if joints.time.size and imu.time.size else 0.0
+        end = min(joints.time[-1], imu.time[-1]) if joints.time.size and imu.time.size else 0.0
+        count = max(1, int((end - start) / step + 1e-9) + 1)
+        edges: FloatArray = np.asarray(start + step * np.arange(count), dtype=float)
+        to_base = np.array(robot.imu_in_base.rotation).T
+        return cls(
+            (edges[1:] + edges[:-1]) / 2,
+            step,
+            Integral(joints.time, joints.position).means(edges),
+            Integral(imu.time, imu.angular_velocity).means(edges) @ to_base,
+            Integral(imu.time, imu.acceleration).means(edges) @ to_base,
+            None if joints.torque is None else Integral(joints.time, joints.torque).means(edges),
+            _noise_of_means(imu.time, imu.angular_velocity, step),
+            _noise_of_means(joints.time, joints.position, step),
+        )
+
+    def without_bias(self, gyro_bias: FloatArray) -> Track:
+        """With a (3,) bias in base axes taken off the angular velocity [rad/s]."""
+        return replace(self, turning=self.turning - gyro_bias)
+
+    def indices(self, start: float, end: float) -> slice:
+        """Steps whose middles are within start <= time < end [s]."""
+        first, last = np.searchsorted(self.time, [start, end])
+        return slice(int(first), int(last))
+
+
+def true_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last (exclusive) index of every run of true flags."""
+    padded = np.concatenate([[False], flags, [False]]).astype(int)
+    return [(int(a), int(b)) for a, b in np.flatnonzero(np.diff(padded)).reshape(-1, 2)]
+
+
+class Integral:
+    """The integral of (m, k) samples joined by straight lines: what means over any steps are read from."""
+
+    def __init__(self, time: FloatArray, values: FloatArray) -> None:
+        self._time = time
+        self._integral = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
+
+    def means(self, edges: FloatArray) -> FloatArray:
+        """(n - 1, k) means between n edges; those should be no nearer to each other than the samples are."""
+        at_edges = np.empty((len(edges), self._integral.shape[1]))
+        for column in range(at_edges.shape[1]):
+            at_edges[:, column] = np.interp(edges, self._time, self._integral[:, column])
+        return np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
+
+
+def _noise_of_means(time: FloatArray, values: FloatArray, step: float) -> float:
+    """Standard deviation that white noise leaves in a step's mean: the median over columns, motion left aside."""
+    if len(time) < 8:
+        return 0.0
+    # Third differences forget all that is smooth; of white noise they have twenty times its variance.
+    differences = np.abs(np.diff(values, n=3, axis=0))
+    noise = float(np.median(np.median(differences, axis=0))) / (0.6745 * np.sqrt(20))
+    return noise / np.sqrt(max(1.0, step / float(np.median(np.diff(time)))))

@@ -1,1 +1,0 @@
-"""The routines by name: what each does with a robot, and what it makes of the recordings."""

@@ -1,1 +1,0 @@
-"""Many calibrations of simulated robots: what is drawn, how they are spread over processes, and what they show."""

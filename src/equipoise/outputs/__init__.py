@@ -1,1 +1,0 @@
-"""Where results go: the terminal and pictures."""

@@ -1,1 +1,0 @@
-"""Results in the files that controllers and simulators read."""

@@ -1,0 +1,214 @@
+"""The paper's estimates: the planar CoM from two support lines (Algorithm 2), I and C from sways (equations 2 to 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.conventions import AXES, Axis, FloatArray
+from equipoise.errors import RecordingError
+from equipoise.experiments.tilt import SupportPlane
+from equipoise.recording.recording import Recording
+from equipoise.robot.kinematics import feet_and_forces
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+
+"""Rotation axes x, y, z of the base, in this order."""
+
+# Torques are needed at the sway's frequency of a few Hz: this many samples a second are plenty.
+_TORQUE_RATE = 40.0
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """omega_j(t) = a sin(2 pi F t + phi) (equation 3).
+
+    Attributes:
+        frequency: F [Hz].
+        amplitude: a [rad/s].
+        phase: phi at t = 0 [rad].
+    """
+
+    frequency: float
+    amplitude: float
+    phase: float
+
+    def value(self, time: FloatArray) -> FloatArray:
+        """Equation 3 [rad/s]."""
+        return self.amplitude * np.sin(2 * np.pi * self.frequency * time + self.phase)
+
+    def derivative(self, time: FloatArray) -> FloatArray:
+        """Equation 4, the analytic derivative [rad/s2]."""
+        rate = 2 * np.pi * self.frequency
+        return self.amplitude * rate * np.cos(rate * time + self.phase)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """What one sway gave.
+
+    Attributes:
+        axis: "roll", "pitch" or "yaw".
+        inertia: I_j [kg m2].
+        damping: C_j [Nm s/rad].
+        sinusoid: the dominant sinusoid of the angular velocity.
+        time: (n,) of the samples below [s].
+        angular_velocity: (n,) measured, about the axis [rad/s].
+        torque: (n,) about the CoM, about the axis, less its mean [Nm].
+        fitted_torque: (n,) I d(omega)/dt + C omega [Nm].
+    """
+
+    axis: Axis
+    inertia: float
+    damping: float
+    sinusoid: Sinusoid
+    time: FloatArray
+    angular_velocity: FloatArray
+    torque: FloatArray
+    fitted_torque: FloatArray
+
+
+def find_intersection(planes: Sequence[SupportPlane], com_height: float) -> FloatArray:
+    """Algorithm 2, line 5: (x_c, y_c) where two support planes meet at a height in the base frame [m].
+
+    With feet as commanded and gravity along the base's z axis, these are the paper's two lines in the plane, and the
+    height does not matter. With measured gravity the planes lean by a fraction of a degree, and it matters little.
+
+    Args:
+        planes: one per diagonal.
+        com_height: z of the CoM in the base frame [m], by the nominal model.
+    """
+    normals = np.array([plane.normal for plane in planes])
+    levels = np.array([plane.normal @ plane.point for plane in planes]) - normals[:, 2] * com_height
+    return np.asarray(np.linalg.solve(normals[:, :2], levels), dtype=float)
+
+
+def between(planes: Sequence[SupportPlane]) -> SupportPlane:
+    """The plane in the middle of others that nearly coincide: of the last to tip forward and the last backward."""
+    normal = np.mean([plane.normal for plane in planes], axis=0)
+    return SupportPlane(np.mean([plane.point for plane in planes], axis=0), normal / np.linalg.norm(normal))
+
+
+def commanded_plane(feet_in_base: FloatArray, diagonal: str) -> SupportPlane:
+    """The support plane through feet where they were sent (r_hat of Algorithm 1), under a level base.
+
+    Args:
+        feet_in_base: (4, 3) commanded [m].
+    """
+    a, b = (feet_in_base[LEG_NAMES.index(leg)] for leg in DIAGONALS[diagonal])
+    line = a - b if a[1] > b[1] else b - a
+    normal = np.cross(line, [0.0, 0.0, 1.0])
+    return SupportPlane((a + b) / 2, normal / np.linalg.norm(normal))
+
+
+def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
+    """Frequency, amplitude and phase of a signal's dominant sinusoid, by Fast Fourier Transform.
+
+    The bin with the most power says where to look. Within one bin to either side the frequency is then refined by least
+    squares: the one at which a sine and a cosine (and a mean) leave the smallest residual. That is far better than a bin,
+    which is 1/T wide: an error of half a bin turns the phase by a quarter of a period over the record.
+
+    Args:
+        time: (n,) evenly spaced [s].
+        signal: (n,).
+
+    Raises:
+        RecordingError: fewer than eight samples, or no oscillation.
+    """
+    if len(time) < 8:
+        raise RecordingError(f"a sway of {len(time)} samples is too short for a frequency")
+    step = float(np.mean(np.diff(time)))
+    spectrum = np.abs(np.fft.rfft((signal - signal.mean()) * np.hanning(len(signal))))
+    bins = np.fft.rfftfreq(len(signal), step)
+    peak = 1 + int(np.argmax(spectrum[1:]))
+    if not spectrum[peak] > 0:
+        raise RecordingError("the base did not oscillate")
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415 - a third of a second to import
+
+    found = minimize_scalar(
+        lambda frequency: _sine_fit(time, signal, frequency)[1],
+        bounds=(bins[peak] - bins[1], bins[peak] + bins[1]),
+        method="bounded",
+        options={"xatol": 1e-6 * bins[1]},
+    )
+    frequency = float(found.x)
+    (sine, cosine, _), _ = _sine_fit(time, signal, frequency)
+    return Sinusoid(frequency, float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine)))
+
+
+def _sine_fit(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[FloatArray, float]:
+    angle = 2 * np.pi * frequency * time
+    basis = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(time)])
+    coefficients = np.asarray(np.linalg.lstsq(basis, signal, rcond=None)[0], dtype=float)
+    residual = signal - basis @ coefficients
+    return coefficients, float(residual @ residual)
+
+
+def fit_axis(
+    robot: RobotModel, recording: Recording, axis: Axis, com_at_stance: FloatArray, stance: FloatArray
+) -> AxisFit:
+    """I_j and C_j of one sway (equations 2 to 5).
+
+    Args:
+        recording: with a phase "sway" in which the base oscillates steadily.
+        com_at_stance: (3,) CoM in the base frame at the nominal stance [m]: x and y as found, z by the model.
+        stance: (nj,) joint positions of the nominal stance [rad].
+
+    Raises:
+        RecordingError: the recording has no joint torques, or no oscillation.
+    """
+    steady = recording.phase("sway")
+    index = AXES.index(axis)
+    rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
+    start = steady.imu.time[0]
+    angular_velocity = (steady.imu.angular_velocity @ rotation_imu_to_base.T)[:, index]
+    sinusoid = dominant_sinusoid(steady.imu.time - start, angular_velocity)
+    time, torque = torque_about_com(robot, steady, com_at_stance, stance)
+    time, torque = _whole_periods(time - start, torque[:, index], sinusoid.frequency)
+    torque = torque - torque.mean()
+    # Torques are means over the time between them; the mean of a sinusoid over a time d is sinc(F d) of its middle.
+    smoothing = np.sinc(sinusoid.frequency * float(np.mean(np.diff(time))))
+    regressor = smoothing * np.column_stack([sinusoid.derivative(time), sinusoid.value(time)])  # equation 5
+    solution = np.asarray(np.linalg.lstsq(regressor, torque, rcond=None)[0], dtype=float)
+    inertia, damping = (float(value) for value in solution)
+    measured = np.interp(time, steady.imu.time - start, angular_velocity)
+    return AxisFit(axis, inertia, damping, sinusoid, time, measured, torque, regressor @ [inertia, damping])
+
+
+def torque_about_com(
+    robot: RobotModel, recording: Recording, com_at_stance: FloatArray, stance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Torque of the ground's forces about the CoM, in base axes: the sum of (r_i - c) x f_i in equation 1.
+
+    Forces as of legs without mass, from joint torques through foot Jacobians. The CoM follows the legs by the model.
+
+    Returns:
+        (n,) times [s] and (n, 3) torques [Nm].
+    """
+    joints = recording.joints
+    if joints.torque is None:
+        raise RecordingError("the recording has no joint torques, which the moments of inertia need")
+    rate = 1 / float(np.mean(np.diff(joints.time)))
+    stride = max(1, round(rate / _TORQUE_RATE))
+    offset = com_at_stance - pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(stance))
+    # Averaged over a stride: the torques' noise falls, and all that is kept of a sample belongs to one time.
+    count = len(joints.time) // stride * stride
+    time, positions, torques = (
+        array[:count].reshape(-1, stride, *array.shape[1:]).mean(axis=1)
+        for array in (joints.time, joints.position, joints.torque)
+    )
+    feet, forces = feet_and_forces(robot, positions, torques)
+    coms = [pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(q)) for q in positions]
+    return time, np.cross(feet - (np.array(coms) + offset)[:, None], forces).sum(axis=1)
+
+
+def _whole_periods(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:
+    """The first whole number of periods, over which a mean is a mean and a sine is free of it."""
+    step = float(np.mean(np.diff(time)))
+    periods = int((time[-1] - time[0] + step) * frequency + 0.1)  # a stride may be cut off the last one
+    if periods < 1:
+        raise RecordingError(f"the sway lasts less than one period of {frequency:.2f} Hz")
+    count = min(len(time), round(periods / frequency / step))
+    return time[:count], signal[:count]

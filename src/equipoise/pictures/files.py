@@ -1,0 +1,58 @@
+"""Pictures of a calibration, as files.
+
+Only Matplotlib's objects are used, never pyplot, so that drawing changes nothing in the user's own session.
+"""
+
+# pyright: reportUnknownMemberType=false
+# Matplotlib's own stubs leave **kwargs without a type, which makes every method that takes them partially unknown.
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from equipoise.errors import OutputError
+from equipoise.pictures.figure import DPI
+from equipoise.pictures.precise import draw_precise
+from equipoise.pictures.search import draw_search
+from equipoise.pictures.sway import draw_sways
+from equipoise.result.calibration import Calibration
+from equipoise.user_file import write_file
+
+
+def save_pictures(calibration: Calibration, folder: str | Path) -> list[Path]:
+    """Write precise.png, or search.png, and sway.png, whatever belongs to the method; the folder is made if need be.
+
+    Raises:
+        OutputError: they cannot be written.
+        NotEstimatedError: the calibration came from a JSON file, which does not hold what the pictures show.
+    """
+    figures: dict[str, Figure] = {}
+    if calibration.uncertainty:
+        figures["precise.png"] = draw_precise(calibration)
+    elif calibration.support_lines:
+        figures["search.png"] = draw_search(calibration)
+    if any(sway.moment is not None for sway in calibration.sways.values()) or calibration.support_lines:
+        figures["sway.png"] = draw_sways(calibration)
+    return save_figures(figures, folder)
+
+
+def save_figures(figures: Mapping[str, Figure], folder: str | Path) -> list[Path]:
+    """Write figures as PNG files by name; the folder is made if need be. Raises OutputError if that fails."""
+    paths = [Path(folder) / name for name in figures]
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write the pictures to {str(folder)!r}: {error.strerror or error}") from error
+    for path, figure in zip(paths, figures.values(), strict=True):
+        write_file(path, _png(figure), "the picture ")
+    return paths
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    return buffer.getvalue()

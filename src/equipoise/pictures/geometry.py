@@ -1,0 +1,285 @@
+"""What a robot looks like: simple bodies and meshes on its links, for pictures, pages and viewers of any kind.
+
+Visuals come from the user's own model file where that is still the one that was read and all its meshes are at hand; else the
+simple collision bodies of the cleaned model are taken. A link with neither gets a capsule along it, the base a box.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from equipoise.conventions import FloatArray
+from equipoise.robot.model import Leg, RobotModel
+
+IntArray = NDArray[np.int64]
+Kind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
+Part = Literal["base", "hip", "thigh", "shank"]
+
+BASE_JOINT = 1
+"""Pinocchio's id of the floating joint, which carries the base."""
+_LIMB_RADIUS_RATIO = 0.09  # of the leg length: what a link without any shape is drawn with
+_AROUND = 24  # edges around a round body
+_MOST_FACES = 20_000  # of one mesh, before it is made coarser: some models' meshes are made for printing
+_FACES_OF_GRID = 3.0  # times the square of the cells along its longest side has a mesh that is made coarser
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles.
+
+    Attributes:
+        vertices: (n, 3) [m].
+        faces: (m, 3) indices of vertices, anticlockwise seen from outside.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+
+    def normals(self) -> FloatArray:
+        """(n, 3) unit normals at the vertices: of the faces around each, by their areas."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        normals = np.zeros_like(self.vertices)
+        for corner in range(3):
+            np.add.at(normals, self.faces[:, corner], np.cross(b - a, c - a))
+        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+    def moved(self, place: pin.SE3) -> Mesh:
+        """As seen from the frame that has this one at a place."""
+        return Mesh(self.vertices @ np.array(place.rotation).T + np.array(place.translation), self.faces)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """One body on one link.
+
+    Attributes:
+        joint: Pinocchio's id of the joint that carries it; 1 is the base.
+        part: of the robot that it is on.
+        kind: what it is.
+        size: [m] box: its edges x, y, z; sphere: radius; cylinder and capsule: radius and the length along its z (without a
+            capsule's caps); mesh: none.
+        rotation: (3, 3) its axes in the joint's frame.
+        translation: (3,) its middle in the joint's frame [m].
+        own: of a mesh, its triangles in its own axes.
+        stands_in: for a link of which the file says nothing.
+    """
+
+    joint: int
+    part: Part
+    kind: Kind
+    size: tuple[float, ...]
+    rotation: FloatArray
+    translation: FloatArray
+    own: Mesh | None = None
+    stands_in: bool = False
+
+    def mesh(self) -> Mesh:
+        """Its triangles in the joint's frame."""
+        mesh = self.own or _MESHES[self.kind](*self.size)
+        return Mesh(mesh.vertices @ self.rotation.T + self.translation, mesh.faces)
+
+
+def robot_shapes(robot: RobotModel, most_faces: int = _MOST_FACES) -> tuple[Shape, ...]:
+    """All shapes of a robot, those of the base first.
+
+    Args:
+        most_faces: of one mesh; about so many are left of one that has more.
+    """
+    found = _visuals(robot, most_faces) or _collisions(robot, most_faces)
+    return tuple(sorted([*found, *_stand_ins(robot, found)], key=lambda shape: shape.joint))
+
+
+def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: FloatArray) -> list[Mesh]:
+    """The shapes' triangles in the base frame.
+
+    Args:
+        joint_position: (nj,) of the leg joints [rad].
+    """
+    model, data = robot.pinocchio, robot.pinocchio_data
+    pin.forwardKinematics(model, data, robot.configuration(joint_position))
+    places = {joint: pin.SE3(data.oMi[joint]) for joint in range(1, model.njoints)}
+    return [shape.mesh().moved(places[shape.joint]) for shape in shapes]
+
+
+def box(x: float, y: float, z: float) -> Mesh:
+    """A box with edges of these lengths about the origin [m]."""
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * [x / 2, y / 2, z / 2]
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return Mesh(corners, np.array([face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]))
+
+
+def sphere(radius: float) -> Mesh:
+    """A sphere about the origin [m]."""
+    return capsule(radius, 0.0)
+
+
+def cylinder(radius: float, length: float) -> Mesh:
+    """A cylinder along z about the origin [m]."""
+    return _turned([(0.0, -length / 2), (radius, -length / 2), (radius, length / 2), (0.0, length / 2)])
+
+
+def capsule(radius: float, length: float) -> Mesh:
+    """A cylinder along z with half spheres at its ends [m]."""
+    angles = np.linspace(0, np.pi / 2, _AROUND // 4 + 1)
+    upper = [(radius * float(np.cos(a)), length / 2 + radius * float(np.sin(a))) for a in angles[:-1]]
+    upper.append((0.0, length / 2 + radius))
+    return _turned([(r, -z) for r, z in reversed(upper)] + upper[int(length == 0) :])
+
+
+_MESHES = {"box": box, "sphere": sphere, "cylinder": cylinder, "capsule": capsule}
+
+
+def _turned(profile: list[tuple[float, float]]) -> Mesh:
+    """The body that a profile (radius, z), from the bottom up, encloses when it turns about z."""
+    around = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
+    circle = np.column_stack([np.cos(around), np.sin(around)])
+    rings = [np.column_stack([r * circle, np.full(_AROUND, z)]) for r, z in profile]
+    here = np.arange(_AROUND)
+    there = (here + 1) % _AROUND
+    faces: list[IntArray] = []
+    for ring in range(len(rings) - 1):
+        low, high = ring * _AROUND, (ring + 1) * _AROUND
+        if profile[ring][0] > 0:
+            faces.append(np.column_stack([low + here, low + there, high + there]))
+        if profile[ring + 1][0] > 0:
+            faces.append(np.column_stack([low + here, high + there, high + here]))
+    return Mesh(np.concatenate(rings), np.concatenate(faces))
+
+
+def _visuals(robot: RobotModel, most_faces: int) -> list[Shape]:
+    """Visuals of the user's own file; none if it is gone or changed, or a mesh cannot be read."""
+    path = robot.source.path
+    try:
+        if hashlib.sha256(path.read_bytes()).hexdigest() != robot.source.sha256:
+            return []
+        return list(_read(robot, path, robot.source.format, pin.GeometryType.VISUAL, most_faces))
+    except (OSError, ValueError, RuntimeError, IndexError):
+        return []
+
+
+def _collisions(robot: RobotModel, most_faces: int) -> list[Shape]:
+    """Simple bodies of the cleaned model."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.xml"
+        path.write_text(robot.source.xml, encoding="utf-8")
+        return list(_read(robot, path, robot.source.format, pin.GeometryType.COLLISION, most_faces))
+
+
+def _read(robot: RobotModel, path: Path, model_format: str, what: Any, most_faces: int) -> Iterator[Shape]:
+    """Shapes of a file, put on the links of the robot by the links' names."""
+    if model_format == "urdf":
+        model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+        geometry = pin.buildGeomFromUrdf(model, str(path), what, package_dirs=_package_folders(path))
+    else:
+        model = pin.buildModelFromMJCF(str(path))
+        geometry = pin.buildGeomFromMJCF(model, str(path), what)
+    links = {str(f.name): f for f in robot.pinocchio.frames if f.type == pin.FrameType.BODY}
+    for shape in geometry.geometryObjects:
+        theirs = model.frames[shape.parentFrame]
+        ours = links.get(str(theirs.name))
+        form = None if ours is None else _form(shape, most_faces)
+        if ours is None or form is None:
+            continue
+        placement = ours.placement * theirs.placement.inverse() * shape.placement
+        joint = int(ours.parentJoint)
+        yield Shape(joint, _part(robot, joint), *form[:2], np.array(placement.rotation), placement.translation, form[2])
+
+
+def _package_folders(path: Path) -> list[str]:
+    """Where package://NAME/... may be: NAME is a folder above the file, or stands in one."""
+    return [str(folder) for folder in path.resolve().parents]
+
+
+def _form(shape: Any, most_faces: int) -> tuple[Kind, tuple[float, ...], Mesh | None] | None:
+    """Kind, size and triangles of a shape of Pinocchio; None for planes and the like."""
+    geometry = shape.geometry
+    name = type(geometry).__name__
+    if name == "Box":
+        return "box", tuple(2 * float(half) for half in geometry.halfSide), None
+    if name == "Sphere":
+        return "sphere", (float(geometry.radius),), None
+    if name in ("Cylinder", "Capsule"):
+        kind: Kind = "cylinder" if name == "Cylinder" else "capsule"
+        return kind, (float(geometry.radius), 2 * float(geometry.halfLength)), None
+    if not hasattr(geometry, "tri_indices"):
+        return None
+    triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
+    faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
+    return "mesh", (), _coarser(_mended(Mesh(np.array(geometry.vertices(), dtype=float), faces)), most_faces)
+
+
+def _mended(mesh: Mesh) -> Mesh:
+    """The same mesh, or its convex hull if it has vertices that belong to no triangle.
+
+    Of a file of several parts coal 3.0 counts the vertices of each part from zero, so that triangles join the wrong ones.
+    """
+    if len(np.unique(mesh.faces)) == len(mesh.vertices):
+        return mesh
+    hull = ConvexHull(mesh.vertices)
+    faces, normals = np.asarray(hull.simplices, dtype=np.int64), np.asarray(hull.equations)[:, :3]
+    a, b, c = (mesh.vertices[faces[:, corner]] for corner in range(3))
+    inward = np.einsum("ni,ni->n", np.cross(b - a, c - a), normals) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3))
+
+
+def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
+    """The same mesh if it is small; else with all vertices in a cell of a grid made one."""
+    if len(mesh.faces) <= most_faces:
+        return mesh
+    cell = float(np.ptp(mesh.vertices, axis=0).max()) / np.sqrt(most_faces / _FACES_OF_GRID)
+    _, first, merged = np.unique(np.rint(mesh.vertices / cell), axis=0, return_index=True, return_inverse=True)
+    faces = merged.reshape(-1)[mesh.faces]
+    a, b, c = faces.T
+    return Mesh(mesh.vertices[first], np.unique(faces[(a != b) & (b != c) & (c != a)], axis=0))
+
+
+def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
+    """Shapes for links that have none, or only a foot's sphere."""
+    shown = {shape.joint for shape in found if shape.kind != "sphere"}
+    model, radius = robot.pinocchio, _LIMB_RADIUS_RATIO * robot.leg_length
+    if BASE_JOINT not in shown:
+        hips = np.array([model.jointPlacements[leg.joint_ids[0]].translation for leg in robot.legs.values()])
+        size = np.ptp(hips, axis=0) + [2 * radius, 2 * radius, 4 * radius]
+        edges = (float(size[0]), float(size[1]), float(size[2]))
+        yield Shape(BASE_JOINT, "base", "box", edges, np.eye(3), hips.mean(axis=0), stands_in=True)
+    for leg in robot.legs.values():
+        for joint, end in _links(robot, leg):
+            if joint not in shown and float(np.linalg.norm(end)) > radius:
+                yield _along(joint, _part(robot, joint), end, radius * (0.6 if joint == leg.joint_ids[-1] else 1.0))
+
+
+def _links(robot: RobotModel, leg: Leg) -> Iterator[tuple[int, FloatArray]]:
+    """Each joint of a leg, and where in its frame its link ends."""
+    for joint, following in zip(leg.joint_ids, leg.joint_ids[1:], strict=False):
+        yield joint, np.array(robot.pinocchio.jointPlacements[following].translation)
+    yield leg.joint_ids[-1], np.array(robot.pinocchio.frames[leg.foot_frame_id].placement.translation)
+
+
+def _along(joint: int, part: Part, end: FloatArray, radius: float) -> Shape:
+    """A capsule from the joint's origin to a point."""
+    length = float(np.linalg.norm(end))
+    z = end / length
+    x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
+    x /= np.linalg.norm(x)
+    turned = np.column_stack([x, np.cross(z, x), z])
+    return Shape(joint, part, "capsule", (radius, length), turned, end / 2, stands_in=True)
+
+
+def _part(robot: RobotModel, joint: int) -> Part:
+    for leg in robot.legs.values():
+        if joint in leg.joint_ids:
+            parts: tuple[Part, ...] = ("shank", "thigh", "hip")
+            return parts[leg.joint_ids[::-1].index(joint)]
+    return "base"

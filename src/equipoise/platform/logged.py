@@ -1,0 +1,68 @@
+"""A simulated robot whose motions are written to a log as soon as they were played."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
+from equipoise.platform.stepping import recording_of
+from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.recording.recording import Recording
+from equipoise.recording.run_log import RunLog
+
+_STEPS_TIME = 0.25  # [s] of steps that are written at once
+
+
+class Logged(PlatformWrapper):
+    """Writes every motion to a log when it is over; steps of a feedback loop, a quarter of a second at a time.
+
+    Motions of a real robot are written while they are played: that is the guard's work.
+
+    Raises:
+        OutputError: the log cannot be written.
+    """
+
+    def __init__(self, inner: Platform, log: RunLog) -> None:
+        super().__init__(inner)
+        self._log = log
+        self._steps: list[tuple[RobotState, FloatArray]] = []  # not written yet: the state before, and the targets sent
+        self._state: RobotState | None = None  # after the last step, if nothing was played since
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        self._write_steps()
+        self._state = None
+        self._log.begin(len(trajectory.position))
+        try:
+            recording = self._inner.play(trajectory, stop)
+        except MotionInterrupted as interruption:
+            if interruption.recording is not None:
+                self._log.add(interruption.recording)
+            raise
+        try:
+            self._log.add(recording)
+        except KeyboardInterrupt:  # the motion is over, and the routine will want what it gave
+            raise MotionInterrupted(recording) from None
+        return recording
+
+    def step(self, command: JointCommand) -> RobotState:
+        if self._state is None:
+            self._log.begin(0)
+        before, self._state = self._state or self._inner.read(), None
+        self._state = self._inner.step(command)
+        self._steps.append((before, command.position))
+        if len(self._steps) * self.control_period >= _STEPS_TIME:
+            self._write_steps()
+        return self._state
+
+    def close(self) -> None:
+        try:
+            self._write_steps()
+        finally:
+            self._inner.close()
+
+    def _write_steps(self) -> None:
+        steps, self._steps = self._steps, []
+        if steps:
+            states, targets = [state for state, _ in steps], np.array([target for _, target in steps])
+            self._log.add(recording_of(self.joint_names, states, targets, ()))

@@ -1,0 +1,162 @@
+"""The seam between experiments and robots: four methods, and what never changes about the robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import SettingsError
+from equipoise.platform.tilt_limit import TiltLimit
+from equipoise.recording.recording import Event, Recording
+
+
+@dataclass(frozen=True, eq=False)
+class JointCommand:
+    """What the joints should do during the next control period. None leaves a value to the platform.
+
+    Attributes:
+        position: (nj,) targets in the model's joint order [rad].
+        velocity: (nj,) feed-forward [rad/s].
+        torque: (nj,) feed-forward [Nm].
+        kp: (nj,) position gains [Nm/rad].
+        kd: (nj,) velocity gains [Nm s/rad].
+    """
+
+    position: FloatArray
+    velocity: FloatArray | None = None
+    torque: FloatArray | None = None
+    kp: FloatArray | None = None
+    kd: FloatArray | None = None
+
+
+ACCEPTS_EVERYTHING = frozenset({"velocity", "torque", "gains"})
+"""Of a platform that heeds all that a command can hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Health:
+    """How the robot is, besides its motion. What is missing on a robot is None.
+
+    Attributes:
+        motor_temperature: (nj,) in the model's joint order [deg C].
+        battery_voltage: [V].
+        battery_charge: from 0, empty, to 1, full.
+        fault: what the robot itself says is wrong, in its own words.
+    """
+
+    motor_temperature: FloatArray | None = None
+    battery_voltage: float | None = None
+    battery_charge: float | None = None
+    fault: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """What the robot's sensors say at one moment. What is missing on a robot is None.
+
+    Attributes:
+        time: by the robot's clock [s].
+        joint_position: (nj,) encoders, in the model's joint order [rad].
+        joint_velocity: (nj,) [rad/s].
+        joint_torque: (nj,) as the motors report it [Nm].
+        angular_velocity: (3,) gyroscope, in the IMU frame [rad/s].
+        acceleration: (3,) accelerometer, in the IMU frame; +g upward at rest [m/s2].
+        imu_time: of the gyroscope and the accelerometer, where it is not `time` [s].
+        received: when it arrived, by this computer's monotonic clock [s]; None in simulation, where nothing is late.
+        health: what else the robot says of itself.
+        earlier: samples that arrived since the last one that was handed out, oldest first; a robot's clock is not ours.
+    """
+
+    time: float
+    joint_position: FloatArray
+    joint_velocity: FloatArray | None
+    joint_torque: FloatArray | None
+    angular_velocity: FloatArray
+    acceleration: FloatArray
+    imu_time: float | None = None
+    received: float | None = None
+    health: Health | None = None
+    earlier: tuple[RobotState, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """An open-loop motion: one command per control period.
+
+    Attributes:
+        position: (n, nj) joint position targets [rad].
+        velocity: (n, nj) feed-forward [rad/s], or None.
+        torque: (n, nj) feed-forward [Nm], or None.
+        events: what to note in the recording; times count from the start of the motion [s].
+    """
+
+    position: FloatArray
+    velocity: FloatArray | None = None
+    torque: FloatArray | None = None
+    events: tuple[Event, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.position.ndim != 2 or len(self.position) == 0 or not np.isfinite(self.position).all():
+            raise SettingsError(f"a trajectory needs (n, nj) finite positions, got shape {self.position.shape}")
+        for name in ("velocity", "torque"):
+            array = getattr(self, name)
+            if array is not None and (array.shape != self.position.shape or not np.isfinite(array).all()):
+                raise SettingsError(f"trajectory {name} must be finite and of shape {self.position.shape}")
+
+    def command(self, index: int) -> JointCommand:
+        """The command of one control period."""
+        velocity = None if self.velocity is None else self.velocity[index]
+        torque = None if self.torque is None else self.torque[index]
+        return JointCommand(self.position[index], velocity, torque)
+
+
+class Platform(Protocol):
+    """A robot, real or simulated. Use it as a context manager: leaving it ends safely.
+
+    Attributes:
+        control_period: time between commands [s].
+        joint_names: the joints, in the order of every joint vector.
+        accepts: which of "velocity", "torque" and "gains" it heeds in commands; the others it leaves aside.
+    """
+
+    @property
+    def control_period(self) -> float: ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def accepts(self) -> frozenset[str]: ...
+
+    def read(self) -> RobotState:
+        """Sense without commanding."""
+        ...
+
+    def step(self, command: JointCommand) -> RobotState:
+        """Send a command, let one control period pass, and sense."""
+        ...
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        """Play an open-loop motion. Sample k of the recording is sensed as command k is sent.
+
+        `stop` is tested at every sample on hardware, and every few samples in simulation; the motion ends where it is met.
+
+        Raises:
+            MotionInterrupted: Ctrl-C; carries the recording so far.
+        """
+        ...
+
+    def close(self) -> None:
+        """End safely: the robot is left with its motors in a safe state. May be called twice."""
+        ...
+
+
+class MotionInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a motion. The recording up to then is kept in `recording` (None if it held no sample)."""
+
+    def __init__(self, recording: Recording | None) -> None:
+        super().__init__("interrupted")
+        self.recording = recording

@@ -1,0 +1,81 @@
+"""When a motion on two feet is stopped: the robot has tipped far enough, or is about to tip farther than it may.
+
+The lean of the CoM about the line between the feet, since the motion began, is linear in what the sensors tell:
+
+    a = axis . (integral of w) + joints . (q - q0),     r = (1 - spin) da/dt + spin (axis . w),
+
+with w the gyroscope's angular velocity and q the encoders'. r is the angular momentum about the line over the moment of
+inertia about it: a body that turns about its own CoM has momentum, and no lean. On two feet a + horizon r grows
+exponentially, whatever the body does meanwhile; where it is held against bounds, the feet come down in time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+
+
+@dataclass(frozen=True)
+class TiltLimit:
+    """Stop a motion once the robot has leaned far enough about an axis since it began, or will have.
+
+    Attributes:
+        angle: of leaning, either way [rad].
+        axis_in_imu: (3,) in the IMU frame. On two feet a robot also yaws on its soft legs; that is no tilt.
+        joints: (nj,) by how much each joint's motion adds to the lean; empty: not at all.
+        horizon: by which the rate is multiplied where it counts [s].
+        spin: share of the base's own angular velocity in the rate.
+        bounds: of lean plus horizon times rate [rad].
+        window: over which the lean is differentiated [s].
+    """
+
+    angle: float
+    axis_in_imu: tuple[float, ...]
+    joints: tuple[float, ...] = ()
+    horizon: float = 0.0
+    spin: float = 1.0
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    window: float = 0.0
+
+
+class TiltTest:
+    """A limit that is tested while a motion goes on, on samples as they come: one by one, or many at once.
+
+    Args:
+        limit: None is never reached.
+        control_period: between samples [s].
+    """
+
+    def __init__(self, limit: TiltLimit | None, control_period: float) -> None:
+        self._limit, self._period = limit, control_period
+        self._turned = 0.0
+        self._start: FloatArray | None = None
+        if limit is not None:
+            self._axis, self._joints = np.array(limit.axis_in_imu), np.array(limit.joints)
+            self._past = np.zeros(max(1, round(limit.window / control_period)))
+
+    def reached(self, angular_velocity: FloatArray, joint_position: FloatArray) -> bool:
+        """Whether the limit is reached in any of the next samples.
+
+        Args:
+            angular_velocity: (n, 3) in the IMU frame [rad/s].
+            joint_position: (n, nj) [rad].
+        """
+        if self._limit is None:
+            return False
+        turning = angular_velocity @ self._axis
+        lean = self._turned + np.cumsum(turning) * self._period
+        self._turned = float(lean[-1])
+        if self._joints.size:
+            start = self._start = joint_position[0] if self._start is None else self._start
+            lean = lean + (joint_position - start) @ self._joints
+        leans = np.concatenate([self._past, lean])
+        width = len(self._past)
+        self._past = leans[-width:]
+        rate = (lean - leans[: len(lean)]) / (width * self._period)
+        ahead = lean + self._limit.horizon * (rate + self._limit.spin * (turning - rate))
+        least, most = self._limit.bounds
+        return bool(((np.abs(lean) >= self._limit.angle) | (ahead <= least) | (ahead >= most)).any())

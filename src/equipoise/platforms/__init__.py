@@ -1,1 +1,0 @@
-"""What can move: the platform seam, the simulated robot, and what is wrong with its sensors."""

@@ -1,0 +1,271 @@
+"""What a result says about itself: questions whose answer can be no."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.measurements.support_planes import com_by_planes
+from equipoise.precise.parameters import COMPONENTS
+from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
+from equipoise.result.findings import Check
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import RobotModel
+
+# Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
+_LARGE_MISFIT, _LARGE_MEDIAN = 3.0, 2.0
+_OUTLIERS = 0.25  # of all lifts or moves: one of four is too many
+_FEWEST_LIFTS = 4
+# Standard deviations. The largest of ten parameters times some forty motions is 2 to 4 by chance.
+_OUTLYING_SHIFT, _STEADY = 5.0, 5.0
+_FEWEST_SIDE = 3  # motions before and after a change: one or two that differ are outliers
+_CHANGE = 0.1  # of what is not known of the base beforehand: what moves on a robot is no new robot
+_SMALL_SHIFT = 0.1  # of a posterior standard deviation: first order is not surer than that, and nobody minds less
+_IMPLAUSIBLE = 4.0  # prior standard deviations: some sixty sensor errors are looked at
+_TORQUE_MISFIT = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
+_LEGS_DIFFER = 4.0
+# [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
+_PLANES_AGREE = (7e-3, 25e-3)
+
+
+def judge(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> list[Check]:
+    """All checks, in the order in which a user should read them: causes before what they cause."""
+    return [
+        _enough(evidence, posterior),
+        _feet_stay(evidence, posterior.moves),
+        _lifts_fit(evidence, posterior.lifts),
+        _torques_carry_the_mass(posterior),
+        _converged(posterior),
+        _halves_agree(posterior),
+        _no_motion_outweighs(evidence, posterior),
+        _biases_plausible(robot, posterior),
+        _left_and_right_agree(robot, posterior),
+        _planes_agree(robot, evidence, posterior),
+    ]
+
+
+def shift_without(posterior: Posterior, motions: Collection[int]) -> tuple[FloatArray, FloatArray]:
+    """How the whole robot's parameters move if motions are left out, to first order.
+
+    Returns:
+        (10,) shifts in the order of COMPONENTS, and (10,) in standard deviations that such a shift has by chance.
+    """
+    shifts, deviations = _shifts_without(posterior, [motions])
+    return shifts[0], deviations[0]
+
+
+def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> tuple[FloatArray, FloatArray]:
+    """(n, 10) `shift_without` each of n groups of motions."""
+    to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
+    whole = np.linalg.inv(posterior.covariance)
+    floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
+    shifts: list[FloatArray] = []
+    deviations: list[FloatArray] = []
+    for group in groups:
+        left_out = [motion for motion in group if motion in posterior.information]
+        removed = sum((posterior.information[motion] for motion in left_out), np.zeros_like(whole))
+        pull = sum((posterior.gradient[motion] for motion in left_out), np.zeros(posterior.unknowns.size))
+        without = np.linalg.inv(whole - removed)
+        shift = to_body @ without @ pull
+        variance = np.diag(to_body @ (without - posterior.covariance) @ to_body.T)
+        shifts.append(shift)
+        deviations.append(shift / np.sqrt(np.maximum(variance, floor)))
+    return np.array(shifts), np.array(deviations)
+
+
+def _enough(evidence: Evidence, posterior: Posterior) -> Check:
+    used = sum(misfit.used for misfit in posterior.lifts)
+    left_out = [motion for motion in evidence.motions if motion.left_out]
+    reasons = sorted({str(motion.left_out) for motion in left_out})
+    message = f"{used} lifts and {sum(m.used for m in posterior.moves)} planted moves are used"
+    if left_out:
+        message += f"; {len(left_out)} motions could not be read: {'; '.join(reasons)}"
+    lifts = used + sum(motion.about.get("kind") == "lift" for motion in left_out)
+    return Check("evidence", used >= max(_FEWEST_LIFTS, 0.7 * lifts), message)
+
+
+def _lifts_fit(evidence: Evidence, lifts: tuple[Misfit, ...]) -> Check:
+    if not lifts:
+        return Check("lifts", False, "there is no lift of two feet: what is found is what joint torques say")
+    message = _misfits(evidence, lifts, "lift")
+    passed = _fit(lifts)
+    if not passed:
+        message += ". The feet slip, the load shifts, samples are missing, or the model or a sensor is wrong"
+    return Check("lifts", passed, message)
+
+
+def _feet_stay(evidence: Evidence, moves: tuple[Misfit, ...]) -> Check:
+    if not moves:
+        return Check(
+            "planted feet", False, "there is no move over planted feet: joint zeros cannot be told from the CoM"
+        )
+    message = _misfits(evidence, moves, "move")
+    passed = _fit(moves)
+    if not passed:
+        message += (
+            ". The feet do not keep their places: they slip, or the legs are not the model's (lengths, foot frames), or a "
+            "joint's encoder is wrong"
+        )
+    return Check("planted feet", passed, message)
+
+
+def _fit(misfits: tuple[Misfit, ...]) -> bool:
+    chi = np.array([misfit.chi for misfit in misfits])
+    return bool(np.mean(chi > _LARGE_MISFIT) < _OUTLIERS and np.median(chi) < _LARGE_MEDIAN)
+
+
+def _converged(posterior: Posterior) -> Check:
+    message = "the estimate settled"
+    if not posterior.converged:
+        message = (
+            "the estimate did not settle: something does not fit at all, and intervals and shifts are not to be trusted"
+        )
+    return Check("convergence", posterior.converged, message)
+
+
+def _misfits(evidence: Evidence, misfits: tuple[Misfit, ...], kind: str) -> str:
+    chi = np.array([misfit.chi for misfit in misfits])
+    worst = misfits[int(np.argmax(chi))]
+    about = {key: value for key, value in evidence.motions[worst.motion].about.items() if key in ("diagonal", "turn")}
+    words = ", ".join(str(value) for value in about.values() if value)
+    message = (
+        f"{kind}s fit with {np.median(chi):.1f} times their noise (median); worst: motion {worst.motion}"
+        f"{f' ({words})' if words else ''} with {worst.chi:.1f}"
+    )
+    out = [str(misfit.motion) for misfit in misfits if not misfit.used]
+    return message + (f"; left out: {', '.join(out)}" if out else "")
+
+
+def _no_motion_outweighs(evidence: Evidence, posterior: Posterior) -> Check:
+    motions = sorted(posterior.information)
+    _, sds = _shifts_without(posterior, [[motion] for motion in motions])
+    row, component = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
+    largest, culprit = float(abs(sds[row, component])), motions[int(row)]
+    kind = evidence.motions[culprit].about.get("kind", "motion")
+    message = (
+        f"without {kind} {culprit} {COMPONENTS[component]} would move by {largest:.1f} times what chance explains, more "
+        "than without any other motion"
+    )
+    return Check("leave one out", largest < _OUTLYING_SHIFT, message)
+
+
+def _halves_agree(posterior: Posterior) -> Check:
+    """Whether the base is another body after some motion than before it, with the same sensors, legs and joints.
+
+    A score test at every motion: what the later motions pull at the base with, over what they would let it move by.
+    """
+    unknowns, covariance = posterior.unknowns, posterior.covariance
+    base, motions = unknowns["base"], sorted(posterior.information)
+    to_body = body_jacobian(unknowns, posterior.x, unknowns.robot_body)[:, base]
+    prior = prior_rows(unknowns, posterior.x, None)[1][:, base] / _CHANGE
+    floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
+    later, pull = np.zeros((10, unknowns.size)), np.zeros(10)
+    largest, component, change, start = 0.0, 0, 0.0, 0
+    for motion in reversed(motions[_FEWEST_SIDE:]):
+        later += posterior.information[motion][base]
+        pull += posterior.gradient[motion][base]
+        if motion > motions[-_FEWEST_SIDE]:
+            continue
+        told = later[:, base] - later @ covariance @ later.T
+        gain = to_body @ np.linalg.inv(told + prior.T @ prior)
+        changes = -gain @ pull
+        sds = np.abs(changes) / np.sqrt(np.maximum(np.diag(gain @ told @ gain.T), floor))
+        index = int(np.argmax(sds))
+        if sds[index] > largest:
+            largest, component, change, start = float(sds[index]), index, float(changes[index]), motion
+    unit = "kg" if component == 0 else "m" if component < 4 else "kg m2"
+    message = (
+        f"from motion {start} on {COMPONENTS[component]} seems to be {change:+.4f} {unit} other than before, {largest:.1f} "
+        "times what chance explains"
+    )
+    passed = largest < _STEADY
+    if not passed:
+        message += ": a payload or something else on the robot moved, or its sensors drift"
+    return Check("halves", passed, message)
+
+
+def _biases_plausible(robot: RobotModel, posterior: Posterior) -> Check:
+    unknowns, joints = posterior.unknowns, robot.joint_names
+    links = [robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints]
+    parts = {
+        "joint_zero": [f"joint zero of {joint}" for joint in joints],
+        "imu_tilt": [f"IMU tilt in {axis}" for axis in ("roll", "pitch", "yaw")],
+        "accelerometer_bias": [f"accelerometer bias {axis}" for axis in "xyz"],
+        "clock_offset": ["clock offset"],
+        "foot_radius": ["foot radius"],
+        "links": [f"mass of the link that {joint} moves" for joint in links],
+        "floor_slope": [f"floor slope along {axis}" for axis in "xy"],
+        "torque_gain": [f"torque gain of {joint}" for joint in joints],
+    }
+    far = [
+        (abs(float(value)), name)
+        for block, names in parts.items()
+        for value, name in zip(posterior.x[unknowns[block]], names, strict=True)
+    ]
+    worst = sorted(far, reverse=True)
+    named = ", ".join(f"{name} ({size:.1f} sd)" for size, name in worst[:3])
+    passed = worst[0][0] < _IMPLAUSIBLE
+    message = f"farthest from what was expected beforehand: {named}"
+    if not passed:
+        message += ". So large an error is unlikely: that sensor is at fault, or the model is not this robot's"
+    return Check("sensor errors", passed, message)
+
+
+def _torques_carry_the_mass(posterior: Posterior) -> Check:
+    """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
+    if posterior.torque_chi is None:
+        return Check("mass", True, "no joint torques to compare a scale with")
+    unknowns = posterior.unknowns
+    gains = unknowns["torque_gain"]
+    # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
+    # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
+    told = float((np.eye(gains.stop - gains.start) - posterior.covariance[gains, gains]).sum())
+    common = float(posterior.x[gains].sum())
+    size = abs(common) / float(np.sqrt(told))
+    off = common / told * unknowns.priors.torque_gain
+    message = (
+        f"joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
+        f"({size:.1f} standard deviations), and balance to {posterior.torque_chi:.1f} times their noise"
+    )
+    passed = size < _IMPLAUSIBLE and posterior.torque_chi < _TORQUE_MISFIT
+    if not passed:
+        message += ". Is the mass from the scale right, and are the reported torques those of the joints in Nm?"
+    return Check("mass", passed, message)
+
+
+def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
+    """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
+    unknowns = posterior.unknowns
+    links = len(robot.legs["FL"].joint_ids)
+    block = posterior.covariance[unknowns["links"], unknowns["links"]]
+    worst, name = 0.0, ""
+    for left, right in ((0, 1), (2, 3)):
+        for link in range(links):
+            a, b = left * links + link, right * links + link
+            difference = float(posterior.x[unknowns["links"]][a] - posterior.x[unknowns["links"]][b])
+            # Two legs may differ by what the prior allows each, less what is not known of the difference.
+            allowed = float(np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05)))
+            if abs(difference) / allowed > worst:
+                worst, name = abs(difference) / allowed, ("front" if left == 0 else "rear") + f" link {link + 1}"
+    message = f"left and right legs differ most in the mass of {name or 'no link'}: {worst:.1f} times what is usual"
+    return Check("left and right", worst < _LEGS_DIFFER, message)
+
+
+def _planes_agree(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> Check:
+    """The same lifts read another way: where their support planes meet."""
+    stance = posterior.unknowns.stance
+    lifts = [motion.lift for motion in evidence.motions if motion.lift is not None]
+    reading = com_by_planes(robot, composite_parameters(robot, stance.joint_position).com, lifts)
+    if reading is None:
+        return Check("support planes", True, "too few lifts to tell where their support planes meet")
+    off = reading.com - posterior.robot_body.com
+    x, y, z = 1000 * off
+    passed = np.hypot(*off[:2]) < stance.size * _PLANES_AGREE[0] and abs(off[2]) < stance.size * _PLANES_AGREE[1]
+    message = (
+        f"the support planes of {len(lifts)} lifts, read without sensor biases, meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the "
+        "centre of mass found"
+    )
+    return Check("support planes", bool(passed), message)

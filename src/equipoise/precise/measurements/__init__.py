@@ -1,0 +1,1 @@
+"""What lifts, moves and torques say: the measurement equations of the precise method."""

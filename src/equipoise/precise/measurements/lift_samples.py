@@ -1,0 +1,194 @@
+"""A lift trial as the precise estimators read it: the time on two feet, smoothed, and the rest before it.
+
+Without contact sensors: the encoders and the gyroscope tell when both lifted feet were off the floor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.smoothing import fit_spline
+from equipoise.recording.recording import Recording
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
+
+# On an A1; lengths scale with the stance's size, times with its clock.
+_CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
+_KNOT, _STEP = 0.015, 0.010  # [s]
+_MARGIN = 0.008  # [s] cut off either end of the time on two feet
+_SHORTEST = 0.10  # [s]
+_LONGEST_GAP = 0.02  # [s] without a sample
+_PAD = 0.06  # [s] fitted beyond either end, where a spline is less sure
+_REST_PARTS = 6
+# Least noise assumed: quantised or simulated sensors may show none at rest.
+_LEAST_ENCODER_NOISE, _LEAST_VELOCITY_NOISE, _LEAST_GYRO_NOISE = 2e-5, 2e-3, 2e-4  # [rad], [rad/s], [rad/s]
+
+
+@dataclass(frozen=True, eq=False)
+class LiftSamples:
+    """The time on two feet of one lift trial. IMU quantities are in the IMU frame, as sensed less the gyroscope's bias.
+
+    Attributes:
+        diagonal: that the robot stood on.
+        start: time of the first sample [s].
+        step: time between samples [s].
+        joint_position, joint_velocity: (n, nj), smoothed [rad], [rad/s].
+        angular_velocity, angular_acceleration: (n, 3), smoothed [rad/s], [rad/s2].
+        rotation_to_rest: (n, 3, 3) the IMU's attitude relative to that at rest.
+        rest_acceleration: (3,) mean of the accelerometer at rest [m/s2].
+        rest_attitude_noise: standard deviation of the attitude that it gives, from how steady it was [rad].
+        velocity_noise: (n, n) covariance of any joint's smoothed velocity [rad2/s2].
+        turning_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
+        gyro_density: of the gyroscope's white noise [rad/s/sqrt(Hz)].
+        since_rest: time from the rest's end to the first sample [s].
+    """
+
+    diagonal: str
+    start: float
+    step: float
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    angular_velocity: FloatArray
+    angular_acceleration: FloatArray
+    rotation_to_rest: FloatArray
+    rest_acceleration: FloatArray
+    rest_attitude_noise: float
+    velocity_noise: FloatArray
+    turning_noise: FloatArray
+    gyro_density: float
+    since_rest: float
+
+    @property
+    def stance_feet(self) -> tuple[int, int]:
+        """Indices of the left and the right stance foot: the support line's direction runs from right to left."""
+        left, right = sorted(DIAGONALS[self.diagonal], key=lambda leg: leg[1])
+        return LEG_NAMES.index(left), LEG_NAMES.index(right)
+
+
+def read_lift(
+    robot: RobotModel, legs: LegChains, recording: Recording, stance: Stance, gyro_bias: FloatArray
+) -> LiftSamples | str:
+    """The time on two feet of a lift trial, or why there is none.
+
+    Args:
+        recording: with phases "rest", "unload" and "lower".
+        stance: nominal.
+        gyro_bias: (3,) in the IMU frame [rad/s].
+    """
+    clock = stance.clock
+    diagonal = str(recording.event("trial").data["diagonal"])
+    rest = recording.phase("rest")
+    moving = recording.phase("rest", until="lower")
+    imu, joints = moving.imu, moving.joints
+    rest_acceleration = rest.imu.acceleration.mean(axis=0)
+    gyro = imu.angular_velocity - gyro_bias
+    path = attitudes(imu.time, gyro)
+    up = path.inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
+    up = at_times(joints.time, imu.time, up @ np.array(robot.imu_in_base.rotation).T)
+    window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.size)
+    if window is None:
+        return "the lifted feet did not leave the floor"
+    start, end = window[0] + _MARGIN * clock, window[1] - _MARGIN * clock
+    if end - start < _SHORTEST * clock:
+        return f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s"
+    step = _STEP * clock
+    time: FloatArray = np.asarray(start + step * np.arange(int((end - start) / step + 1e-9) + 1), dtype=float)
+    low, high = start - _PAD * clock, end + _PAD * clock
+    joint_part = (joints.time >= low) & (joints.time <= high)
+    imu_part = (imu.time >= low) & (imu.time <= high)
+    if not all(
+        part.sum() > 10 and stream[part][0] <= start and stream[part][-1] >= time[-1]
+        for part, stream in ((joint_part, joints.time), (imu_part, imu.time))
+    ):
+        return "samples are missing"
+    longest = max(
+        float(np.diff(stream[part]).max()) for part, stream in ((joint_part, joints.time), (imu_part, imu.time))
+    )
+    if longest > _LONGEST_GAP * clock:
+        return f"samples are missing for {longest * 1000:.0f} ms"
+    encoder_noise = max(_white_noise(rest.joints.position), _LEAST_ENCODER_NOISE)
+    gyro_noise = max(_white_noise(rest.imu.angular_velocity), _LEAST_GYRO_NOISE)
+    velocity = rest.joints.velocity
+    velocity_noise = np.inf if velocity is None else max(_white_noise(velocity), _LEAST_VELOCITY_NOISE)
+    position = fit_spline(
+        joints.time[joint_part], joints.position[joint_part], _KNOT * clock,
+        None if joints.velocity is None else joints.velocity[joint_part], encoder_noise / velocity_noise,
+    )  # fmt: skip
+    turning = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock)
+    return LiftSamples(
+        diagonal,
+        float(start),
+        step,
+        position.spline(time),
+        position.spline.derivative()(time),
+        turning.spline(time),
+        turning.spline.derivative()(time),
+        Rotation.from_rotvec(at_times(time, imu.time, path.as_rotvec())).as_matrix(),
+        rest_acceleration,
+        _unsteadiness(rest.imu.acceleration),
+        encoder_noise**2 * position.noise(time, derivative=1),
+        gyro_noise**2 * turning.noise(time),
+        gyro_noise * float(np.sqrt(np.mean(np.diff(imu.time)))),
+        float(start - rest.imu.time[-1]),
+    )
+
+
+def _unsteadiness(acceleration: FloatArray) -> float:
+    """Standard deviation of the mean direction of (n, 3) accelerations at rest, noise and swaying alike [rad]."""
+    parts = np.array([part.mean(axis=0) for part in np.array_split(acceleration, _REST_PARTS)])
+    spread = np.linalg.norm(parts.std(axis=0, ddof=1)) / np.sqrt(2 * _REST_PARTS)
+    return float(spread / np.linalg.norm(acceleration.mean(axis=0)))
+
+
+def _white_noise(samples: FloatArray) -> float:
+    """Standard deviation of what changes from sample to sample, the median over columns."""
+    return float(np.median(np.diff(samples, axis=0).std(axis=0)) / np.sqrt(2))
+
+
+def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
+    """(n) rotations from a body's axes at each time to its axes at the first, by integrating its angular velocity.
+
+    Args:
+        time: (n,) [s].
+        angular_velocity: (n, 3) in the body's axes [rad/s].
+    """
+    steps = Rotation.from_rotvec(
+        (angular_velocity[1:] + angular_velocity[:-1]) / 2 * np.diff(time)[:, None]
+    ).as_matrix()
+    matrices = np.empty((len(time), 3, 3))
+    matrices[0] = np.eye(3)
+    for index, step in enumerate(steps):
+        matrices[index + 1] = matrices[index] @ step
+    return Rotation.from_matrix(matrices)
+
+
+def at_times(time: FloatArray, sampled: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(n, 3) vectors, sampled at other times, at n times: linear in between."""
+    return np.column_stack([np.interp(time, sampled, vectors[:, axis]) for axis in range(3)])
+
+
+def _time_on_two_feet(
+    legs: LegChains, rest: Recording, moving: Recording, up: FloatArray, diagonal: str, clear: float
+) -> tuple[float, float] | None:
+    """First and last time of the longest run of samples with both lifted feet off the floor.
+
+    Args:
+        up: (n, 3) in the base frame, at each joint sample.
+        clear: height above the floor that counts as off it [m].
+    """
+    time = moving.joints.time
+    before = legs.feet(rest.joints.position.mean(axis=0)[None])[0] @ up[0]
+    heights = np.einsum("nli,ni->nl", legs.feet(moving.joints.position), up) - before
+    standing = np.array([leg in DIAGONALS[diagonal] for leg in LEG_NAMES])
+    up_in_air = heights[:, ~standing].min(axis=1) > heights[:, standing].mean(axis=1) + clear
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], up_in_air, [False]]).astype(int)))
+    runs = edges.reshape(-1, 2)
+    if len(runs) == 0:
+        return None
+    first, last = runs[int(np.argmax(runs[:, 1] - runs[:, 0]))]
+    return float(time[first]), float(time[last - 1])

@@ -1,0 +1,92 @@
+"""The geometric reading: every lift puts the CoM at a distance from a support plane, and three planes meet in a point.
+
+One lift gives a Newton step of the search. Lifts in tilted postures have planes that lean, so that all of them together give
+the CoM in three dimensions: without sensor biases and with the model's inertia, so to a few millimetres only, but
+independent of the posterior that does better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.lift_samples import LiftSamples
+from equipoise.precise.measurements.tilt_equation import SensorBiases, TiltEquation
+from equipoise.robot.inertial import base_parameters
+from equipoise.robot.model import RobotModel
+
+_FEWEST_PLANES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class CentreShift:
+    """What one lift says of the CoM, with everything else by the model.
+
+    Attributes:
+        normal: (3,) of the support plane at rest, in the base frame, pointing forward.
+        distance: by how much the CoM is farther along the normal than the model has it [m].
+    """
+
+    normal: FloatArray
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneReading:
+    """The CoM by support planes.
+
+    Attributes:
+        com: (3,) at the nominal stance, in the base frame [m].
+        deviation: (3,) standard deviations, from how well the planes meet [m].
+        misses: (n,) by how much each plane misses it [m].
+    """
+
+    com: FloatArray
+    deviation: FloatArray
+    misses: FloatArray
+
+
+def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSamples]) -> PlaneReading | None:
+    """The point nearest to all support planes (least squares); None if there are fewer than six lifts.
+
+    Args:
+        robot: its base is what the CoM is thought to be.
+        com: (3,) CoM of that model at the nominal stance, in the base frame [m].
+        lifts: in postures that lean.
+    """
+    shifts = [centre_shift(robot, lift) for lift in lifts]
+    if len(shifts) < _FEWEST_PLANES:
+        return None
+    normals = np.array([shift.normal for shift in shifts])
+    distances = np.array([shift.distance for shift in shifts])
+    solution = np.linalg.lstsq(normals, distances, rcond=None)[0]
+    misses = distances - normals @ solution
+    variance = float(misses @ misses) / max(1, len(misses) - 3)
+    covariance = variance * np.linalg.pinv(normals.T @ normals)
+    return PlaneReading(com + solution, np.sqrt(np.diag(covariance)), misses)
+
+
+def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
+    """Solve the tilt equation of one lift for a shift of the CoM along the support plane's normal.
+
+    Args:
+        robot: its base is what the CoM is thought to be.
+        lift: a passive lift.
+    """
+    legs = LegChains(robot)
+    rotation = np.array(robot.imu_in_base.rotation)
+    equation = TiltEquation(legs, rotation, [lift])
+    rows, _ = equation.rows(SensorBiases.none(len(robot.joint_names)))
+    inertial = np.concatenate([base_parameters(robot).vector, np.ones(legs.links)])
+    up = rotation @ lift.rest_acceleration / np.linalg.norm(lift.rest_acceleration)
+    left_foot, right_foot = lift.stance_feet
+    feet = legs.feet(lift.joint_position[:1])[0]
+    normal = np.cross(feet[left_foot] - feet[right_foot], up)
+    normal /= np.linalg.norm(normal)
+    design = np.column_stack([rows[:, 1:4] @ normal * robot.mass, np.ones(len(rows))])
+    solution = np.linalg.lstsq(design, -rows @ inertial, rcond=None)[0]
+    return CentreShift(normal, float(solution[0]))

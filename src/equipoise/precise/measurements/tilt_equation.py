@@ -1,0 +1,229 @@
+"""The tilt equation: angular momentum about the support line of a robot on two feet, free of torques and forces.
+
+In base axes, with l the support line's direction, o a point on it, P and L_o the robot's linear momentum and angular
+momentum about o, r a body's CoM, and up against gravity:
+
+    d/dt (l . L_o) = l . sum (r - o) x m g  -  l . (do/dt x P)  +  dl/dt . L_o
+
+Contact forces have no moment about l. Integrated, what is constant over a trial is
+
+    y(t) = l . L_o(t) - integral of the right side,
+
+linear in the base's ten parameters and in a scale of each leg link's. The feet roll on the floor as spheres, which gives
+the base's velocity without an accelerometer. All derivatives of o and l are inertial ones written in base axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_simpson
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.precise.measurements.leg_motion import LegChains, LegMotion, cross, cross_matrix
+from equipoise.precise.measurements.lift_samples import LiftSamples
+
+_BASE = 10
+
+
+@dataclass(frozen=True, eq=False)
+class SensorBiases:
+    """What is wrong with the sensors and the floor; all zero: nothing.
+
+    Attributes:
+        joint_zero: (nj,) encoder reading less joint position [rad].
+        imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
+        accelerometer_bias: (3,) in the IMU frame [m/s2].
+        clock_offset: by how much an IMU sample is younger than a joint sample of the same stamp [s].
+        foot_radius: factor on the feet's radius.
+        floor_slope: (2,) x and y of the floor's normal in base axes at the nominal stance, less those of up.
+    """
+
+    joint_zero: FloatArray
+    imu_tilt: FloatArray
+    accelerometer_bias: FloatArray
+    clock_offset: float
+    foot_radius: float
+    floor_slope: FloatArray
+
+    @classmethod
+    def none(cls, joints: int) -> SensorBiases:
+        """Perfect sensors on a level floor."""
+        return cls(np.zeros(joints), np.zeros(3), np.zeros(3), 0.0, 1.0, np.zeros(2))
+
+    def tilted(self, rotation_imu_to_base: FloatArray) -> FloatArray:
+        """(3, 3) the IMU's rotation to the base as it is, given where it should be."""
+        return rotation_imu_to_base @ Rotation.from_rotvec(self.imu_tilt).as_matrix()
+
+
+class TiltEquation:
+    """The rows of y(t) for a set of trials, at any sensor biases.
+
+    Attributes:
+        trials: slices of the rows, by trial.
+    """
+
+    def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> None:
+        self.legs = legs
+        self._rotation = rotation_imu_to_base
+        counts = [len(lift.joint_position) for lift in lifts]
+        ends = np.cumsum(counts)
+        self.trials = [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
+        # Integration is linear: one matrix per trial is faster than a call per trial and evaluation.
+        self._integrals = [
+            np.asarray(cumulative_simpson(np.eye(count), dx=lift.step, axis=0, initial=0))
+            for count, lift in zip(counts, lifts, strict=True)
+        ]
+        self._joint_position, self._joint_velocity, self._turning, self._turning_rate, self._to_rest = (
+            np.concatenate([getattr(lift, name) for lift in lifts])
+            for name in ("joint_position", "joint_velocity", "angular_velocity", "angular_acceleration", "rotation_to_rest")
+        )  # fmt: skip
+        self._rest_acceleration = np.repeat([lift.rest_acceleration for lift in lifts], counts, axis=0)
+        self._left, self._right = np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T
+        self._first = np.array([trial.start for trial in self.trials], dtype=np.intp)
+
+    def rows(self, biases: SensorBiases) -> tuple[FloatArray, FloatArray]:
+        """y(t) and the moment of inertia about the line.
+
+        Returns:
+            (n, 10 + links) columns of y(t), with an arbitrary constant per trial, for the base's parameters (Pinocchio's
+            order, about the base's origin) and a factor on each leg link's;
+            (trials, 10 + links) columns of l . I_o l at each trial's first sample.
+        """
+        rotation = biases.tilted(self._rotation)
+        # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
+        late = biases.clock_offset
+        turning = (self._turning - late * self._turning_rate) @ rotation.T
+        gravity = self._rest_acceleration - biases.accelerometer_bias
+        up_imu = np.einsum("nji,nj->ni", self._to_rest, gravity / np.linalg.norm(gravity, axis=1, keepdims=True))
+        up = (up_imu + late * cross(self._turning, up_imu)) @ rotation.T
+        normal = up.copy()
+        normal[:, :2] += biases.floor_slope
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        motion = self.legs.motion(self._joint_position - biases.joint_zero, self._joint_velocity, turning)
+        line = _Line.of_rolling_feet(
+            motion, normal, self.legs.foot_radius * biases.foot_radius, self._left, self._right
+        )
+        momentum, rate = self._momentum_and_rate(motion, line, turning, up)
+        for trial, integral in zip(self.trials, self._integrals, strict=True):
+            momentum[trial] -= integral @ rate[trial]
+        return momentum, self._inertia_about_line(motion, line, biases.joint_zero)
+
+    def velocity_sensitivity(self, biases: SensorBiases, parameters: FloatArray) -> FloatArray:
+        """(trials,) root sum of squares over joints of how l . L_o changes with a joint's velocity [kg m2].
+
+        At each trial's middle; with it, noise of the joint velocities becomes noise of y.
+
+        Args:
+            parameters: (10 + links,) as the columns of `rows`.
+        """
+        middle = np.array([(trial.start + trial.stop) // 2 for trial in self.trials])
+        position = self._joint_position[middle] - biases.joint_zero
+        up = np.einsum("nji,nj->ni", self._to_rest[middle], self._rest_acceleration[middle]) @ self._rotation.T
+        normal = up / np.linalg.norm(up, axis=1, keepdims=True)
+        total = np.zeros(len(middle))
+        still = np.zeros((len(middle), 3))
+        for joint in range(position.shape[1]):
+            velocity = np.zeros_like(position)
+            velocity[:, joint] = 1.0
+            motion = self.legs.motion(position, velocity, still)
+            line = _Line.of_rolling_feet(motion, normal, self.legs.foot_radius, self._left[middle], self._right[middle])
+            momentum, _ = self._momentum_and_rate(motion, line, still, normal)
+            total += (momentum @ parameters) ** 2
+        return np.sqrt(total)
+
+    def _momentum_and_rate(
+        self, motion: LegMotion, line: _Line, turning: FloatArray, up: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """(n, 10 + links) columns of l . L_o and of its rate of change, the right side of the tilt equation."""
+        across_rolling, falling = cross(line.left, line.velocity), GRAVITY * cross(line.left, up)
+        base_momentum, base_linear = _base_momentum(turning, line.base_velocity, line.point)
+        base = np.einsum("ni,nij->nj", line.left, base_momentum)
+        base_rate = np.einsum("ni,nij->nj", line.turning, base_momentum)
+        base_rate -= np.einsum("ni,nij->nj", across_rolling, base_linear)
+        base_rate[:, 0] -= np.einsum("ni,ni->n", falling, line.point)
+        base_rate[:, 1:4] += falling
+        linear = self.legs.mass[..., None] * (motion.com_velocity + line.base_velocity[:, None, None])
+        arm = motion.com - line.point[:, None, None]
+        angular = motion.spin + cross(arm, linear)
+        leg = np.einsum("ni,nlki->nlk", line.left, angular)
+        leg_rate = np.einsum("ni,nlki->nlk", line.turning, angular)
+        leg_rate -= np.einsum("ni,nlki->nlk", across_rolling, linear)
+        leg_rate += np.einsum("ni,nlki->nlk", falling, arm) * self.legs.mass
+        count = len(turning)
+        return np.hstack([base, leg.reshape(count, -1)]), np.hstack([base_rate, leg_rate.reshape(count, -1)])
+
+    def _inertia_about_line(self, motion: LegMotion, line: _Line, joint_zero: FloatArray) -> FloatArray:
+        """The momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked."""
+        first = self._first
+        left, point = line.left[first], line.point[first]
+        still = self.legs.motion(
+            (self._joint_position - joint_zero)[first], np.zeros((len(first), self._joint_position.shape[1])), left
+        )
+        velocity = -cross(left, point)
+        momentum, _ = _base_momentum(left, velocity, point)
+        base = np.einsum("ni,nij->nj", left, momentum)
+        linear = self.legs.mass[..., None] * (still.com_velocity + velocity[:, None, None])
+        angular = still.spin + cross(still.com - point[:, None, None], linear)
+        return np.hstack([base, np.einsum("ni,nlki->nlk", left, angular).reshape(len(first), -1)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """The moving support line of n samples, in base axes.
+
+    Attributes:
+        left: (n, 3) direction.
+        point: (n, 3) the right foot's contact point [m].
+        velocity: (n, 3) of the point, as the contact travels over the floor [m/s].
+        turning: (n, 3) inertial rate of change of the direction [1/s].
+        base_velocity: (n, 3) of the base's origin [m/s].
+    """
+
+    left: FloatArray
+    point: FloatArray
+    velocity: FloatArray
+    turning: FloatArray
+    base_velocity: FloatArray
+
+    @classmethod
+    def of_rolling_feet(
+        cls, motion: LegMotion, normal: FloatArray, radius: FloatArray, left_foot: NDArray[np.intp],
+        right_foot: NDArray[np.intp],
+    ) -> _Line:  # fmt: skip
+        """A sphere that rolls without slipping: its centre moves with its angular velocity x (radius normal)."""
+        sample = np.arange(len(normal))
+        contacts: list[FloatArray] = []
+        rolling: list[FloatArray] = []
+        base: list[FloatArray] = []
+        for foot in (left_foot, right_foot):
+            r = radius[foot][:, None]
+            contacts.append(motion.foot[sample, foot] - r * normal)
+            rolling.append(cross(motion.foot_angular_velocity[sample, foot], r * normal))
+            base.append(rolling[-1] - motion.foot_velocity[sample, foot])
+        between = contacts[0] - contacts[1]
+        length = np.linalg.norm(between, axis=1, keepdims=True)
+        left = between / length
+        turning = (rolling[0] - rolling[1]) / length
+        turning -= left * np.einsum("ni,ni->n", left, turning)[:, None]
+        return cls(left, contacts[1], rolling[1], turning, (base[0] + base[1]) / 2)
+
+
+def _base_momentum(turning: FloatArray, velocity: FloatArray, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3, 10) columns of the base's angular momentum about a point and of its linear momentum."""
+    count = len(turning)
+    linear = np.zeros((count, 3, _BASE))
+    linear[:, :, 0] = velocity
+    linear[:, :, 1:4] = cross_matrix(turning)
+    angular = np.zeros((count, 3, _BASE))
+    angular[:, :, 0] = -cross(point, velocity)
+    angular[:, :, 1:4] = -cross_matrix(velocity) - cross_matrix(point) @ linear[:, :, 1:4]
+    x, y, z = turning.T
+    angular[:, 0, 4], angular[:, 0, 5], angular[:, 0, 7] = x, y, z
+    angular[:, 1, 5], angular[:, 1, 6], angular[:, 1, 8] = x, y, z
+    angular[:, 2, 7], angular[:, 2, 8], angular[:, 2, 9] = x, y, z
+    return angular, linear

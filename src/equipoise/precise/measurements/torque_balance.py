@@ -1,0 +1,182 @@
+"""What joint torques say: the balance of a planted robot with the feet's forces eliminated.
+
+With q the base's and the joints' coordinates, Y the inverse-dynamics regressor and J the Jacobian of the contact points,
+
+    Y(q, v, a) pi = S^T tau_link + J^T f,    tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a.
+
+Rows of N with N J^T = 0 leave the forces out, whatever they are: six rows for legs of three joints, two for legs of two.
+The base's acceleration is the accelerometer's, with gravity in it, so that no attitude is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.smoothing import fit_spline
+from equipoise.precise.measurements.tilt_equation import SensorBiases
+from equipoise.precise.screening import floor_normals
+from equipoise.recording.recording import Recording
+from equipoise.robot.model import RobotModel
+
+_KNOT, _STEP = 0.03, 0.03  # [s] on an A1
+_STICTION_SPEED = 0.03  # v_0 [rad/s]
+_PAD = 0.05  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSamples:
+    """A planted robot with torques: smoothed samples of one motion, or the means of one rest.
+
+    Attributes:
+        joint_position, joint_velocity, joint_acceleration, joint_torque: (n, nj) [rad], [rad/s], [rad/s2], [Nm].
+        angular_velocity, angular_acceleration, acceleration: (n, 3) in the IMU frame [rad/s], [rad/s2], [m/s2].
+        period: (n,) time between two of the samples that were smoothed [s].
+    """
+
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    joint_acceleration: FloatArray
+    joint_torque: FloatArray
+    angular_velocity: FloatArray
+    angular_acceleration: FloatArray
+    acceleration: FloatArray
+    period: FloatArray
+
+    @classmethod
+    def of_rest(cls, still: Recording) -> TorqueSamples | None:
+        """Means over a rest; None without torques."""
+        if still.joints.torque is None:
+            return None
+        position = still.joints.position.mean(axis=0)[None]
+        none, still_base = np.zeros_like(position), np.zeros((1, 3))
+        return cls(
+            position, none, none, still.joints.torque.mean(axis=0)[None],
+            still_base, still_base, still.imu.acceleration.mean(axis=0)[None], np.zeros(1),
+        )  # fmt: skip
+
+    @classmethod
+    def of_motion(cls, moving: Recording, gyro_bias: FloatArray, clock: float) -> TorqueSamples | None:
+        """Smoothed samples of a motion over planted feet; None without torques or if it is too short.
+
+        All signals go through the same filter: what differs between them would look like inertia or friction.
+
+        Args:
+            gyro_bias: (3,) in the IMU frame [rad/s].
+            clock: factor on times, one on an A1.
+        """
+        joints, imu = moving.joints, moving.imu
+        start = max(joints.time[0], imu.time[0]) + _PAD * clock
+        end = min(joints.time[-1], imu.time[-1]) - _PAD * clock
+        if joints.torque is None or end - start < 3 * _KNOT * clock:
+            return None
+        time = np.arange(start, end, _STEP * clock)
+        knot = _KNOT * clock
+        position = fit_spline(joints.time, joints.position, knot).spline
+        torque = fit_spline(joints.time, joints.torque, knot).spline
+        turning = fit_spline(imu.time, imu.angular_velocity - gyro_bias, knot).spline
+        acceleration = fit_spline(imu.time, imu.acceleration, knot).spline
+        return cls(
+            position(time), position.derivative()(time), position.derivative(2)(time), torque(time),
+            turning(time), turning.derivative()(time), acceleration(time),
+            np.full(len(time), np.median(np.diff(joints.time))),
+        )  # fmt: skip
+
+    @classmethod
+    def joined(cls, parts: Sequence[TorqueSamples]) -> TorqueSamples:
+        """All samples of several."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueRows:
+    """Rows of the balance, linear in everything unknown: base pi + links s + torque - gain . g' + ... = 0.
+
+    Attributes:
+        base: (n, r, 10) for the base's parameters, in Pinocchio's order about the base's origin.
+        links: (n, r, links) for a factor on each leg link.
+        torque: (n, r, nj) for each joint's link torque, to be subtracted.
+        reported: (n, nj) torques as reported [Nm].
+        friction_direction: (n, nj) tanh(v / v_0).
+        joint_velocity, joint_acceleration: (n, nj).
+        acceleration_rows: (n, r, 6) how the base's acceleration times the robot's inertia enters, for its noise.
+    """
+
+    base: FloatArray
+    links: FloatArray
+    torque: FloatArray
+    reported: FloatArray
+    friction_direction: FloatArray
+    joint_velocity: FloatArray
+    joint_acceleration: FloatArray
+    acceleration_rows: FloatArray
+
+
+def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases) -> TorqueRows:
+    """The balance's rows of all samples at given sensor biases."""
+    model = robot.pinocchio.copy()
+    model.gravity.linear = np.zeros(3)
+    data = model.createData()
+    mounting = biases.tilted(np.array(robot.imu_in_base.rotation))
+    arm = np.array(robot.imu_in_base.translation)
+    turning = samples.angular_velocity @ mounting.T
+    turning_rate = samples.angular_acceleration @ mounting.T
+    sensed = (samples.acceleration - biases.accelerometer_bias) @ mounting.T
+    at_base = sensed - np.cross(turning_rate, arm) - np.cross(turning, np.cross(turning, arm))
+    position = samples.joint_position - biases.joint_zero
+    legs = list(robot.legs.values())
+    radii = np.array([leg.foot_radius for leg in legs]) * biases.foot_radius
+    # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
+    down = -floor_normals(LegChains(robot).feet(position))[0]
+    count, joints = position.shape
+    regressor = np.empty((count, 6 + joints, 10 * (model.njoints - 1)))
+    contact = np.empty((count, 12, 6 + joints))
+    for index in range(count):
+        q = robot.configuration(position[index])
+        v = np.concatenate([np.zeros(3), turning[index], samples.joint_velocity[index]])
+        a = np.concatenate([at_base[index], turning_rate[index], samples.joint_acceleration[index]])
+        regressor[index] = pin.computeJointTorqueRegressor(model, data, q, v, a)
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        for number, leg in enumerate(legs):
+            jacobian = pin.getFrameJacobian(model, data, leg.foot_frame_id, pin.LOCAL_WORLD_ALIGNED)
+            contact[index, 3 * number : 3 * number + 3] = (
+                jacobian[:3] - pin.skew(radii[number] * down[index]) @ jacobian[3:]
+            )
+    full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
+    free = np.swapaxes(full[:, :, 12:], 1, 2)  # what contact forces cannot reach
+    rows = free @ regressor
+    links = [
+        rows[:, :, 10 * (joint - 1) : 10 * joint] @ model.inertias[joint].toDynamicParameters()
+        for leg in legs
+        for joint in leg.joint_ids
+    ]
+    return TorqueRows(
+        rows[:, :, :10],
+        np.stack(links, axis=-1),
+        free[:, :, 6:],
+        samples.joint_torque,
+        np.tanh(samples.joint_velocity / _STICTION_SPEED),
+        samples.joint_velocity,
+        samples.joint_acceleration,
+        free[:, :, :6],
+    )
+
+
+def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArray:
+    """(n,) size of the balance's error from where in a control period its samples were taken [Nm].
+
+    Position targets move in steps, so torques and accelerations are sawteeth, of half a step times the stiffness to either
+    side. A sample is one moment of them; joint accelerations, which come from positions, are their mean.
+
+    Args:
+        period: (n,) of control [s].
+        stiffness: of the joints' position control [Nm/rad].
+    """
+    half_step = stiffness * period[:, None] / 2 * rows.joint_velocity
+    return np.linalg.norm(np.einsum("nrj,nj->nr", rows.torque, half_step), axis=1)

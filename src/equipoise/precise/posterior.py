@@ -1,0 +1,266 @@
+"""All evidence in one maximum a posteriori estimate, with its covariance.
+
+Residuals, each in units of its own noise:
+
+- tilt: y(t) of every lift trial (tilt_equation.py), less its mean, over the moment of inertia about the line. So divided it
+  is an angular velocity, and the noise of the sensors in it does not depend on the unknowns: without that the noise in the
+  regressors would pull the inertia towards zero.
+- planted: feet that do not move, and footholds that keep their heights (planted_moves.py).
+- torque: the balance of the planted robot (torque_balance.py), at the sensor biases of the last round.
+- priors, and the mass from a scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.alive import alive
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.precise.gauss_newton import solve
+from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, components
+from equipoise.precise.residual_blocks import Misfit, PlantedBlock, TiltBlock, TorqueBlock
+from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+_ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The estimate.
+
+    Attributes:
+        unknowns: layout of x.
+        x: (size,) the estimate.
+        covariance: (size, size).
+        information: by motion index, (size, size): what each motion adds.
+        gradient: by motion index, (size,): where each motion pulls.
+        robot_body, base_body, stance_effective_body: at the estimate.
+        robot_covariance, base_covariance, stance_effective_covariance: (10, 10) in the order of COMPONENTS.
+        prior_deviation, base_prior_deviation: (10,) of the whole robot's and the base's parameters before any motion (a
+            scale's mass not counted).
+        lifts, moves: misfit of each.
+        torque_chi: misfit of the torque rows; None without torques.
+        converged: whether the last step was small; if not, something does not fit at all.
+    """
+
+    unknowns: Unknowns
+    x: FloatArray
+    covariance: FloatArray
+    information: dict[int, FloatArray]
+    gradient: dict[int, FloatArray]
+    robot_body: InertialParameters
+    base_body: InertialParameters
+    stance_effective_body: InertialParameters
+    robot_covariance: FloatArray
+    base_covariance: FloatArray
+    stance_effective_covariance: FloatArray
+    prior_deviation: FloatArray
+    base_prior_deviation: FloatArray
+    lifts: tuple[Misfit, ...]
+    moves: tuple[Misfit, ...]
+    torque_chi: float | None
+    converged: bool
+
+    def deviation(self, name: str) -> FloatArray:
+        """Posterior standard deviations of a block, in its own units."""
+        block = self.unknowns[name]
+        return np.sqrt(np.diag(self.covariance)[block]) * self.unknowns.scale[block]
+
+
+def estimate_posterior(
+    robot: RobotModel,
+    stance: Stance,
+    evidence: Evidence,
+    priors: Priors | None = None,
+    mass: tuple[float, float] | None = None,
+    rounds: int = 2,
+    lifts_needed: bool = True,
+) -> Posterior:
+    """The most probable unknowns given all evidence.
+
+    Args:
+        mass: of the whole robot from a scale, and its standard deviation [kg].
+        rounds: how often noise levels are renewed.
+        lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
+
+    Raises:
+        RecordingError: no lift trial can be used; or there are no joint torques either.
+    """
+    problem = MapProblem(robot, stance, evidence, priors or Priors(), mass, lifts_needed)
+    return problem.posterior(*solve(problem, problem.unknowns.start(), rounds))
+
+
+class MapProblem:
+    """What one run adds to a maximum a posteriori estimate: residual blocks and priors, in a run's unknowns.
+
+    Args:
+        mass: from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
+        lifts_needed: whether evidence without any lift is refused.
+
+    Raises:
+        RecordingError: no lift trial can be used; or there are no joint torques either.
+    """
+
+    def __init__(
+        self, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors, mass: tuple[float, float] | None,
+        lifts_needed: bool,
+    ) -> None:  # fmt: skip
+        self.mass = mass
+        self.unknowns = Unknowns(robot, stance, priors)
+        legs = LegChains(robot)
+        lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
+        torques = [(motion.index, sample) for motion in evidence.motions for sample in motion.torques]
+        if not lifts and (lifts_needed or not torques):
+            reasons = {motion.left_out for motion in evidence.motions if motion.left_out}
+            raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")
+        moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
+        rotation = np.array(robot.imu_in_base.rotation)
+        self.tilt = TiltBlock(self.unknowns, legs, rotation, lifts) if lifts else None
+        self.planted = PlantedBlock(self.unknowns, legs, rotation, moves) if moves else None
+        self.torque = TorqueBlock(self.unknowns, torques) if torques else None
+
+    @property
+    def blocks(self) -> list[TiltBlock | PlantedBlock | TorqueBlock]:
+        return [block for block in (self.tilt, self.planted, self.torque) if block is not None]
+
+    def prepare(self, x: FloatArray) -> None:
+        """Noise levels of a round."""
+        for block in self.blocks:
+            block.prepare(x)
+
+    def differentiate(self, x: FloatArray) -> None:
+        """Renew the derivatives by sensor biases."""
+        for block in self.blocks:
+            block.differentiate(x)
+
+    def renew_noise(self, x: FloatArray) -> None:
+        """Raise the noise of what does not fit."""
+        for block in self.blocks:
+            block.renew_noise(x)
+
+    def evidence_cost(self, x: FloatArray) -> float:
+        """Squared residuals of all blocks, without priors."""
+        parts = [block.residual(x) for block in self.blocks]
+        return float(sum(part @ part for part in parts))
+
+    def cost(self, x: FloatArray) -> float:
+        """Squared residuals."""
+        prior = prior_rows(self.unknowns, x, self.mass)[0]
+        return self.evidence_cost(x) + float(prior @ prior)
+
+    def evidence_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(size, size) information and (size,) gradient of all blocks, without priors."""
+        size = self.unknowns.size
+        information, gradient = np.zeros((size, size)), np.zeros(size)
+        for block in self.blocks:
+            residual, jacobian = block.residual(x), block.jacobian(x)
+            information += jacobian.T @ jacobian
+            gradient += jacobian.T @ residual
+        return information, gradient
+
+    def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(size, size) information and (size,) gradient."""
+        information, gradient = self.evidence_equations(x)
+        residual, jacobian = prior_rows(self.unknowns, x, self.mass)
+        return information + jacobian.T @ jacobian, gradient + jacobian.T @ residual
+
+    def posterior(self, x: FloatArray, converged: bool) -> Posterior:
+        """The estimate at x, with its covariance."""
+        information, _ = self.normal_equations(x)
+        covariance = np.asarray(np.linalg.inv(information), dtype=float)
+        by_motion: dict[int, FloatArray] = {}
+        gradients: dict[int, FloatArray] = {}
+        for block in self.blocks:
+            alive()
+            residual, jacobian = block.residual(x), block.jacobian(x)
+            for motion, rows in block.motions:
+                by_motion[motion] = by_motion.get(motion, 0.0) + jacobian[rows].T @ jacobian[rows]
+                gradients[motion] = gradients.get(motion, 0.0) + jacobian[rows].T @ residual[rows]
+        unknowns, start = self.unknowns, self.unknowns.start()
+        _, prior = prior_rows(unknowns, start, None)
+        before = np.asarray(np.linalg.inv(prior.T @ prior), dtype=float)
+
+        def spread(body: Callable[[FloatArray], InertialParameters], at: FloatArray, cov: FloatArray) -> FloatArray:
+            jacobian = body_jacobian(unknowns, at, body)
+            return np.asarray(jacobian @ cov @ jacobian.T, dtype=float)
+
+        return Posterior(
+            unknowns=unknowns,
+            x=x,
+            covariance=covariance,
+            information=by_motion,
+            gradient=gradients,
+            robot_body=unknowns.robot_body(x),
+            base_body=unknowns.base_body(x),
+            stance_effective_body=unknowns.stance_effective_body(x),
+            robot_covariance=spread(unknowns.robot_body, x, covariance),
+            base_covariance=spread(unknowns.base_body, x, covariance),
+            stance_effective_covariance=spread(unknowns.stance_effective_body, x, covariance),
+            prior_deviation=np.sqrt(np.diag(spread(unknowns.robot_body, start, before))),
+            base_prior_deviation=np.sqrt(np.diag(spread(unknowns.base_body, start, before))),
+            lifts=() if self.tilt is None else self.tilt.misfits(x),
+            moves=() if self.planted is None else self.planted.misfits(x),
+            torque_chi=None if self.torque is None else self.torque.chi,
+            converged=converged,
+        )
+
+
+def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
+    """(10, size) derivative of a body's parameters, in the order of COMPONENTS.
+
+    Args:
+        body: one of `unknowns.robot_body`, `base_body` and `stance_effective_body`.
+    """
+    jacobian = np.zeros((len(COMPONENTS), unknowns.size))
+    for index in range(unknowns["links"].stop):
+        ahead, behind = x.copy(), x.copy()
+        ahead[index] += 1e-5
+        behind[index] -= 1e-5
+        jacobian[:, index] = (components(body(ahead)) - components(body(behind))) / 2e-5
+    return jacobian
+
+
+def prior_rows(unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
+    """Residuals of the priors and of the scale, and their derivative."""
+    residual, jacobian = body_prior_rows(unknowns, x, mass)
+    return np.concatenate([residual, x[10:]]), np.concatenate([jacobian, np.eye(unknowns.size)[10:]])
+
+
+def body_prior_rows(
+    unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None
+) -> tuple[FloatArray, FloatArray]:
+    """The same, of the base and of the robot's mass alone."""
+    priors, stance, robot = unknowns.priors, unknowns.stance, unknowns.robot
+    model = unknowns.model_base_vector
+    inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
+    moment = np.array(priors.first_moment * model[0] * stance.hip_height)
+    tensor = np.array(priors.inertia * max(model[4], model[6], model[9]))
+    deviation = np.concatenate([np.full(3, moment), np.full(6, tensor)])
+    rows = [(inertial[1:10] - model[1:]) / deviation]
+    columns = [jacobian[1:10] / deviation[:, None]]
+    # The three root lengths of the base: without this nothing holds them when a body shrinks to a plate that cannot exist,
+    # and little evidence sends them there.
+    lengths = slice(1, 4)
+    rows.append((x[lengths] - unknowns.start()[lengths]) / _ROOT_LENGTHS)
+    columns.append(np.eye(unknowns.size)[lengths] / _ROOT_LENGTHS)
+    total, total_jacobian = total_mass(unknowns, x)
+    known = [(robot.mass, priors.mass * robot.mass)] + ([] if mass is None else [mass])
+    for value, sd in known:
+        rows.append(np.array([(total - value) / sd]))
+        columns.append(total_jacobian[None] / sd)
+    return np.concatenate(rows), np.concatenate(columns)
+
+
+def total_mass(unknowns: Unknowns, x: FloatArray) -> tuple[float, FloatArray]:
+    """The robot's mass [kg], and its (size,) derivative."""
+    leg_mass = LegChains(unknowns.robot).mass.ravel()
+    inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
+    return float(inertial[0] + leg_mass @ inertial[10:]), jacobian[0] + leg_mass @ jacobian[10:]

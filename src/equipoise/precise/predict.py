@@ -1,0 +1,137 @@
+"""What a motion would feel like, near enough to tell what it would teach: evidence that has not been gathered yet.
+
+Rigid legs, a body that tips about its line as an inverted pendulum does and turns about its CoM as it is told, and the
+noise that an A1's sensors have. Only the derivatives of the residuals are used, never their values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
+from equipoise.precise.measurements.evidence import Evidence, Motion
+from equipoise.precise.measurements.lift_samples import LiftSamples, attitudes
+from equipoise.precise.measurements.planted_moves import PlantedMove, Posture
+from equipoise.precise.measurements.smoothing import fit_spline
+from equipoise.precise.trials import (
+    LiftDesign,
+    Times,
+    lift_feet,
+    lift_settings,
+    offset_of,
+    turn_angle,
+    turned_feet,
+)
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import foot_jacobians, inverse_kinematics
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
+
+_RATE = 500.0  # [Hz]
+_ENCODER_NOISE, _VELOCITY_NOISE, _GYRO_NOISE = 3e-4, 0.03, 3e-3  # [rad], [rad/s], [rad/s]
+_REST_ATTITUDE_NOISE = 4e-4  # [rad]
+_IN_AIR_AFTER = 0.4  # of the lift time, the feet are off the floor
+_STEP, _KNOT = 0.020, 0.015  # [s] on an A1; half as many samples as are read teach as much
+_REST_TO_AIR = 1.4  # unloading and lifting, over the lift time
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """Predicts motions of a robot.
+
+    Attributes:
+        robot: as it is thought to be.
+        stance: nominal.
+        com: (3,) CoM in the base frame [m].
+    """
+
+    robot: RobotModel
+    stance: Stance
+    com: FloatArray
+
+    @cached_property
+    def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Sample times of a lift, and the covariances of smoothed velocities and angular velocities there."""
+        times, clock = Times.of(self.stance), self.stance.clock
+        sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / _RATE)
+        time = np.arange(0.0, times.watch, _STEP * clock)
+        blank = np.zeros((len(sensed), 1))
+        joints = fit_spline(sensed, blank, _KNOT * clock, blank, _ENCODER_NOISE / _VELOCITY_NOISE)
+        gyro = fit_spline(sensed, blank, _KNOT * clock)
+        return time, _ENCODER_NOISE**2 * joints.noise(time, derivative=1), _GYRO_NOISE**2 * gyro.noise(time)
+
+    def lift(self, design: LiftDesign) -> LiftSamples:
+        """What the time on two feet would look like."""
+        robot, stance = self.robot, self.stance
+        settings, times = lift_settings(stance), Times.of(stance)
+        time, velocity_noise, turning_noise = self._noise
+        _, lifted = lift_feet(stance, self.com, design, settings.height)
+        position = inverse_kinematics(robot, lifted, stance.joint_position)
+        left = design.posture.rotation.T @ stance_line(stance, design.diagonal)[0]
+        standing = [leg in DIAGONALS[design.diagonal] for leg in LEG_NAMES]
+        arm = self.com - lifted[standing].mean(axis=0)
+        height = float(np.linalg.norm(arm - (arm @ left) * left))
+        body = composite_parameters(robot, position)
+        about_com = float(left @ body.inertia @ left)
+        about_line = about_com + robot.mass * height**2
+        rate = np.sqrt(robot.mass * GRAVITY * height / about_line)
+        distance = offset_of(stance, -design.side) / height + 0.004 * (design.side == 0)
+        tilt = distance * (np.cosh(rate * (time + _IN_AIR_AFTER * settings.lift_time)) - 1)
+        tilt_rate = np.gradient(tilt, time)
+        angle = np.zeros_like(time)
+        if design.turn is not None:
+            whole = turn_angle(design.turn, times.turn, 1 / _RATE)
+            angle = np.interp(time, np.arange(1, len(whole) + 1) / _RATE, whole, right=0.0)
+        angle_rate = np.gradient(angle, time)
+        axis = np.zeros(3)
+        if design.turn is not None:
+            axis[("roll", "pitch", "yaw").index(design.turn)] = 1.0
+        turning = np.outer(tilt_rate, left) + np.outer(angle_rate, axis - (axis @ left) * left * about_com / about_line)
+        # Small motions of the feet in the base frame, through each leg's Jacobian.
+        nearby = 1e-3
+        moved = (turned_feet(lifted, self.com, design.turn, nearby) - lifted) / nearby
+        per_angle = np.zeros(len(position))
+        inverse = np.linalg.pinv(foot_jacobians(robot, position))
+        per_angle[robot.leg_joints] = np.einsum("lji,li->lj", inverse, moved)
+        mounting = np.array(robot.imu_in_base.rotation)
+        in_imu = turning @ mounting
+        up = design.posture.rotation[2] @ mounting
+        return LiftSamples(
+            design.diagonal,
+            0.0,
+            _STEP * stance.clock,
+            position + np.outer(angle, per_angle),
+            np.outer(angle_rate, per_angle),
+            in_imu,
+            np.gradient(in_imu, time, axis=0),
+            attitudes(time, in_imu).as_matrix(),
+            GRAVITY * up,
+            _REST_ATTITUDE_NOISE,
+            velocity_noise,
+            turning_noise,
+            _GYRO_NOISE / np.sqrt(_RATE),
+            _REST_TO_AIR * settings.lift_time,
+        )
+
+    def move(self, before: BodyPosture, after: BodyPosture) -> PlantedMove:
+        """What a move over planted feet would look like; how the feet roll does not matter for what it teaches."""
+        mounting = np.array(self.robot.imu_in_base.rotation)
+        rests = [self._rest(posture, mounting) for posture in (before, after)]
+        turned = mounting.T @ before.rotation.T @ after.rotation @ mounting
+        return PlantedMove(rests[0], rests[1], turned, np.zeros((4, 3)))
+
+    def _rest(self, posture: BodyPosture, mounting: FloatArray) -> Posture:
+        feet = feet_in_posture(self.stance, self.com, posture)
+        position = check_posture(self.robot, self.stance, feet)
+        return Posture(position, GRAVITY * posture.rotation[2] @ mounting)
+
+    def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> Evidence:
+        """All of them as evidence; motions are numbered lifts first."""
+        motions = [Motion(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)]
+        for index, (before, after) in enumerate(moves, start=len(lifts)):
+            motions.append(Motion(index, {}, None, self.move(before, after), (), None, 0.0))
+        return Evidence(tuple(motions))

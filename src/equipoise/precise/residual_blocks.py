@@ -1,0 +1,298 @@
+"""The posterior's residuals in units of their own noise: one block per kind of evidence.
+
+Every block gives its residual and its derivative at a vector of unknowns; which rows belong to which motion; and how well
+each motion fits. `differentiate` renews the columns of the sensor biases, `renew_noise` the noise levels.
+"""
+
+from __future__ import annotations
+
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.alive import alive
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.lift_samples import LiftSamples
+from equipoise.precise.measurements.planted_moves import PlantedMove, PlantedRows
+from equipoise.precise.measurements.tilt_equation import TiltEquation
+from equipoise.precise.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
+from equipoise.precise.parameters import Unknowns
+
+_DIFFERENCE = 0.1  # of a prior's standard deviation
+_OUTLIER = 3.0  # times the median misfit
+_FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
+_MANY = 1e6  # weight's inverse of what is left out
+# What sensor noise does not explain of an ideal robot's residual: contacts that give [rad/s], an attitude at rest that is
+# not quite at rest [rad].
+_TILT_FLOOR, _ATTITUDE_FLOOR = 1e-3, 2e-4
+# Feet at rest on an A1: how far they seem to move [m], and to rise [m]; and how the gyroscope's attitude drifts over a move
+# and the accelerometer's wanders from rest to rest [rad].
+_FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 1.2e-4, 0.8e-4, 3e-4, 4e-4
+# Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
+_FRICTION_UNKNOWN = 1.0
+_TORQUE_FLOOR = 0.01  # of an A1's torque scale over 38: [Nm]
+_TORQUE_CORRELATION = 30.0  # samples of a motion that say what one says: friction's errors last
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """How one motion fits the estimate.
+
+    Attributes:
+        motion: index of the recording.
+        chi: root mean square of the residual over what its noise explains.
+        used: False for an outlier that was left out.
+    """
+
+    motion: int
+    chi: float
+    used: bool
+
+
+class _MotionBlock(ABC):
+    """Rows that depend on sensor biases, of motions that each have a noise level of their own.
+
+    Attributes:
+        motions: index of each recording, and its rows.
+        scale: (motions,) noise of each over what its sensors explain.
+    """
+
+    def __init__(self, unknowns: Unknowns, biases: slice, motions: list[tuple[int, slice]]) -> None:
+        self.unknowns, self.motions = unknowns, motions
+        self.scale = np.ones(len(motions))
+        self._biases, self._bias_columns = biases, np.zeros((0, 0))
+
+    @abstractmethod
+    def residual(self, x: FloatArray) -> FloatArray:
+        """All rows."""
+
+    @abstractmethod
+    def chi(self, x: FloatArray) -> FloatArray:
+        """(motions,) misfit of each, over what its sensors' noise explains."""
+
+    def differentiate(self, x: FloatArray) -> None:
+        """Columns of the sensor biases, by differences."""
+        here = self.residual(x)
+        self._bias_columns = np.zeros((len(here), self.unknowns.size))
+        for index in range(self._biases.start, self._biases.stop):
+            ahead = x.copy()
+            ahead[index] += _DIFFERENCE
+            self._bias_columns[:, index] = (self.residual(ahead) - here) / _DIFFERENCE
+
+    def renew_noise(self, x: FloatArray) -> None:
+        chi = self.chi(x)
+        median = float(np.median(chi))
+        self.scale = np.where(chi > _OUTLIER * max(median, 1.0), _MANY, np.maximum(chi, max(0.7 * median, 1.0)))
+
+    def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
+        return tuple(
+            Misfit(index, float(chi), bool(scale < _MANY))
+            for (index, _), chi, scale in zip(self.motions, self.chi(x), self.scale, strict=True)
+        )
+
+
+class TiltBlock(_MotionBlock):
+    """Rows of the tilt equation of all lifts, whitened."""
+
+    def __init__(
+        self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, lifts: Sequence[tuple[int, LiftSamples]]
+    ) -> None:
+        self.lifts = [lift for _, lift in lifts]
+        self.equation = TiltEquation(legs, rotation, self.lifts)
+        motions = [(index, rows) for (index, _), rows in zip(lifts, self.equation.trials, strict=True)]
+        # All but the floor's warp: two feet do not feel it.
+        super().__init__(unknowns, slice(unknowns.biases.start, unknowns["floor_warp"].start), motions)
+        self._whitening: list[FloatArray] = []
+
+    def prepare(self, x: FloatArray) -> None:
+        """Noise of each trial's residual, propagated from that of its sensors."""
+        biases, inertial = self.unknowns.sensor_biases(x), self.unknowns.inertial(x)
+        _, line_inertia = self.equation.rows(biases)
+        sensitivity = self.equation.velocity_sensitivity(biases, inertial) / (line_inertia @ inertial)
+        growth = self.unknowns.robot.mass * GRAVITY * 0.85 * self.unknowns.stance.hip_height / (line_inertia @ inertial)
+        self._whitening = [
+            _whitening(scale**2 * tilt_noise(lift, by_velocity, rate) + _FREE_CONSTANT)
+            for lift, scale, by_velocity, rate in zip(self.lifts, self.scale, sensitivity, growth, strict=True)
+        ]
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        return self._residual(*self.equation.rows(self.unknowns.sensor_biases(x)), self.unknowns.inertial(x))
+
+    def _residual(self, rows: FloatArray, line_inertia: FloatArray, inertial: FloatArray) -> FloatArray:
+        momentum, inertia = rows @ inertial, line_inertia @ inertial
+        return np.concatenate(
+            [
+                whitening @ (momentum[trial] - momentum[trial].mean()) / about_line
+                for whitening, trial, about_line in zip(self._whitening, self.equation.trials, inertia, strict=True)
+            ]
+        )
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        rows, line_inertia = self.equation.rows(self.unknowns.sensor_biases(x))
+        inertial = self.unknowns.inertial(x)
+        momentum, inertia = rows @ inertial, line_inertia @ inertial
+        parts: list[FloatArray] = []
+        for index, (whitening, trial) in enumerate(zip(self._whitening, self.equation.trials, strict=True)):
+            about_line = inertia[index]
+            centred = rows[trial] - rows[trial].mean(axis=0)
+            residual = (momentum[trial] - momentum[trial].mean()) / about_line
+            parts.append(whitening @ (centred - np.outer(residual, line_inertia[index])) / about_line)
+        return np.concatenate(parts) @ self.unknowns.inertial_jacobian(x) + self._bias_columns
+
+    def chi(self, x: FloatArray) -> FloatArray:
+        residual = self.residual(x)
+        return self.scale * np.array(
+            [np.sqrt(residual[rows] @ residual[rows] / (rows.stop - rows.start - 1)) for rows in self.equation.trials]
+        )
+
+
+def tilt_noise(lift: LiftSamples, by_velocity: float, growth: float) -> FloatArray:
+    """(n, n) covariance of a lift's residual [rad2/s2].
+
+    Args:
+        by_velocity: how the residual changes with a joint's velocity.
+        growth: M g h over the moment of inertia about the line: what an attitude error adds per second [1/s2].
+    """
+    alive()
+    count, step = len(lift.joint_position), lift.step
+    before = int(np.ceil(lift.since_rest / step))
+    time = step * np.arange(count)
+    # The attitude is the integral of the gyroscope's noise since the rest; the residual integrates it once more.
+    wander = np.tril(np.ones((before + count, before + count))) * lift.gyro_density * np.sqrt(step)
+    wandered = np.cumsum(wander[before:], axis=0) * step * growth
+    ramp = growth * np.hypot(lift.rest_attitude_noise, _ATTITUDE_FLOOR) * time
+    drift = lift.gyro_density / np.sqrt(60.0) * (1 + growth * (time * lift.since_rest + time**2 / 2))
+    noise = lift.turning_noise + by_velocity**2 * lift.velocity_noise + wandered @ wandered.T
+    return noise + np.outer(ramp, ramp) + np.outer(drift, drift) + _TILT_FLOOR**2 * np.eye(count)
+
+
+def _whitening(covariance: FloatArray) -> FloatArray:
+    """(..., n, n) matrices that turn residuals with these covariances into white ones."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=float)
+
+
+class PlantedBlock(_MotionBlock):
+    """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
+
+    def __init__(
+        self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, moves: Sequence[tuple[int, PlantedMove]]
+    ) -> None:
+        motions = [(index, slice(20 * k, 20 * k + 20)) for k, (index, _) in enumerate(moves)]
+        super().__init__(unknowns, unknowns.biases, motions)
+        self.rows = PlantedRows(legs, rotation, [move for _, move in moves])
+        feet = unknowns.stance.feet_in_base - unknowns.stance.feet_in_base.mean(axis=0)
+        size = unknowns.stance.size
+        turns = np.asarray([np.cross(axis, feet).ravel() for axis in np.eye(3)], dtype=float)
+        moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
+        leaning = feet[:, :2] @ feet[:, :2].T
+        heights = (size * _HEIGHT_NOISE) ** 2 * np.eye(4) + _UP_NOISE**2 * leaning
+        whitening = np.zeros((20, 20))
+        whitening[:12, :12] = _whitening(moved)
+        whitening[12:16, 12:16] = whitening[16:, 16:] = _whitening(heights)
+        self._whitening = whitening
+        self._plane = feet[:, :2]
+
+    def prepare(self, x: FloatArray) -> None:
+        """Nothing to do: these rows' noise does not depend on x."""
+
+    def _unscaled(self, x: FloatArray) -> FloatArray:
+        biases = self.unknowns.sensor_biases(x)
+        warp = float(self.unknowns.value(x, "floor_warp")[0])
+        floor = -self._plane @ biases.floor_slope + warp * np.array([1.0, -1.0, -1.0, 1.0])
+        moved, heights = self.rows.residuals(biases)
+        count = len(self.scale)
+        return np.hstack([moved.reshape(count, 12), (heights - floor).reshape(count, 8)]) @ self._whitening.T
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        return (self._unscaled(x) / self.scale[:, None]).ravel()
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        return self._bias_columns
+
+    def chi(self, x: FloatArray) -> FloatArray:
+        # Of a move's 20 rows 15 say something: means are taken off.
+        return np.sqrt((self._unscaled(x) ** 2).sum(axis=1) / 15)
+
+
+class TorqueBlock:
+    """Rows of the torque balance, at the sensor biases of the last round. Whitened."""
+
+    def __init__(self, unknowns: Unknowns, torques: Sequence[tuple[int, TorqueSamples]]) -> None:
+        self.unknowns = unknowns
+        self.samples = TorqueSamples.joined([sample for _, sample in torques])
+        counts = [len(sample.joint_position) for _, sample in torques]
+        self._correlation = np.repeat([1.0 if count == 1 else _TORQUE_CORRELATION for count in counts], counts)
+        self._owner = np.repeat([index for index, _ in torques], counts)
+        self.motions: list[tuple[int, slice]] = []
+        self.chi = 1.0
+        self._matrix, self._target = np.zeros((0, 0)), np.zeros(0)
+        self._per_sample = 0
+
+    def prepare(self, x: FloatArray) -> None:
+        """The rows as a linear system in (inertial, gains, coulomb, viscous, armature), whitened."""
+        unknowns = self.unknowns
+        rows = torque_rows(unknowns.robot, self.samples, unknowns.sensor_biases(x))
+        scale = unknowns.torque_scale
+        coulomb = max(float(np.abs(unknowns.value(x, "coulomb")[0])), 0.02 * scale)
+        direction = np.abs(rows.friction_direction)
+        unknown = coulomb**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2
+        noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, unknown, rows.torque)
+        stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
+        noise += sawtooth(rows, self.samples.period, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
+        # The accelerometer's noise acts through the mass: a hundredth of a metre per second squared on all of it.
+        weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
+        noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
+        level = self.chi * np.sqrt(self._correlation)
+        whitening = _whitening(noise) / level[:, None, None]
+        base_and_links = np.concatenate([rows.base, rows.links], axis=2)
+        friction = np.stack(
+            [
+                np.einsum("nrj,nj->nr", rows.torque, signal)
+                for signal in (rows.friction_direction, rows.joint_velocity, rows.joint_acceleration)
+            ],
+            axis=-1,
+        )
+        gains = -rows.torque * rows.reported[:, None]
+        system = np.concatenate([base_and_links, gains, friction], axis=2)
+        self._matrix = (whitening @ system).reshape(-1, system.shape[2])
+        self._target = (whitening @ np.einsum("nrj,nj->nr", rows.torque, rows.reported)[..., None]).reshape(-1)
+        self._per_sample = system.shape[1]
+        edges = np.flatnonzero(np.diff(np.concatenate([[-1], self._owner, [-1]])))
+        self.motions = [
+            (int(self._owner[a]), slice(self._per_sample * int(a), self._per_sample * int(b)))
+            for a, b in itertools.pairwise(edges)
+        ]
+
+    def _linear(self, x: FloatArray) -> FloatArray:
+        names = ("torque_gain", "coulomb", "viscous", "armature")
+        return np.concatenate([self.unknowns.inertial(x), *(self.unknowns.value(x, name) for name in names)])
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        # Over the mean gain: the balance is homogeneous, and lighter robots with weaker motors would fit any noise better.
+        return (self._matrix @ self._linear(x) - self._target) / self._mean_gain(x)
+
+    def _mean_gain(self, x: FloatArray) -> float:
+        return 1 + float(self.unknowns.value(x, "torque_gain").mean())
+
+    def differentiate(self, x: FloatArray) -> None:
+        """Nothing to do: the sensor biases are the last round's."""
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        unknowns = self.unknowns
+        gain, gains = self._mean_gain(x), unknowns["torque_gain"]
+        inertial = unknowns.inertial_jacobian(x)
+        jacobian = self._matrix[:, : len(inertial)] @ inertial
+        own = slice(unknowns["torque_gain"].start, unknowns["armature"].stop)
+        jacobian[:, own] = self._matrix[:, len(inertial) :] * unknowns.scale[own]
+        each = unknowns.scale[gains] / (gains.stop - gains.start)
+        jacobian[:, gains] -= np.outer(self.residual(x), each)
+        return jacobian / gain
+
+    def renew_noise(self, x: FloatArray) -> None:
+        residual = self.residual(x) * self.chi
+        residual = residual * np.repeat(np.sqrt(self._correlation), self._per_sample)
+        self.chi = max(1.0, float(np.sqrt(np.mean(residual**2))))

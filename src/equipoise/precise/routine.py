@@ -1,0 +1,210 @@
+"""The precise method's experiment: search, then the planned trials, then a sway about all axes, in one sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from equipoise.errors import EquipoiseError, MotionError, ReachError, SettingsError
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.progress import Progress
+from equipoise.experiments.sway import sway_all_axes, sway_time
+from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.newton_search import find_com_fast, loaded_robot
+from equipoise.precise.parameters import Priors, components
+from equipoise.precise.plan import FEW_LIFTS, Candidates, Durations, Goals, Plan, describe, make_plan
+from equipoise.precise.posterior import Posterior, estimate_posterior, prior_rows
+from equipoise.precise.safe_lift import found_doubt
+from equipoise.precise.trials import LiftDesign, PreciseTrials
+from equipoise.recording.recording import Recording
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance, nominal_stance
+
+_BUDGET = 120.0  # [s] on an A1
+_REPLAN_AT = 0.55  # of the visits
+_SURE = 2.0  # standard deviations
+_FEWEST_LIFTS = 4  # below, no precise result
+
+
+@dataclass(frozen=True)
+class PreciseSettings:
+    """What the precise method does.
+
+    Attributes:
+        budget: of robot time [s]; default 120 s on an A1, more on larger robots.
+        mass: of the whole robot, from a scale [kg]; None: estimated from joint torques.
+        mass_sd: standard deviation of that [kg]; default 0.5 %.
+        sway: whether to sway about all axes at the end: more about friction and Izz, and the paper's I and C.
+        goals: when a calibration is good enough to stop early.
+        priors: what is believed before anything is measured.
+    """
+
+    budget: float | None = None
+    mass: float | None = None
+    mass_sd: float | None = None
+    sway: bool = True
+    goals: Goals = field(default_factory=Goals)
+    priors: Priors = field(default_factory=Priors)
+
+    def __post_init__(self) -> None:
+        for name, least, most in (("budget", 20.0, 3600.0), ("mass", 0.05, 5000.0), ("mass_sd", 1e-4, 500.0)):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
+                raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
+        if self.mass_sd is not None and self.mass is None:
+            raise SettingsError("mass_sd says how sure a scale is; give its mass too")
+
+    def budget_for(self, stance: Stance) -> float:
+        """[s]."""
+        return self.budget or _BUDGET * stance.clock
+
+    @property
+    def scale(self) -> tuple[float, float] | None:
+        """The scale's mass and its standard deviation [kg], or None."""
+        if self.mass is None:
+            return None
+        return self.mass, self.mass_sd or 0.005 * self.mass
+
+
+def plan_ahead(robot: RobotModel, stance: Stance, settings: PreciseSettings) -> Plan:
+    """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
+    return make_plan(_nominal_candidates(robot, settings.priors), _budget(stance, settings), settings.goals)
+
+
+@lru_cache(maxsize=2)
+def _nominal_candidates(robot: RobotModel, priors: Priors) -> Candidates:
+    stance = nominal_stance(robot)
+    return Candidates.of(robot, stance, composite_parameters(robot, stance.joint_position).com, priors)
+
+
+def _budget(stance: Stance, settings: PreciseSettings) -> float:
+    return settings.budget_for(stance) - (sway_time(stance) if settings.sway else 0.0)
+
+
+class PreciseRoutine:
+    """Runs the experiment. Recordings go where `planted.keep` takes them; decisions depend on them alone."""
+
+    def __init__(
+        self,
+        planted: PlantedRobot,
+        robot: RobotModel,
+        stance: Stance,
+        settings: PreciseSettings,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        self.planted, self.robot, self.stance, self.settings = planted, robot, stance, settings
+        self._recordings = recordings
+        self._report = report
+        self.trials = PreciseTrials(planted, stance, composite_parameters(robot, stance.joint_position).com)
+        self.notes: list[str] = []
+        self._expected = 0
+
+    def run(self) -> None:
+        """All of it.
+
+        Raises:
+            MotionError: the robot could not do, or did not do, what was asked.
+        """
+        self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
+        find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
+        self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
+        candidates = self._candidates()
+        plan = make_plan(candidates, _budget(self.stance, self.settings), self.settings.goals)
+        self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.sway
+        done: list[LiftDesign] = []
+        # A robot of which too little is known for most lifts first learns more of itself.
+        turning_point = round(_REPLAN_AT * len(plan.visits)) if len(candidates.lifts) >= FEW_LIFTS else 1
+        self._visit(plan, 0, turning_point, done)
+        posterior = self._posterior()
+        if posterior is not None and self._good_enough(posterior):
+            self.notes.append(f"stopped after {self._time():.0f} s: every goal is met")
+        else:
+            self._follow(posterior)
+            rest = self._replan(posterior, done)
+            if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
+                rest = plan
+            self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
+        if len(done) < _FEWEST_LIFTS:
+            raise MotionError(
+                f"only {len(done)} of the planned lifts could be done: {'; '.join(self.notes) or 'no time was left'}",
+                tuple(self._recordings),
+            )
+        if self.settings.sway:
+            self._tell("sway about all axes")
+            sway_all_axes(self.planted, self.stance, self.trials.com)
+
+    def _visit(self, plan: Plan, first: int, last: int, done: list[LiftDesign]) -> None:
+        durations = Durations.of(self.stance)
+        budget = _budget(self.stance, self.settings) - durations.end
+        for visit in plan.visits[first:last]:
+            if self._time() + durations.posture + bool(visit.lifts) * durations.lift > budget:
+                return
+            if not self._do(describe(visit.posture), lambda posture=visit.posture: self.trials.take_posture(posture)):
+                continue
+            for design in visit.lifts:
+                if self._time() + durations.lift > budget:
+                    return
+                what = f"lift on {design.diagonal}, {design.turn or 'passive'}: {describe(design.posture)}"
+                if self._do(what, lambda design=design: self.trials.lift(design)):
+                    done.append(design)
+
+    def _do(self, what: str, motion: Callable[[], object]) -> bool:
+        """Do a motion; one that turns out to be out of reach is left out and noted."""
+        self._tell(what)
+        try:
+            motion()
+        except ReachError as error:
+            self.planted.take()
+            self.notes.append(f"{what}: {error}")
+            return False
+        return True
+
+    def _posterior(self) -> Posterior | None:
+        """What is known so far; None if that cannot be told."""
+        try:
+            evidence = read_evidence(self.robot, self.stance, self._recordings)
+            return estimate_posterior(
+                self.robot, self.stance, evidence, self.settings.priors, self.settings.scale, rounds=1
+            )
+        except (EquipoiseError, np.linalg.LinAlgError):
+            return None
+
+    def _good_enough(self, posterior: Posterior) -> bool:
+        goals = self.settings.goals.vector(components(posterior.robot_body), self.stance)
+        return bool((np.sqrt(np.diag(posterior.robot_covariance)) <= goals).all())
+
+    def _follow(self, posterior: Posterior | None) -> None:
+        """Lines under the CoM as it is known now, torques for the mass as it is known now."""
+        if posterior is None:
+            return
+        body = posterior.robot_body
+        if np.linalg.norm(body.com - self.trials.com) < 0.1 * self.stance.hip_height:
+            self.trials.com = body.com
+            self.trials.doubt = _SURE**2 * posterior.robot_covariance[1:4, 1:4] + found_doubt(self.stance)
+            self.planted.robot = loaded_robot(self.robot, self.trials, body.mass)
+
+    def _candidates(self) -> Candidates:
+        """What may be done with the robot as it is known now."""
+        return Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.priors, self.trials.doubt)
+
+    def _replan(self, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:
+        """The best use of the time that is left, given what was really learnt."""
+        if posterior is None:
+            return None
+        _, rows = prior_rows(posterior.unknowns, posterior.x, self.settings.scale)
+        known = rows.T @ rows + sum(posterior.information.values())
+        left = _budget(self.stance, self.settings) - self._time()
+        return make_plan(self._candidates(), left, self.settings.goals, known, done, searched=True)
+
+    def _time(self) -> float:
+        return sum(recording.duration for recording in self._recordings)
+
+    def _tell(self, doing: str) -> None:
+        if self._report is not None:
+            done = len(self._recordings)
+            self._report(Progress(doing, done, max(self._expected, done + 1)))

@@ -1,0 +1,185 @@
+"""Two runs of one robot in one estimate, what is the same in both being unknown once: a payload shows, errors cancel.
+
+The unknowns are x, of the first run, and y, what is other in the second one:
+
+    x_2 = x  where a thing cannot change from run to run,
+    x_2 = y  where nothing is kept: the base, the clock, the floor,
+    x_2 = x + f y  where it drifts, f being a fraction of what is believed of it beforehand;
+
+and g, by which a scale reads too much in both runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError, SettingsError
+from equipoise.precise.gauss_newton import solve
+from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.parameters import Priors, Unknowns
+from equipoise.precise.posterior import MapProblem, body_prior_rows, prior_rows, total_mass
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+# Fractions f. Joint zeros, the IMU's mounting, link masses and the feet do not change while nobody takes the robot apart;
+# biases and friction change with temperature.
+_DRIFTS = {"accelerometer_bias": 0.2, "torque_gain": 0.1, "coulomb": 0.2, "viscous": 0.2}
+_ANEW = ("base", "clock_offset", "floor_slope", "floor_warp")
+
+
+@dataclass(frozen=True)
+class ScaleReadings:
+    """What a scale said of the whole robot in the two runs.
+
+    Attributes:
+        masses: in each run [kg]; None: it was not weighed.
+        gain: standard deviation of the scale's factor, which both readings have in common.
+        noise: standard deviation of each reading beside that, over the mass.
+    """
+
+    masses: tuple[float | None, float | None] = (None, None)
+    gain: float = 0.005
+    noise: float = 0.001
+
+    def __post_init__(self) -> None:
+        for mass in self.masses:
+            if mass is not None and not 0.05 <= mass <= 5000:
+                raise SettingsError(f"a scale's mass is {mass}; it must be from 0.05 to 5000 kg")
+        for name in ("gain", "noise"):
+            if not 0 < getattr(self, name) < 1:
+                raise SettingsError(f"{name} of the scale is {getattr(self, name)}; it must be above 0 and below 1")
+
+
+@dataclass(frozen=True, eq=False)
+class TwoRuns:
+    """The estimate.
+
+    Attributes:
+        unknowns: layout of a run's unknowns.
+        first, second: (size,) each run's unknowns.
+        covariance: (2 size, 2 size) of both.
+        converged: whether the last step was small.
+    """
+
+    unknowns: Unknowns
+    first: FloatArray
+    second: FloatArray
+    covariance: FloatArray
+    converged: bool
+
+
+def estimate_two_runs(
+    robot: RobotModel,
+    stance: Stance,
+    evidences: tuple[Evidence, Evidence],
+    priors: Priors | None = None,
+    scale: ScaleReadings | None = None,
+    rounds: int = 2,
+) -> TwoRuns:
+    """The most probable unknowns of two runs of a robot that nobody took apart in between.
+
+    Raises:
+        RecordingError: a run has no lift trial that can be used.
+    """
+    problem = _TwoProblems(robot, stance, evidences, priors or Priors(), scale or ScaleReadings())
+    z, converged = solve(problem, problem.start(), rounds)
+    information, _ = problem.normal_equations(z)
+    both = np.vstack([problem.to_first, problem.to_second])
+    covariance = both @ np.linalg.inv(information) @ both.T
+    return TwoRuns(
+        problem.unknowns, problem.to_first @ z, problem.to_second @ z, np.asarray(covariance, dtype=float), converged
+    )
+
+
+class _TwoProblems:
+    """Squared residuals of z = (x, y, g).
+
+    Attributes:
+        to_first, to_second: (size, len(z)) each run's unknowns are these times z.
+    """
+
+    def __init__(
+        self, robot: RobotModel, stance: Stance, evidences: tuple[Evidence, Evidence], priors: Priors,
+        scale: ScaleReadings,
+    ) -> None:  # fmt: skip
+        self.problems = [
+            _named(which, robot, stance, evidence, priors)
+            for which, evidence in zip(("first", "second"), evidences, strict=True)
+        ]
+        self.unknowns = self.problems[0].unknowns
+        self._scale = scale
+        size = self.unknowns.size
+        fractions = np.zeros(size)
+        for name in _ANEW:
+            fractions[self.unknowns[name]] = 1.0
+        kept = np.diag(1 - fractions)
+        for name, fraction in _DRIFTS.items():
+            fractions[self.unknowns[name]] = fraction
+        nothing = np.zeros((size, 1))
+        self.to_first = np.hstack([np.eye(size), np.zeros((size, size)), nothing])
+        self.to_second = np.hstack([kept, np.diag(fractions), nothing])
+
+    def start(self) -> FloatArray:
+        """(len(z),) both runs of the robot that the model says."""
+        x = self.unknowns.start()
+        y = np.zeros_like(x)
+        y[self.unknowns["base"]] = x[self.unknowns["base"]]
+        return np.concatenate([x, y, [0.0]])
+
+    def prepare(self, x: FloatArray) -> None:
+        for problem, run in self._runs(x):
+            problem.prepare(run)
+
+    def differentiate(self, x: FloatArray) -> None:
+        for problem, run in self._runs(x):
+            problem.differentiate(run)
+
+    def renew_noise(self, x: FloatArray) -> None:
+        for problem, run in self._runs(x):
+            problem.renew_noise(run)
+
+    def cost(self, x: FloatArray) -> float:
+        beliefs, _ = self._beliefs(x)
+        return float(beliefs @ beliefs) + sum(problem.evidence_cost(run) for problem, run in self._runs(x))
+
+    def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        residual, jacobian = self._beliefs(x)
+        information, gradient = jacobian.T @ jacobian, jacobian.T @ residual
+        for (problem, run), to_run in zip(self._runs(x), (self.to_first, self.to_second), strict=True):
+            own_information, own_gradient = problem.evidence_equations(run)
+            information += to_run.T @ own_information @ to_run
+            gradient += to_run.T @ own_gradient
+        return information, gradient
+
+    def _runs(self, z: FloatArray) -> list[tuple[MapProblem, FloatArray]]:
+        return list(zip(self.problems, (self.to_first @ z, self.to_second @ z), strict=True))
+
+    def _beliefs(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals of the priors of x and y and of the scale, and their derivative by z."""
+        unknowns, size = self.unknowns, self.unknowns.size
+        first, second = self.to_first @ z, self.to_second @ z
+        parts = [prior_rows(unknowns, first, None), body_prior_rows(unknowns, second, None)]
+        rows = [parts[0][0], parts[1][0], z[size + 10 :] / np.append(np.ones(size - 10), self._scale.gain)]
+        changes = np.eye(len(z))[size + 10 :]
+        changes[-1] /= self._scale.gain
+        columns = [parts[0][1] @ self.to_first, parts[1][1] @ self.to_second, changes]
+        for mass, run, to_run in zip(self._scale.masses, (first, second), (self.to_first, self.to_second), strict=True):
+            if mass is None:
+                continue
+            total, derivative = total_mass(unknowns, run)
+            noise = self._scale.noise * mass
+            row = (1 + z[-1]) * (derivative @ to_run)
+            row[-1] = total
+            rows.append(np.array([((1 + z[-1]) * total - mass) / noise]))
+            columns.append(row[None] / noise)
+        return np.concatenate(rows), np.concatenate(columns)
+
+
+def _named(which: str, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors) -> MapProblem:
+    try:
+        return MapProblem(robot, stance, evidence, priors, None, lifts_needed=True)
+    except RecordingError as error:
+        raise RecordingError(f"the {which} run: {error}") from error

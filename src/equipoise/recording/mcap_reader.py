@@ -1,0 +1,165 @@
+"""Messages out of an MCAP file, also of one that a killed process left behind."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk
+from mcap.stream_reader import get_chunk_data_stream
+
+from equipoise.errors import RecordingError
+from equipoise.recording.mcap_writer import MAGIC
+
+_MESSAGE_HEAD = 22  # bytes: channel, sequence number and two times
+_FRAME = 9  # bytes: the opcode and the length that every record begins with
+_NO_DATA = 64  # bytes: so many zeros at the end are what a power cut left in place of data
+
+
+@dataclass(frozen=True)
+class McapContent:
+    """What is in a file.
+
+    Attributes:
+        channels: metadata of each, by topic.
+        messages: topic and body, in the order in which they were written.
+        closed: whether the file was closed; else it ends where the process that wrote it was killed.
+    """
+
+    channels: Mapping[str, Mapping[str, str]]
+    messages: list[tuple[str, bytes]]
+    closed: bool
+
+
+def read_mcap(path: Path) -> McapContent:
+    """Read a file. One that was cut anywhere is read as far as its last whole chunk.
+
+    Raises:
+        RecordingError: it is missing, damaged, or no MCAP file.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"the recording {str(path)!r} cannot be read: {error.strerror}") from error
+    if not data.startswith(MAGIC[: len(data)]):
+        raise RecordingError(f"the recording {str(path)!r} cannot be read: it is no MCAP file")
+    try:
+        return _read(data)
+    except Exception as error:  # damaged files fail in many ways, in several libraries, not all of them typed
+        raise RecordingError(f"the recording {str(path)!r} is damaged: {error or repr(error)}") from error
+
+
+def _read(data: bytes) -> McapContent:
+    topics: dict[int, str] = {}
+    channels: dict[str, Mapping[str, str]] = {}
+    messages: list[tuple[str, bytes]] = []
+    closed = False
+    for opcode, content in _unpacked(_whole_records(data)):
+        if opcode == Opcode.MESSAGE:
+            messages.append((topics[int.from_bytes(content[:2], "little")], content[_MESSAGE_HEAD:]))
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(ReadDataStream(BytesIO(content)))
+            topics[channel.id], channels[channel.topic] = channel.topic, channel.metadata
+        elif opcode == Opcode.FOOTER:
+            closed = True
+            break
+    if not closed and len(data) > len(MAGIC) and data.endswith(MAGIC):
+        raise RecordingError("it was closed, and lacks records that it must have had")
+    return McapContent(channels, messages, closed)
+
+
+class McapTail:
+    """Reads a file while another process writes it.
+
+    Attributes:
+        channels: metadata of each, by topic, as far as they were read.
+        closed: whether the end of the file was read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.channels: dict[str, Mapping[str, str]] = {}
+        self.closed = False
+        self._topics: dict[int, str] = {}
+        self._position = 0
+        self._file_number: int | None = None
+
+    @property
+    def replaced(self) -> bool:
+        """Whether another file has taken the place of the one that is read, as when a run is gone on with."""
+        try:
+            return self._file_number is not None and self.path.stat().st_ino != self._file_number
+        except OSError:
+            return False
+
+    def read(self) -> list[tuple[str, bytes]]:
+        """Topic and body of the messages written since the last call; none if there is no file yet.
+
+        Raises:
+            RecordingError: it is damaged, or no MCAP file.
+        """
+        try:
+            with open(self.path, "rb") as file:
+                self._file_number = os.fstat(file.fileno()).st_ino
+                file.seek(self._position)
+                data = file.read()
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise RecordingError(f"the recording {str(self.path)!r} cannot be read: {error.strerror}") from error
+        if self._position == 0:
+            if not data.startswith(MAGIC[: len(data)]):
+                raise RecordingError(f"the recording {str(self.path)!r} cannot be read: it is no MCAP file")
+            if len(data) < len(MAGIC):
+                return []
+            self._position, data = len(MAGIC), data[len(MAGIC) :]
+        try:
+            return self._take(data)
+        except Exception as error:  # see `read_mcap`
+            raise RecordingError(f"the recording {str(self.path)!r} is damaged: {error or repr(error)}") from error
+
+    def _take(self, data: bytes) -> list[tuple[str, bytes]]:
+        records = list(_records(data, 0))
+        self._position += sum(_FRAME + len(content) for _, content in records)
+        messages: list[tuple[str, bytes]] = []
+        for opcode, content in _unpacked(iter(records)):
+            if opcode == Opcode.MESSAGE:
+                messages.append((self._topics[int.from_bytes(content[:2], "little")], content[_MESSAGE_HEAD:]))
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(content)))
+                self._topics[channel.id], self.channels[channel.topic] = channel.topic, channel.metadata
+            self.closed = self.closed or opcode == Opcode.FOOTER
+        return messages
+
+
+def _whole_records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Opcode and content of each whole record."""
+    if data.endswith(bytes(_NO_DATA)):
+        data = data.rstrip(b"\0")
+    return _records(data, len(MAGIC))
+
+
+def _records(data: bytes, position: int) -> Iterator[tuple[int, bytes]]:
+    while position + _FRAME <= len(data):
+        opcode, length = struct.unpack_from("<BQ", data, position)
+        position += _FRAME + length
+        if position > len(data):
+            return
+        yield opcode, data[position - length : position]
+
+
+def _unpacked(records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """Records, and in place of a chunk those inside."""
+    for opcode, content in records:
+        if opcode == Opcode.CHUNK:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+            yield from _records(stream.read(size), 0)
+        else:
+            yield opcode, content

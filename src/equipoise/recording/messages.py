@@ -1,0 +1,129 @@
+"""The messages of a recording: sensor_msgs/JointState, sensor_msgs/Imu and std_msgs/String, as ROS 2 defines them."""
+
+from __future__ import annotations
+
+import struct
+from functools import lru_cache
+
+from equipoise.errors import RecordingError
+from equipoise.recording.cdr import Layout, LayoutBuilder, bodies, stamps
+from equipoise.recording.clock import nanoseconds, seconds
+from equipoise.recording.recording import CommandStream, ImuStream, JointStream
+
+JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"
+
+_HEADER = """\
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+DEFINITIONS = {
+    JOINT_STATE: f"""\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{_HEADER}""",
+    IMU: f"""\
+std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance
+{_HEADER}\
+================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+""",
+    STRING: "string data\n",
+}
+"""What the fields of each type are, in ROS's own form, for readers that do not know the types."""
+
+_UNKNOWN_COVARIANCE = (0.0,) * 9  # what zeros mean, by the definition of the message
+_NO_ORIENTATION = (-1.0, *(0.0,) * 8)  # likewise
+
+
+@lru_cache(maxsize=64)
+def joint_state(joint_names: tuple[str, ...], velocity: bool, effort: bool) -> Layout:
+    """sensor_msgs/JointState of certain joints, with or without velocities and efforts."""
+    count = len(joint_names)
+    builder = LayoutBuilder().header("").constant(count, "<u4")
+    for name in joint_names:
+        builder.text(name)
+    builder.sequence("position", count).sequence("velocity", count * velocity)
+    return builder.sequence("effort", count * effort).build()
+
+
+@lru_cache(maxsize=1)
+def imu() -> Layout:
+    """sensor_msgs/Imu that knows no orientation."""
+    builder = LayoutBuilder().header("imu").constants((0, 0, 0, 1)).constants(_NO_ORIENTATION)
+    builder.doubles("angular_velocity", 3).constants(_UNKNOWN_COVARIANCE)
+    return builder.doubles("acceleration", 3).constants(_UNKNOWN_COVARIANCE).build()
+
+
+def joint_messages(joint_names: tuple[str, ...], joints: JointStream) -> list[bytes]:
+    """A joint stream as JointState messages."""
+    layout = joint_state(joint_names, joints.velocity is not None, joints.torque is not None)
+    rows = layout.stamped(nanoseconds(joints.time))
+    for name, array in (("position", joints.position), ("velocity", joints.velocity), ("effort", joints.torque)):
+        if array is not None:
+            rows[name] = array
+    return bodies(rows)
+
+
+def command_messages(joint_names: tuple[str, ...], commands: CommandStream) -> list[bytes]:
+    """A command stream as JointState messages, which have positions only."""
+    return joint_messages(joint_names, JointStream(commands.time, commands.position))
+
+
+def imu_messages(stream: ImuStream) -> list[bytes]:
+    """An IMU stream as Imu messages."""
+    rows = imu().stamped(nanoseconds(stream.time))
+    rows["angular_velocity"], rows["acceleration"] = stream.angular_velocity, stream.acceleration
+    return bodies(rows)
+
+
+def text_message(text: str) -> bytes:
+    """A String message."""
+    return LayoutBuilder().text(text).build().template
+
+
+def read_joints(messages: list[bytes], joint_names: tuple[str, ...], velocity: bool, torque: bool) -> JointStream:
+    """The joint stream in JointState messages; raises RecordingError if they are others."""
+    rows = joint_state(joint_names, velocity, torque).read(messages)
+    return JointStream(
+        seconds(stamps(rows)),
+        rows["position"],
+        rows["velocity"] if velocity else None,
+        rows["effort"] if torque else None,
+    )
+
+
+def read_imu(messages: list[bytes]) -> ImuStream:
+    """The IMU stream in Imu messages; raises RecordingError if they are others."""
+    rows = imu().read(messages)
+    return ImuStream(seconds(stamps(rows)), rows["angular_velocity"], rows["acceleration"])
+
+
+def read_text(message: bytes) -> str:
+    """The text of a String message; raises RecordingError if it is another one."""
+    if len(message) < 9 or struct.unpack_from("<I", message, 4)[0] != len(message) - 8:
+        raise RecordingError("a message on a topic of texts is no text")
+    return message[8:-1].decode()

@@ -1,0 +1,283 @@
+"""Recordings: time-stamped sensor samples of one motion, with the commands sent and what was being done.
+
+Every stream has its own times, so that a clock offset between IMU and joints can be found at all. Streams are validated
+when they are made and are read-only afterwards. Times are rounded to whole nanoseconds when they are made, so
+that a recording is the same on disk and in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.recording.clock import LONGEST, rounded
+from equipoise.recording.event import BROKEN, PHASE, TRIAL, Event
+
+
+@dataclass(frozen=True, eq=False)
+class JointStream:
+    """Joint sensors. What is missing on a robot is None.
+
+    Attributes:
+        time: (n,) increasing [s].
+        position: (n, nj) encoders [rad].
+        velocity: (n, nj) [rad/s], or None.
+        torque: (n, nj) as the motors report it [Nm], or None.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray | None = None
+    torque: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        count = _validated_time(self, "joint")
+        shape = (count, _columns(self.position))
+        for name in ("position", "velocity", "torque"):
+            _validate(self, "joint", name, shape, required=name == "position")
+
+
+@dataclass(frozen=True, eq=False)
+class ImuStream:
+    """Gyroscope and accelerometer, in the IMU's own frame.
+
+    Attributes:
+        time: (n,) increasing [s].
+        angular_velocity: (n, 3) [rad/s].
+        acceleration: (n, 3) specific force, +g upward at rest [m/s2].
+    """
+
+    time: FloatArray
+    angular_velocity: FloatArray
+    acceleration: FloatArray
+
+    def __post_init__(self) -> None:
+        count = _validated_time(self, "IMU")
+        for name in ("angular_velocity", "acceleration"):
+            _validate(self, "IMU", name, (count, 3), required=True)
+
+
+@dataclass(frozen=True, eq=False)
+class CommandStream:
+    """Commands sent.
+
+    Attributes:
+        time: (n,) increasing [s].
+        position: (n, nj) joint position targets [rad].
+    """
+
+    time: FloatArray
+    position: FloatArray
+
+    def __post_init__(self) -> None:
+        count = _validated_time(self, "command")
+        _validate(self, "command", "position", (count, _columns(self.position)), required=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was sensed and commanded during one motion.
+
+    Attributes:
+        joint_names: (nj) names of the joint columns.
+        joints: joint sensors.
+        imu: inertial sensors.
+        commands: what was sent, or None (a log from elsewhere).
+        events: in order of time.
+    """
+
+    joint_names: tuple[str, ...]
+    joints: JointStream
+    imu: ImuStream
+    commands: CommandStream | None = None
+    events: tuple[Event, ...] = ()
+
+    def __post_init__(self) -> None:
+        columns = self.joints.position.shape[1]
+        if columns != len(self.joint_names):
+            raise RecordingError(f"{columns} joint columns and {len(self.joint_names)} joint names")
+        if self.commands is not None and (columns := self.commands.position.shape[1]) != len(self.joint_names):
+            raise RecordingError(f"{columns} command columns and {len(self.joint_names)} joint names")
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last joint sample [s]."""
+        return float(self.joints.time[-1] - self.joints.time[0]) if self.joints.time.size else 0.0
+
+    @property
+    def broken(self) -> bool:
+        """Whether its motion did not come to its end."""
+        return any(event.name == BROKEN for event in self.events)
+
+    def broken_off(self) -> Recording:
+        """The same recording, saying that its motion did not come to its end."""
+        end = float(self.joints.time[-1]) if self.joints.time.size else 0.0
+        return self if self.broken else replace(self, events=(*self.events, Event(end, BROKEN)))
+
+    def equals(self, other: Recording) -> bool:
+        """Whether another recording holds the same numbers, names and events."""
+        return (
+            self.joint_names == other.joint_names
+            and self.events == other.events
+            and all(_same(*arrays) for arrays in zip(self._arrays(), other._arrays(), strict=True))
+        )
+
+    def _arrays(self) -> Iterator[FloatArray | None]:
+        joints, imu, commands = self.joints, self.imu, self.commands
+        yield from (joints.time, joints.position, joints.velocity, joints.torque)
+        yield from (imu.time, imu.angular_velocity, imu.acceleration)
+        yield from (None, None) if commands is None else (commands.time, commands.position)
+
+    def event(self, name: str) -> Event:
+        """The first event of that name; raises RecordingError if there is none."""
+        for event in self.events:
+            if event.name == name:
+                return event
+        raise RecordingError(f"the recording has no event {name!r}; it has {sorted({e.name for e in self.events})}")
+
+    @property
+    def trial(self) -> Mapping[str, Any]:
+        """What the recording says that it is: kind, and what belongs to the kind; empty if it does not say."""
+        for event in self.events:
+            if event.name == TRIAL:
+                return event.data
+        return {}
+
+    def has_phase(self, name: str) -> bool:
+        """Whether a phase of that name began."""
+        return any(event.name == PHASE and event.data.get("name") == name for event in self.events)
+
+    def phase(self, name: str, until: str | None = None) -> Recording:
+        """The part of the recording from where a phase begins to where the next one does.
+
+        Args:
+            name: the phase.
+            until: end only where this later phase begins.
+
+        Raises:
+            RecordingError: there is no such phase, or it holds no sample.
+        """
+        starts = [event for event in self.events if event.name == PHASE]
+        names = [event.data.get("name") for event in starts]
+        if name not in names or (until is not None and until not in names):
+            missing = name if name not in names else until
+            raise RecordingError(f"the recording has no phase {missing!r}; it has {names}")
+        first = names.index(name)
+        last = first + 1 if until is None else names.index(until)
+        end = starts[last].time if last < len(starts) else np.inf
+        part = self.between(starts[first].time, end)
+        if part.joints.time.size == 0 or part.imu.time.size == 0:
+            raise RecordingError(f"phase {name!r} of the recording holds no sample")
+        return part
+
+    def between(self, start: float, end: float) -> Recording:
+        """Samples and events with start <= time < end [s]; the bounds are rounded to nanoseconds as times are."""
+        start, end = (float(rounded(np.asarray(bound))) if abs(bound) < LONGEST else bound for bound in (start, end))
+        joints, imu, commands = self.joints, self.imu, self.commands
+        j = _slice(joints.time, start, end)
+        i = _slice(imu.time, start, end)
+        cut_commands = None
+        if commands is not None:
+            c = _slice(commands.time, start, end)
+            cut_commands = CommandStream(commands.time[c], commands.position[c])
+        return Recording(
+            self.joint_names,
+            JointStream(joints.time[j], joints.position[j], _cut(joints.velocity, j), _cut(joints.torque, j)),
+            ImuStream(imu.time[i], imu.angular_velocity[i], imu.acceleration[i]),
+            cut_commands,
+            tuple(event for event in self.events if start <= event.time < end),
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Recording]) -> Recording:
+        """Consecutive recordings as one. A stream that one part lacks is missing in the whole."""
+        if not parts:
+            raise RecordingError("there is nothing to concatenate")
+        for part in parts:
+            if part.joint_names != parts[0].joint_names:
+                raise RecordingError(
+                    f"recordings of different joints cannot be one: {', '.join(parts[0].joint_names)}, and "
+                    f"{', '.join(part.joint_names)}"
+                )
+        joints = [part.joints for part in parts]
+        commands = [part.commands for part in parts]
+        return cls(
+            parts[0].joint_names,
+            JointStream(
+                np.concatenate([stream.time for stream in joints]),
+                np.concatenate([stream.position for stream in joints]),
+                _joined([stream.velocity for stream in joints]),
+                _joined([stream.torque for stream in joints]),
+            ),
+            ImuStream(
+                np.concatenate([part.imu.time for part in parts]),
+                np.concatenate([part.imu.angular_velocity for part in parts]),
+                np.concatenate([part.imu.acceleration for part in parts]),
+            ),
+            None
+            if any(stream is None for stream in commands)
+            else CommandStream(
+                np.concatenate([stream.time for stream in commands if stream is not None]),
+                np.concatenate([stream.position for stream in commands if stream is not None]),
+            ),
+            tuple(event for part in parts for event in part.events),
+        )
+
+
+def _validated_time(stream: Any, kind: str) -> int:
+    time = np.array(stream.time, dtype=float)
+    if time.ndim != 1:
+        raise RecordingError(f"{kind} times have shape {time.shape}; they are one row of numbers")
+    wrong = ~(np.abs(time) < LONGEST)
+    time[~wrong] = rounded(time[~wrong])
+    wrong[1:] |= time[1:] <= time[:-1]
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        after = f" after {time[first - 1]:g} s" if first else ""
+        raise RecordingError(
+            f"{kind} times must be finite and increasing; sample {first} is at {time[first]:g} s{after}"
+        )
+    time.setflags(write=False)
+    object.__setattr__(stream, "time", time)
+    return time.size
+
+
+def _columns(array: FloatArray) -> int:
+    return np.shape(array)[-1] if np.ndim(array) else 0
+
+
+def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], required: bool) -> None:
+    value = getattr(stream, name)
+    if value is None and not required:
+        return
+    array = np.array(value, dtype=float)
+    if array.shape != shape:
+        raise RecordingError(f"{kind} {name} has shape {array.shape}; its times and joints make it {shape}")
+    if not np.isfinite(array).all():
+        first = int(np.argmax(~np.isfinite(array).all(axis=1)))
+        raise RecordingError(f"{kind} {name} is not finite at sample {first} (t = {stream.time[first]:.3f} s)")
+    array.setflags(write=False)
+    object.__setattr__(stream, name, array)
+
+
+def _slice(time: FloatArray, start: float, end: float) -> slice:
+    first, last = np.searchsorted(time, [start, end])
+    return slice(int(first), int(last))
+
+
+def _same(one: FloatArray | None, other: FloatArray | None) -> bool:
+    return one is other if one is None or other is None else np.array_equal(one, other)
+
+
+def _cut(array: FloatArray | None, part: slice) -> FloatArray | None:
+    return None if array is None else array[part]
+
+
+def _joined(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
+    present = [array for array in arrays if array is not None]
+    return np.concatenate(present) if len(present) == len(arrays) else None

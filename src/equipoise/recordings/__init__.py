@@ -1,1 +1,0 @@
-"""What the robot felt: validated streams, and their storage."""

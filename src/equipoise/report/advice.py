@@ -1,0 +1,165 @@
+"""What is known only roughly, and which extra motion would help: predicted before anything moves (precise/plan.py)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import EquipoiseError
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.parameters import COMPONENTS
+from equipoise.precise.plan import Candidates, Plan, Visit, describe, make_plan
+from equipoise.precise.posterior import Posterior, body_jacobian
+from equipoise.precise.routine import PreciseSettings, plan_ahead
+from equipoise.report.blocks import Block, items, table, text
+from equipoise.result.calibration import NORMAL_95, Calibration
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.stance import nominal_stance
+from equipoise.terminal.calibration import ROWS
+
+_SCALE = 0.005  # of the mass: an ordinary scale
+_MORE = 60.0  # [s] of robot time on an A1
+_SHOWN_MOTIONS = 4
+_WEAKEST = 3  # parameters, over what a calibration is meant to reach
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Half 95 % intervals (10,) as they are and as they would be, by what would be done; and the motions, in words."""
+
+    intervals: dict[str, FloatArray]
+    motions: list[str]
+    weakest: list[str]
+
+
+def advice_blocks(result: Calibration) -> list[Block]:
+    """For the precise method what more of it would bring; for others what the precise method would."""
+    robot = result.robot_model
+    if robot is None:
+        return []
+    posterior = None if result.evidence is None else result.evidence.posterior
+    try:
+        return _ahead(robot) if posterior is None else _further(outlook(result, robot, posterior), result)
+    except EquipoiseError as error:
+        return [text(f"What extra motions would bring cannot be predicted: {error}")]
+
+
+def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Outlook:
+    """What a scale, a minute more of robot time, or both would make of the intervals.
+
+    Raises:
+        EquipoiseError: nothing can be planned for the robot.
+    """
+    unknowns = posterior.unknowns
+    stance = nominal_stance(robot)
+    to_body = body_jacobian(unknowns, posterior.x, unknowns.robot_body)
+    known = np.asarray(np.linalg.inv(posterior.covariance), dtype=float)
+    found = robot.with_base(posterior.base_body.to_pinocchio())
+    candidates = Candidates.of(found, stance, posterior.robot_body.com, unknowns.priors)
+    time = _MORE * stance.clock
+    more = make_plan(candidates, time, known=known, searched=True)
+    scale = _scale_information(posterior, robot)
+    both = make_plan(candidates, time, known=known + scale, searched=True)
+    now = np.sqrt(np.diag(posterior.robot_covariance))
+    with_scale = np.sqrt(np.diag(to_body @ np.linalg.inv(known + scale) @ to_body.T))
+    weighed = result.settings.get("precise", {}).get("mass") is not None
+    intervals = {"now": now, **({} if weighed else {"with a scale": np.minimum(with_scale, now)})}
+    intervals[f"{time:.0f} s more"] = np.minimum(more.deviation, now)
+    if not weighed:
+        intervals["both"] = np.minimum(both.deviation, np.minimum(with_scale, now))
+    goals = PreciseSettings().goals.vector(np.abs(more.body), stance)
+    over = {name: float(ratio) for name, ratio in zip(COMPONENTS, now / goals, strict=True) if ratio > 1}
+    weakest = sorted(over, key=lambda name: -over[name])[:_WEAKEST]
+    return Outlook({name: NORMAL_95 * deviation for name, deviation in intervals.items()}, _in_words(more), weakest)
+
+
+def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
+    """What weighing the robot to half a percent tells."""
+    unknowns = posterior.unknowns
+    jacobian = unknowns.inertial_jacobian(posterior.x)
+    row = jacobian[0] + LegChains(robot).mass.ravel() @ jacobian[10:]
+    row = row / (_SCALE * posterior.robot_body.mass)
+    return np.asarray(np.outer(row, row), dtype=float)
+
+
+def _in_words(plan: Plan) -> list[str]:
+    """The postures that would be visited first, with their lifts."""
+    return [
+        f"posture {describe(visit.posture)}: {_lifts(visit) or 'a move over planted feet'}".replace(" -", " \u2212")
+        for visit in plan.visits[:_SHOWN_MOTIONS]
+    ]
+
+
+def _lifts(visit: Visit) -> str:
+    said: list[str] = []
+    for diagonal in DIAGONALS:
+        turns = [lift.turn or "none" for lift in visit.lifts if lift.diagonal == diagonal]
+        said += [f"lifts on {diagonal} with turns about {', '.join(turns)}"] if turns else []
+    return "; ".join(said)
+
+
+def _further(seen: Outlook, result: Calibration) -> list[Block]:
+    intervals = result.uncertainty["composite"].intervals
+    poor = [name for name in COMPONENTS if intervals[name].verdict != "identified"]
+    said = (
+        f"Weak or not identified: {', '.join(poor)}."
+        if poor
+        else "Every parameter is identified."
+        + (
+            f" Farthest from what a calibration is meant to reach: {', '.join(seen.weakest)}."
+            if seen.weakest
+            else " All are as sure as a calibration is meant to make them."
+        )
+    )
+    best = _best_step(seen, poor or seen.weakest)
+    columns = ["", *(f"|{name}, \u00b1" for name in seen.intervals)]
+    rows = [
+        [
+            label,
+            *(f"{deviation[index] * factor:{form[:1]}{int(form[1]) + 1}f}" for deviation in seen.intervals.values()),
+        ]
+        for index, (_, label, factor, form) in enumerate(ROWS)
+    ]
+    more = [name for name in seen.intervals if name.endswith("more")]
+    motions = (
+        [text(f"What these {more[0]} would begin with, the most telling first:"), items(seen.motions)] if more else []
+    )
+    caption = "Half 95 % intervals, predicted for ordinary sensors"
+    return [text(said, best), table(columns, rows, caption), *motions]
+
+
+def _best_step(seen: Outlook, names: list[str]) -> str:
+    """Which single step narrows the named intervals most."""
+    if not names:
+        return ""
+    chosen = [COMPONENTS.index(name) for name in names]
+    ratios = {
+        name: float(np.mean(half[chosen] / seen.intervals["now"][chosen]))
+        for name, half in seen.intervals.items()
+        if name not in ("now", "both")
+    }
+    name = min(ratios, key=lambda one: ratios[one])
+    how = {"with a scale": "a scale (give --mass)"}.get(
+        name, f"{name.removesuffix(' more')} more of robot time (--budget)"
+    )
+    if ratios[name] > 0.95:
+        return "Neither a scale nor a minute more of robot time would change that much."
+    return f"What would help most is {how}: these intervals would shrink to {ratios[name]:.0%} on average."
+
+
+def _ahead(robot: RobotModel) -> list[Block]:
+    """What the precise method would find."""
+    plan = plan_ahead(robot, nominal_stance(robot), PreciseSettings())
+    rows = [
+        [label, f"\u00b1 {NORMAL_95 * deviation * factor:{form}}"]
+        for (_, label, factor, form), deviation in zip(ROWS, plan.deviation, strict=True)
+    ]
+    return [
+        text(
+            f"This method gives no intervals, and does not find everything. --method precise would, in "
+            f"{plan.robot_time:.0f} s of robot time, with {plan.lifts} lifts in {len(plan.visits)} postures:"
+        ),
+        table(["", "95 %"], rows, "Predicted for ordinary sensors and a scale"),
+    ]

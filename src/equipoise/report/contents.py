@@ -1,0 +1,112 @@
+"""What is on the page of one run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.report.advice import advice_blocks
+from equipoise.report.blocks import Block, section, table
+from equipoise.report.numbers import BODIES, numbers, numbers_table, tell
+from equipoise.report.planes import support_planes
+from equipoise.report.progress import progress_figures
+from equipoise.report.provenance import provenance_blocks
+from equipoise.report.residuals import residual_figures
+from equipoise.report.scene import scene
+from equipoise.report.sensors import sensor_blocks
+from equipoise.report.sway import sway_blocks
+from equipoise.report.top_view import top_view
+from equipoise.report.trials import bracket_figure, error_figure, tilt_figures, trial_table
+from equipoise.result.calibration import Calibration
+from equipoise.terminal.calibration import ROWS
+
+SCHEMA = "equipoise.report/1"
+
+
+def run_contents(result: Calibration) -> Block:
+    """The page as JSON values; what the result does not know is left out."""
+    planes = support_planes(result)
+    closing = [one for one in (bracket_figure(result), error_figure(result)) if one is not None]
+    sections = [
+        section("trials", "Trials", [
+            {"type": "figures", "figures": closing} if closing else None, progress_figures(result), tilt_figures(result),
+            trial_table(result),
+        ]),
+        section("scene", "In space", [scene(result, planes)]),
+        section("sways", "Sways", sway_blocks(result)),
+        section("residuals", "Residuals", [residual_figures(result, planes)]),
+        section("sensors", "Sensors", sensor_blocks(result)),
+        section("help", "What would help", advice_blocks(result)),
+        section("bodies", "Other bodies", _other_bodies(result)),
+        section("checks", "Checks", [_checks(result)]),
+        section("provenance", "Provenance", provenance_blocks(result)),
+    ]  # fmt: skip
+    return {
+        "schema": SCHEMA,
+        "title": result.robot,
+        "subtitle": _subtitle(result),
+        "lead": _lead(result),
+        "alerts": alerts(result),
+        "numbers": numbers_table(numbers(result), _heading("composite")),
+        "top_view": top_view({result.robot: result}, planes),
+        "sections": [one for one in sections if one is not None],
+    }
+
+
+def alerts(result: Calibration) -> list[Block]:
+    """What speaks against the result: failed checks, or else warnings."""
+    failed = [{"name": f"Check failed: {c.name}", "message": c.message} for c in result.checks if not c.passed]
+    return failed or ([] if result.checks else [{"name": "Warning", "message": warning} for warning in result.warnings])
+
+
+def _subtitle(result: Calibration) -> str:
+    lifts = sum(trial.kind == "lift" for trial in result.trials)
+    time = sum(trial.duration for trial in result.trials)
+    passed = sum(check.passed for check in result.checks)
+    parts = [f"method {result.method}", f"{lifts} lifts in {time:.0f} s of robot time" if lifts else f"{time:.0f} s"]
+    parts += [f"{passed} of {len(result.checks)} checks passed"] if result.checks else []
+    parts += [str(result.provenance["platform"])] if "platform" in result.provenance else []
+    parts += [str(result.provenance["time"])[:16].replace("T", " ")] if "time" in result.provenance else []
+    return " \u00b7 ".join(parts)
+
+
+def _lead(result: Calibration) -> str:
+    """The change against the model file, in a sentence or two."""
+    said: list[str] = []
+    mass = next((one for one in numbers(result) if one.label.startswith("mass")), None)
+    if mass is not None and mass.change is not None:
+        half = "" if mass.half is None else f" \u00b1 {mass.half:.2f}"
+        more = "more" if mass.change > 0 else "less"
+        against = f"{abs(mass.change):.2f} kg {more} than its model file says"
+        if mass.half is not None and abs(mass.change) <= mass.half:
+            against = "as its model file says, within the interval"
+        said.append(f"It weighs {mass.value:.2f}{half} kg, {against}.")
+    pairs = zip(result.composite.com_in_base, result.nominal.composite.com, strict=True)
+    shifts = [1000 * (value - float(model)) for value, model in pairs if value is not None]
+    if shifts:
+        names = ("forward", "left", "up")[: len(shifts)]
+        along = ", ".join(f"{tell(shift, '+.1f')} mm {name}" for shift, name in zip(shifts, names, strict=True))
+        said.append(f"Its centre of mass is {np.linalg.norm(shifts):.1f} mm from where the file has it ({along}).")
+    missing = [label for name, label, *_ in ROWS if result.composite.by_name()[name] is None]
+    if missing:
+        names = ", ".join(label.split(" [")[0] for label in missing)
+        said.append(f"The method {result.method} does not find the whole robot's {names}.")
+    return " ".join(said)
+
+
+def _other_bodies(result: Calibration) -> list[Block]:
+    return [
+        numbers_table(shown, _heading(body))
+        for body in BODIES
+        if body != "composite" and (shown := numbers(result, body))
+    ]
+
+
+def _heading(body: str) -> str:
+    return BODIES[body][0].upper() + BODIES[body][1:]
+
+
+def _checks(result: Calibration) -> Block | None:
+    if not result.checks:
+        return None
+    rows = [[{"verdict": "passed" if check.passed else "failed"}, check.name, check.message] for check in result.checks]
+    return table(["", "check", "what was looked at"], rows, "What the result asks itself")

@@ -1,0 +1,52 @@
+"""How the precise method's intervals narrowed, motion by motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.precise.posterior import Posterior, body_jacobian
+from equipoise.report.blocks import Block, axes, figure, line
+from equipoise.result.calibration import NORMAL_95, Calibration
+
+
+def progress_figures(result: Calibration) -> Block | None:
+    """Half the 95 % intervals of CoM and moments against robot time; None without a posterior."""
+    evidence = result.evidence
+    if evidence is None or evidence.posterior is None:
+        return None
+    posterior = evidence.posterior
+    durations = [motion.duration for motion in evidence.motions]
+    deviation = deviations_by_motion(posterior, [motion.index for motion in evidence.motions])
+    time = np.cumsum([0.0, *durations])
+    half = NORMAL_95 * deviation
+    body = components(posterior.robot_body)
+    caption = "By what each motion told, added up in the order in which they were done."
+    com = [line(time, 1000 * half[:, k], f"CoM {COMPONENTS[k][-1]}", k - 1) for k in (1, 2, 3)]
+    inertia = [line(time, 100 * half[:, k] / body[k], COMPONENTS[k], k - 4) for k in (4, 5, 6)]
+    return {
+        "type": "figures",
+        "figures": [
+            figure(
+                "How the centre of mass became known", caption, com, _log(axes("robot time [s]", "95 % \u00b1 [mm]"))
+            ),
+            figure("How the moments became known", caption, inertia, _log(axes("robot time [s]", "95 % \u00b1 [%]"))),
+        ],
+    }
+
+
+def deviations_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray:
+    """(n + 1, 10) standard deviations of the whole robot's parameters before the first and after each of n motions."""
+    to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
+    information = np.linalg.inv(posterior.covariance) - sum(posterior.information.values())
+    path: list[FloatArray] = []
+    for added in [None, *motions]:
+        information = information + (0.0 if added is None else posterior.information.get(added, 0.0))
+        path.append(np.sqrt(np.diag(to_body @ np.linalg.inv(information) @ to_body.T)))
+    return np.array(path)
+
+
+def _log(layout: Block) -> Block:
+    layout["yaxis"].update({"type": "log", "dtick": "D2"})
+    return layout

@@ -1,0 +1,54 @@
+"""Settings and provenance: what it takes to make the same page again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from equipoise.report.blocks import Block, table
+from equipoise.report.numbers import tell
+from equipoise.result.calibration import Calibration
+
+
+def facts(result: Calibration) -> dict[str, str]:
+    """Version, model, stance, seed, time, platform, by name."""
+    model = {f"model {name.replace('_', ' ')}": str(value) for name, value in result.model.items()}
+    repairs = () if result.robot_model is None else result.robot_model.source.repairs
+    about = {
+        "robot": result.robot,
+        "method": result.method,
+        **({"feet": result.feet} if result.method == "paper" else {}),
+    }
+    repaired = {"model repairs": "; ".join(repairs)} if repairs else {}
+    return {**about, **dict(_flat(result.provenance)), **model, **repaired}
+
+
+def provenance_blocks(result: Calibration) -> list[Block]:
+    """Facts, settings and the stance as tables."""
+    settings = dict(
+        _flat({name: value for name, value in result.settings.items() if name not in _others(result.method)})
+    )
+    stance = [[name, tell(q, ".4f"), tell(float(np.degrees(q)), ".2f")] for name, q in result.joint_position.items()]
+    return [
+        table(["what", "value"], [list(row) for row in facts(result).items()], "Where this comes from"),
+        table(["joint", "|[rad]", "|[deg]"], stance, "Joint positions of the stance that all refers to", folded=True),
+        table(["setting", "value"], [list(row) for row in settings.items()], "All settings", folded=True),
+    ]
+
+
+def _others(method: str) -> tuple[str, ...]:
+    """Settings of other methods."""
+    return {"precise": ("com_search", "feet"), "paper": ("precise",)}.get(
+        method, ("com_search", "sway", "precise", "feet")
+    )
+
+
+def _flat(table_of: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """Names with dots, values as text."""
+    for name, value in table_of.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{above}{name}.")  # pyright: ignore[reportUnknownArgumentType]
+        else:
+            yield f"{above}{name}", "default" if value is None else str(value)

@@ -1,0 +1,98 @@
+"""How the motions fit: misfit of each, how the misfits spread, and how the support planes miss each other."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.report.blocks import SERIES, Block, axes, figure, plain, short
+from equipoise.report.planes import Planes
+from equipoise.result.calibration import Calibration
+
+_KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"))
+_OUT = "x"
+
+
+def residual_figures(result: Calibration, planes: Planes) -> Block | None:
+    """What there is of them for the method."""
+    figures = [*_misfits(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
+    return {"type": "figures", "figures": figures} if figures else None
+
+
+def _misfits(result: Calibration) -> list[Block]:
+    told = [(number, trial) for number, trial in enumerate(result.trials, start=1) if trial.misfit is not None]
+    if not told:
+        return []
+    bars: list[Block] = []
+    spreads: list[Block] = []
+    for series, (kind, name, pattern) in enumerate(_KINDS):
+        mine = [(number, trial) for number, trial in told if trial.kind == kind]
+        if not mine:
+            continue
+        colour = {"color": SERIES[series]}
+        shapes = [_OUT if trial.note else pattern for _, trial in mine]
+        misfits = short(trial.misfit or 0.0 for _, trial in mine)
+        bars.append({
+            "type": "bar", "name": name, "x": [number for number, _ in mine], "y": misfits,
+            "text": [plain("; ".join(filter(None, (trial.about, trial.note)))) for _, trial in mine], "textposition": "none",
+            "hovertemplate": "motion %{x}: %{y:.2f}<br>%{text}<extra></extra>",
+            "marker": {**colour, "pattern": {"shape": shapes}},
+        })  # fmt: skip
+        spreads.append({
+            "type": "histogram", "name": name, "x": misfits, "xbins": {"start": 0, "size": 0.2},
+            "marker": {**colour, "pattern": {"shape": pattern}},
+        })  # fmt: skip
+    middle = float(np.median([trial.misfit or 0.0 for _, trial in told]))
+    layout = axes("motion", "residual over what noise explains")
+    layout["shapes"] = [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1,
+                         "line": {"color": "--muted", "dash": "dash", "width": 1}}]  # fmt: skip
+    about_one = "1: as the sensors' noise has it. Crossed bars were left out."
+    return [
+        figure("Misfit of each motion", about_one, bars, layout),
+        figure("How the misfits spread", f"Median {middle:.2f}.", spreads,
+               axes("residual over what noise explains", "motions", barmode="stack")),
+    ]  # fmt: skip
+
+
+def _plane_misses(result: Calibration, planes: Planes) -> list[Block]:
+    """How far each lift's support plane passes by the CoM found, without any sensor bias taken into account."""
+    com = result.composite.com_in_base
+    x, y, z = com
+    if x is None or y is None or z is None:
+        return []
+    misses = [1000 * plane.distance_to(np.array([x, y, z])) for _, plane in planes]
+    if not misses:
+        return []
+    caption = (
+        f"Each lift read alone, its sensors taken to be right: rms {np.sqrt(np.mean(np.square(misses))):.1f} mm. What they "
+        "share is sensor errors, which the estimate finds; hence its smaller interval."
+    )
+    data = [{"type": "histogram", "x": short(misses), "marker": {"color": SERIES[0]}, "nbinsx": 24, "name": "lifts"}]
+    return [
+        figure(
+            "How far the support planes pass by the CoM",
+            caption,
+            data,
+            axes("distance, CoM ahead positive [mm]", "lifts"),
+        )
+    ]
+
+
+def _tilt_by_offset(result: Calibration) -> list[Block]:
+    """Tilt against offset of the paper's lifts: it must change its sign at the line that was found."""
+    data: list[Block] = []
+    for series, (diagonal, found) in enumerate(result.support_lines.items()):
+        mine = [trial for trial in result.trials if trial.about == diagonal and trial.tilt is not None]
+        data.append({
+            "type": "scatter", "mode": "markers", "name": f"lifts on {diagonal}",
+            "x": short(1000 * (trial.offset or 0.0) for trial in mine),
+            "y": short(np.degrees(trial.tilt or 0.0) for trial in mine),
+            "marker": {"color": SERIES[series], "symbol": ("circle", "diamond")[series % 2], "size": 9},
+        })  # fmt: skip
+        data.append({
+            "type": "scatter", "mode": "lines", "name": f"balance on {diagonal}", "x": short([1000 * found.offset] * 2),
+            "y": [-1, 1], "line": {"color": SERIES[series], "dash": ("solid", "dash")[series % 2], "width": 1},
+        })  # fmt: skip
+    caption = "Behind the centre of mass the robot tips forward, ahead of it backward."
+    return (
+        [figure("Tilt by offset", caption, data, axes("offset of the support line [mm]", "tilt [deg]"))] if data else []
+    )

@@ -1,0 +1,1 @@
+"""Simulated robots: engines, errors of sensors and actuators, payloads, and the truth."""

@@ -1,0 +1,188 @@
+"""The links of a robot model file for DART: of a URDF by DART's own reader, of an MJCF by a reader of the cleaned file."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import dartpy
+import numpy as np
+from dartpy import dynamics
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import ModelError
+from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.mjcf_poses import AngleConvention, orientation
+from equipoise.robot.source import ModelSource
+
+_WATER = 1000.0  # [kg/m3], MuJoCo's default density of shapes
+_TENSOR_ORDER = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of MJCF's fullinertia: xx yy zz xy xz yz
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """What moves a link in its parent: a hinge or a slide.
+
+    Attributes:
+        name: of the joint.
+        kind: "hinge" or "slide".
+        direction: (3,) unit vector in the link's frame.
+        anchor: (3,) a point on the axis in the link's frame [m].
+    """
+
+    name: str
+    kind: Literal["hinge", "slide"]
+    direction: FloatArray
+    anchor: FloatArray
+
+    def moved(self, position: float) -> FloatArray:
+        """(4, 4) pose of the moved link in itself unmoved."""
+        if self.kind == "slide":
+            return pose_of(np.eye(3), position * self.direction)
+        rotation = np.array(dartpy.math.expMapRot(position * self.direction))
+        return pose_of(rotation, self.anchor - rotation @ self.anchor)
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A link as the file has it.
+
+    Attributes:
+        name: of the link.
+        parent: name of its parent; None: it is the base.
+        placement: (4, 4) of its frame in its parent's, joints at zero.
+        axes: what moves it, the first one first.
+        parts: what it weighs, in its frame; nothing: it has no mass.
+    """
+
+    name: str
+    parent: str | None
+    placement: FloatArray
+    axes: tuple[Axis, ...]
+    parts: tuple[InertialParameters, ...]
+
+
+def read_links(source: ModelSource) -> list[Link]:
+    """Every link of the cleaned file, parents before children.
+
+    Raises:
+        ModelError: DART cannot read the file.
+    """
+    return list(_urdf_links(source) if source.format == "urdf" else _mjcf_links(source))
+
+
+def pose_of(rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """(4, 4) of a rotation and a translation."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, translation
+    return pose
+
+
+def moved_by(pose: FloatArray, body: InertialParameters) -> InertialParameters:
+    """A body in the frame in which its own has that pose (4, 4)."""
+    rotation = pose[:3, :3]
+    return InertialParameters(body.mass, pose[:3, 3] + rotation @ body.com, rotation @ body.inertia @ rotation.T)
+
+
+def _urdf_links(source: ModelSource) -> Iterator[Link]:
+    skeleton = dartpy.utils.DartLoader().parseSkeletonString(
+        source.xml, dartpy.common.Uri(), dartpy.utils.DartResourceRetriever()
+    )
+    if skeleton is None:
+        raise ModelError(f"DART cannot make a model of {str(source.path)!r}")
+    # DART gives a link without an inertial one of its own.
+    heavy = {
+        link.get("name") for link in ET.fromstring(source.xml).findall("link") if link.find("inertial") is not None
+    }
+    for node in skeleton.getBodyNodes():
+        joint, parent, name = node.getParentJoint(), node.getParentBodyNode(), node.getName()
+        inertia = node.getInertia()
+        own = InertialParameters(inertia.getMass(), inertia.getLocalCOM(), inertia.getMoment())
+        parts = (own,) if name in heavy else ()
+        if parent is None:
+            yield Link(name, None, np.eye(4), (), parts)
+            continue
+        placement = np.array(joint.getTransformFromParentBodyNode().matrix())
+        yield Link(name, parent.getName(), placement, tuple(_urdf_axes(joint)), parts)
+
+
+def _urdf_axes(joint: dynamics.Joint) -> Iterator[Axis]:
+    """DART's URDF joints sit in their links' origins."""
+    if isinstance(joint, dynamics.RevoluteJoint):
+        yield Axis(joint.getName(), "hinge", np.array(joint.getAxis()), np.zeros(3))
+    elif isinstance(joint, dynamics.PrismaticJoint):
+        yield Axis(joint.getName(), "slide", np.array(joint.getAxis()), np.zeros(3))
+
+
+def _mjcf_links(source: ModelSource) -> Iterator[Link]:
+    root = ET.fromstring(source.xml)
+    base = root.find("worldbody/body")
+    assert base is not None  # a cleaned file has one
+    yield from _mjcf_body(base, None, AngleConvention.of(root))
+
+
+def _mjcf_body(body: ET.Element, parent: str | None, convention: AngleConvention) -> Iterator[Link]:
+    name = body.get("name", "")
+    axes = () if parent is None else tuple(_mjcf_axes(body))
+    yield Link(name, parent, _pose(body, convention), axes, tuple(_mjcf_parts(body, convention)))
+    for child in body.findall("body"):
+        yield from _mjcf_body(child, name, convention)
+
+
+def _mjcf_axes(body: ET.Element) -> Iterator[Axis]:
+    for joint in body.findall("joint"):
+        kind = joint.get("type", "hinge")
+        if kind in ("hinge", "slide"):
+            direction = _numbers(joint, "axis", "0 0 1")
+            anchor = _numbers(joint, "pos", "0 0 0")
+            name = joint.get("name", "")
+            yield Axis(name, "hinge" if kind == "hinge" else "slide", direction / np.linalg.norm(direction), anchor)
+
+
+def _mjcf_parts(body: ET.Element, convention: AngleConvention) -> Iterator[InertialParameters]:
+    """The inertial, or where there is none the shapes."""
+    inertial = body.find("inertial")
+    if inertial is None:
+        yield from (_shape(geom, convention) for geom in body.findall("geom"))
+        return
+    if "fullinertia" in inertial.attrib:
+        inertia = _numbers(inertial, "fullinertia")[_TENSOR_ORDER]
+    else:
+        inertia = np.diag(_numbers(inertial, "diaginertia", "0 0 0"))
+    own = InertialParameters(float(inertial.get("mass", "0")), np.zeros(3), inertia)
+    yield moved_by(_pose(inertial, convention), own)
+
+
+def _shape(geom: ET.Element, convention: AngleConvention) -> InertialParameters:
+    """Of a primitive shape full of its density, or of its mass."""
+    kind, size, pose = geom.get("type", "sphere"), np.resize(_numbers(geom, "size", "0"), 3), _pose(geom, convention)
+    if "fromto" in geom.attrib:
+        begin, end = _numbers(geom, "fromto").reshape(2, 3)
+        turned = ET.Element("geom", {"zaxis": " ".join(repr(float(number)) for number in end - begin)})
+        pose = pose_of(orientation(turned, convention), (begin + end) / 2)
+        half = float(np.linalg.norm(end - begin)) / 2
+        size = np.array([size[0], size[0] if kind in ("box", "ellipsoid") else half, half])
+    if kind not in _SHAPES:
+        raise ValueError(f"a geom of type {kind!r} has no mass that is known; give its body an <inertial>")
+    shape = _SHAPES[kind](size)
+    mass = float(geom.get("mass", float(geom.get("density", _WATER)) * shape.getVolume()))
+    return moved_by(pose, InertialParameters(mass, np.zeros(3), shape.computeInertia(mass)))
+
+
+_SHAPES: dict[str, Callable[[FloatArray], dynamics.Shape]] = {
+    "sphere": lambda size: dynamics.SphereShape(size[0]),
+    "capsule": lambda size: dynamics.CapsuleShape(size[0], 2 * size[1]),
+    "cylinder": lambda size: dynamics.CylinderShape(size[0], 2 * size[1]),
+    "box": lambda size: dynamics.BoxShape(2 * size),
+    "ellipsoid": lambda size: dynamics.EllipsoidShape(2 * size),
+}
+
+
+def _pose(element: ET.Element, convention: AngleConvention) -> FloatArray:
+    return pose_of(orientation(element, convention), _numbers(element, "pos", "0 0 0"))
+
+
+def _numbers(element: ET.Element, key: str, default: str = "") -> FloatArray:
+    return np.array([float(word) for word in element.get(key, default).split()])

@@ -1,0 +1,43 @@
+"""What can happen to a simulated robot from outside: somebody pushes it, a foot finds no hold."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.simulation.mujoco_model import SimulatedRobot
+
+
+class Disturbance:
+    """Acts on the simulation from outside the platform; for tests of what a guard and an estimate notice.
+
+    Attributes:
+        wrench: (nbody, 6) forces [N] and torques [Nm] on the engine's bodies, in world axes, that act from now on.
+    """
+
+    def __init__(self, simulated: SimulatedRobot) -> None:
+        self._model, self._base = simulated.model, simulated.base_body
+        self.wrench = np.zeros((self._model.nbody, 6))
+
+    def push(self, force_in_world: FloatArray) -> None:
+        """Push the base with a (3,) force [N] until told otherwise."""
+        self.wrench[self._base, :3] = force_in_world
+
+    def grease(self, leg: str, friction: float) -> None:
+        """Give one foot another coefficient of friction."""
+        foot = self._model.geom(f"equipoise_{leg}_foot").id
+        self._model.geom_friction[foot, 0] = friction
+        self._model.geom_priority[foot] = 1  # its friction counts, not the larger one of foot and floor
+
+    @property
+    def spec(self) -> int:
+        """What of the engine's input a rollout must be told."""
+        control, pushed = int(mujoco.mjtState.mjSTATE_CTRL), int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
+        return control | pushed if self.wrench.any() else control
+
+    def beside(self, control: FloatArray) -> FloatArray:
+        """(n, nu) controls with what else `spec` names."""
+        if not self.wrench.any():
+            return control
+        return np.hstack([control, np.tile(self.wrench.ravel(), (len(control), 1))])

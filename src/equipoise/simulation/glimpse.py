@@ -1,0 +1,47 @@
+"""What a bystander sees of a simulated robot, and the robot itself does not feel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from equipoise.conventions import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Glimpse:
+    """The true state at one moment, in axes of the floor: z is its normal, the floor is at z = 0.
+
+    Attributes:
+        time: of the platform [s].
+        feet: (4, 3) centres of the feet FL FR RL RR [m].
+        clearance: (4,) between the feet's spheres and the floor; negative: pressed into it [m].
+        com: (3,) of the whole robot [m].
+        up: (3,) unit vector against gravity.
+        tilt: of the base's z axis from up [rad].
+    """
+
+    time: float
+    feet: FloatArray
+    clearance: FloatArray
+    com: FloatArray
+    up: FloatArray
+    tilt: float
+
+
+class Bystander:
+    """Looks every few control periods and keeps what it saw.
+
+    Attributes:
+        glimpses: in order of time.
+    """
+
+    def __init__(self, look: Callable[[], Glimpse], every: int) -> None:
+        self.glimpses: list[Glimpse] = []
+        self._look, self._every, self._count = look, every, 0
+
+    def watch(self) -> None:
+        """Call once every control period."""
+        if self._count % self._every == 0:
+            self.glimpses.append(self._look())
+        self._count += 1

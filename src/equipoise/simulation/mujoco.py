@@ -1,0 +1,136 @@
+"""The simulated robot in MuJoCo: joint PD inside the engine, motions rolled out at the engine's own speed."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from equipoise.conventions import FloatArray
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.simulation.disturbance import Disturbance
+from equipoise.simulation.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
+from equipoise.simulation.simulated import PERIODS_BETWEEN_STOP_TESTS, SimulatedPlatform, Start
+
+__all__ = ["PERIODS_BETWEEN_STOP_TESTS", "MujocoPlatform"]
+
+
+_STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class MujocoPlatform(SimulatedPlatform):
+    """A quadruped in MuJoCo.
+
+    Args:
+        robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
+        simulated: the engine's model.
+        stance: the nominal stance, in which (or lying under which) the robot starts.
+        start: "standing" or "lying".
+        control_period: [s]; a multiple of the engine's time step.
+        data: the engine's state, for those who also watch the simulation from outside; default: one of its own.
+        disturbance: what acts on the robot from outside.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        simulated: SimulatedRobot,
+        stance: Stance,
+        start: Start = "standing",
+        control_period: float = 2e-3,
+        data: mujoco.MjData | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> None:
+        self._simulated = simulated
+        self._model = simulated.model
+        super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, self._model.opt.timestep, control_period)
+        self._data = mujoco.MjData(self._model) if data is None else data
+        self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
+        self._rollout = rollout.Rollout(nthread=0)
+        self._disturbance = disturbance or Disturbance(simulated)
+        self._imu_rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(self._imu_rotation, self._model.site(IMU_SITE).quat)
+        self._imu_rotation = self._imu_rotation.reshape(3, 3)
+        address = self._model.sensor(ACCELEROMETER).adr[0]
+        self._accelerometer = slice(address, address + 3)
+        self._settle(stance, start)
+
+    def close(self) -> None:
+        super().close()
+        self._rollout.close()
+
+    def _place(self, joint_position: FloatArray, base_height: float) -> None:
+        data, model = self._data, self._model
+        data.qpos[:] = model.qpos0
+        data.qpos[:7] = [0, 0, base_height, 1, 0, 0, 0]
+        data.qpos[self._simulated.qpos] = joint_position
+        mujoco.mj_forward(model, data)
+
+    def _set_clock_to_zero(self) -> None:
+        self._data.time = 0.0
+
+    def _base_up(self) -> float:
+        up = np.zeros(3)
+        mujoco.mju_rotVecQuat(up, np.array([0.0, 0, 1]), self._data.qpos[3:7])
+        return float(up[2])
+
+    def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
+        super()._set_gains(kp, kd)
+        self._simulated.set_gains(self._kp, self._kd)
+
+    def _run(self, control: FloatArray, raw: FloatArray) -> None:
+        data, model, simulated = self._data, self._model, self._simulated
+        size = mujoco.mj_stateSize(model, _STATE)
+        initial = np.zeros(size)
+        mujoco.mj_getState(model, data, initial, _STATE)
+        states, sensors = self._rollout.rollout(
+            model,
+            data,
+            initial[None],
+            self._disturbance.beside(control)[None],
+            control_spec=self._disturbance.spec,
+            initial_warmstart=np.array(data.qacc_warmstart)[None],
+        )
+        states, sensors = states[0], sensors[0]
+        # The engine restarts at time zero when it diverges.
+        if not (states[0, 0] > initial[0] and (states[1:, 0] > states[:-1, 0]).all()):
+            raise self._became_unstable(initial[0])
+        mujoco.mj_setState(model, data, states[-1], _STATE)
+        # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
+        moving = slice(1 + model.nq, 1 + model.nq + model.nv)
+        velocities = states[:, moving].copy()
+        velocities[0] += initial[moving]
+        velocities[1:] += states[:-1, moving]
+        velocities /= 2
+        joints = model.nu
+        raw[0, :joints], raw[1:, :joints] = initial[1 + simulated.qpos], states[:-1, 1 + simulated.qpos]
+        raw[:, joints : 2 * joints] = velocities[:, simulated.dof]
+        speeds = np.concatenate([initial[None], states])[:, 1 + model.nq + simulated.dof]
+        raw[:, 2 * joints : 3 * joints] = self._reported_torque(sensors[:, :joints], np.diff(speeds, axis=0))
+        raw[:, -6:-3] = velocities[:, 3:6] @ self._imu_rotation
+        raw[:, -3:] = sensors[:, self._accelerometer]
+
+    def _raw_now(self) -> FloatArray:
+        data, model, simulated = self._data, self._model, self._simulated
+        ahead, state = self._ahead, np.zeros(mujoco.mj_stateSize(model, _WHOLE_STATE))
+        mujoco.mj_getState(model, data, state, _WHOLE_STATE)
+        mujoco.mj_setState(model, ahead, state, _WHOLE_STATE)
+        if len(self._late_control):
+            ahead.ctrl[:] = self._late_control[0]
+        mujoco.mj_step(model, ahead)
+        velocity = (data.qvel + ahead.qvel) / 2
+        return np.concatenate(
+            [
+                data.qpos[simulated.qpos],
+                velocity[simulated.dof],
+                self._reported_torque(ahead.sensordata[: model.nu], (ahead.qvel - data.qvel)[simulated.dof]),
+                velocity[3:6] @ self._imu_rotation,
+                ahead.sensordata[self._accelerometer],
+            ]
+        )
+
+    def _reported_torque(self, torque: FloatArray, speed_change: FloatArray) -> FloatArray:
+        """(..., nj) what motors say of a torque that the speed at a step's end damps; they have no more than their limit."""
+        damped = torque / self._errors.torque_gain - self._kd * speed_change
+        return np.clip(damped, -self._robot.effort_limit, self._robot.effort_limit)

@@ -1,0 +1,346 @@
+"""The simulated robot: a MuJoCo model made from the robot's own file, and the truth that it holds."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.errors import ModelError, SettingsError
+from equipoise.robot.model import RobotModel
+from equipoise.robot.source import ModelSource
+from equipoise.robot.stance import Stance
+from equipoise.simulation.payload import Payload
+from equipoise.simulation.sensors import DrawnErrors
+
+FLOOR = "equipoise_floor"
+IMU_SITE = "equipoise_imu"
+ACCELEROMETER = "equipoise_accelerometer"
+PAYLOAD = "equipoise_payload"
+
+_TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_BELLY_RATIO = 0.15  # the trunk's underside hangs this fraction of the leg length below the hips
+# Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by
+# a millimetre over a trial is a support line off by a millimetre.
+_IMPRATIO = 100.0
+# Of contacts [s]: as hard as MuJoCo keeps up to the longest step, which is half of it; at longer ones it would soften them.
+CONTACT_TIME = 2e-3
+# Share of a contact's or a joint's slip that is taken back at once. At MuJoCo's own, 0.9 to 0.95, planted feet creep four
+# times as far while the body shakes, and sink in by 40 instead of 3 um.
+_IMPEDANCE = 0.99, 0.99
+TIMESTEP = 0.5e-3  # [s], the usual one
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRobot:
+    """A compiled MuJoCo model and where the robot's joints are in it.
+
+    Attributes:
+        model: compiled; the engine's joint PD, torque limits, feet, floor, payload and actuator errors are in it.
+        errors: the drawn sensor and actuator errors that it was made with.
+        qpos: (nj,) indices of the leg joints in qpos, in the robot's joint order; `dof` likewise in qvel.
+        dof: (nj,) indices in qvel.
+        kp, kd: (nj,) gains that the joint PD is commanded with.
+        base_body: id of the base body.
+    """
+
+    model: mujoco.MjModel
+    errors: DrawnErrors
+    qpos: NDArray[np.intp]
+    dof: NDArray[np.intp]
+    kp: FloatArray
+    kd: FloatArray
+    base_body: int
+
+    def set_gains(self, kp: FloatArray, kd: FloatArray) -> None:
+        """Gains (nj,) of the joint PD that it is commanded with [Nm/rad], [Nm s/rad]; `set_joints` says how they act."""
+        # A motor whose torque constant is off is wrong in its own loop by the same factor.
+        gain, sizes = self.errors.torque_gain, self.errors.sizes
+        losses = sizes.coulomb_friction, sizes.viscous_friction, sizes.armature
+        set_joints(self.model, self.dof, gain * kp, gain * kd, losses)
+
+
+def build_simulated_robot(
+    robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None, timestep: float
+) -> SimulatedRobot:
+    """Build the MuJoCo model of a robot, from the file that the robot model came from.
+
+    Actuators, sensors, keyframes, options, friction losses and damping of the file are replaced. Only the feet (spheres) and
+    the belly (a box, for lying) touch the floor.
+
+    Args:
+        stance: gains scale with its hip height.
+        errors: actuator errors, floor and leg masses are built in; sensor errors are the platform's.
+        timestep: of the engine [s].
+
+    Raises:
+        ModelError: MuJoCo cannot make a model of the file.
+        SettingsError: the time step is too long for the contacts.
+    """
+    if timestep > CONTACT_TIME / 2:
+        raise SettingsError(
+            f"the engine's time step is {timestep:g} s; feet on the floor would be softer than they are at "
+            f"{CONTACT_TIME / 2:g} s and less: give a shorter one"
+        )
+    try:
+        spec = _read(robot.source)
+        base = _floating_base(spec, robot)
+        _strip(spec)
+        _weld_held_joints(spec, robot)
+        _add_contacts(spec, robot, stance, base, errors)
+        if payload is not None:
+            _add_payload(base, payload)
+        _add_actuators_and_sensors(spec, robot, base, errors)
+        set_options(spec, timestep)
+        spec.option.gravity = GRAVITY * errors.gravity_direction
+        model = spec.compile()
+    except ValueError as error:
+        raise ModelError(f"MuJoCo cannot make a model of {str(robot.source.path)!r}: {error}") from error
+    joints = np.array([model.joint(name).id for name in robot.joint_names])
+    qpos, dof = model.jnt_qposadr[joints].astype(np.intp), model.jnt_dofadr[joints].astype(np.intp)
+    kp, kd = (np.full(len(dof), gain) for gain in robot.gains(stance.hip_height))
+    simulated = SimulatedRobot(model, errors, qpos, dof, kp, kd, int(model.jnt_bodyid[0]))
+    simulated.set_gains(kp, kd)
+    _scale_leg_masses(model, joints, errors)
+    return simulated
+
+
+def set_options(spec: mujoco.MjSpec, timestep: float) -> None:
+    """How the engine moves on; damping is not its integrator's (`set_joints` says why).
+
+    Fixed links are fused, which saves up to a third of the engine's time. Not before: a spec that is compiled again fuses them
+    again, and an arm's mount counts twice. MuJoCo 3.5 to 3.8 fuses turned ones wrongly.
+    """
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = _IMPRATIO
+    spec.compiler.fusestatic = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 17)
+
+
+def set_joints(
+    model: mujoco.MjModel, dof: NDArray[np.intp], kp: FloatArray, kd: FloatArray, losses: tuple[float, float, float]
+) -> None:
+    """PD control and losses of the joints.
+
+    Damping D acts on the speed that a step h ends with, or light shanks would not be stable: D (v + h a), of which D h a is as
+    if the joint had a rotor of D h more. Said like that, contacts and friction reckon with it. MuJoCo's implicit integrators
+    add it when forces have been found: feet that these should hold slide, by a delay of 0.3 ms on a Go2; light shanks chatter;
+    and the accelerometer feels what does not happen.
+
+    Friction takes a joint's speed within a step. MuJoCo's own opposes a + b v, b = 105/s, and leads by 20 deg at 6 Hz.
+
+    Args:
+        dof: (nj,) of the joints.
+        kp, kd: (nj,) as they act [Nm/rad], [Nm s/rad].
+        losses: Coulomb friction [Nm], viscous friction [Nm s/rad], armature [kg m2].
+    """
+    timestep = model.opt.timestep
+    model.actuator_gainprm[:, 0] = kp
+    model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -kp, -kd
+    model.dof_frictionloss[dof], model.dof_damping[dof], armature = losses
+    model.dof_armature[dof] = armature + timestep * (kd + losses[1])
+    model.dof_solref[dof] = 2 * timestep, 1.0
+    model.dof_solimp[dof, :2] = _IMPEDANCE
+
+
+def _read(source: ModelSource) -> mujoco.MjSpec:
+    """The file without what is ours to choose: options of the engine, and shapes that touch."""
+    root = ET.fromstring(source.xml)
+    for parent in (root, *root.findall("mujoco")):
+        for option in parent.findall("option"):
+            parent.remove(option)
+    # A link without an inertial is massless, whatever shapes it has (URDF); in MJCF its shapes give it mass.
+    for link in root.findall("link"):
+        for collision in link.findall("collision"):
+            link.remove(collision)
+        for inertial in link.findall("inertial"):
+            _straighten(inertial)
+    spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
+    spec.compiler.fusestatic = False  # `set_options` says why
+    return spec
+
+
+def _straighten(inertial: ET.Element) -> None:
+    """Write a URDF link's inertia in the link's own axes: MuJoCo before 3.17 reads a turned one wrongly."""
+    origin, tensor = inertial.find("origin"), inertial.find("inertia")
+    if origin is None or tensor is None or "rpy" not in origin.attrib:
+        return
+    rpy = [float(word) for word in origin.attrib.pop("rpy").split()]
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    turn = np.array(  # about the fixed x, then y, then z
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    xx, yy, zz, xy, xz, yz = (float(tensor.get(key, "0")) for key in _TENSOR_KEYS)
+    straight = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    for key, value in zip(_TENSOR_KEYS, straight[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], strict=True):
+        tensor.set(key, repr(float(value)))
+
+
+def _delete(spec: mujoco.MjSpec, element: Any) -> None:
+    """Delete an element of a spec: a method of the spec since MuJoCo 3.3.1, of the element before."""
+    if hasattr(spec, "delete"):
+        spec.delete(element)
+    else:
+        element.delete()
+
+
+def _floating_base(spec: mujoco.MjSpec, robot: RobotModel) -> mujoco.MjsBody:
+    base = spec.worldbody.first_body()
+    free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+    if not free:
+        base.add_freejoint()
+    # The floor is at z = 0 and the platform places the base: the file's pose of it says nothing.
+    return base
+
+
+def _strip(spec: mujoco.MjSpec) -> None:
+    """Take out what the file says of losses, contacts and gravity compensation."""
+    for joint in spec.joints:
+        for name in ("damping", "stiffness"):  # scalars up to MuJoCo 3, polynomials' coefficients from 4 on
+            setattr(joint, name, np.zeros_like(getattr(joint, name)) if np.ndim(getattr(joint, name)) else 0.0)
+        joint.frictionloss = 0.0
+        joint.armature = 0.0
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    for body in spec.bodies:
+        body.gravcomp = 0.0
+
+
+def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
+    """Remove joints that are no leg's, with their links turned to where they are held."""
+    if not robot.held:
+        return
+    compiled = spec.compile()
+    poses: dict[int, tuple[FloatArray, FloatArray]] = {}
+    for body in spec.bodies:
+        for spec_joint in list(body.joints):
+            if spec_joint.type == mujoco.mjtJoint.mjJNT_FREE or spec_joint.name in robot.joint_names:
+                continue
+            joint = compiled.joint(spec_joint.name)
+            index = int(compiled.jnt_bodyid[joint.id])
+            poses.setdefault(index, (np.array(compiled.body_pos[index]), np.array(compiled.body_quat[index])))
+            position = robot.held.get(spec_joint.name, 0.0)  # joints of several axes are held where they are
+            if position != 0:
+                poses[index] = _moved_by_joint(*poses[index], joint, position)
+            body.pos, body.quat = poses[index]
+            body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+            _delete(spec, spec_joint)
+
+
+def _moved_by_joint(
+    pos: FloatArray, quat_wxyz: FloatArray, joint: Any, position: float
+) -> tuple[FloatArray, FloatArray]:
+    """Pose of a body in its parent, with one joint moved."""
+    axis, anchor = np.array(joint.axis), np.array(joint.pos)
+    turned, rotated, shifted = np.zeros(4), np.zeros(4), np.zeros(3)
+    if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE:
+        mujoco.mju_rotVecQuat(shifted, position * axis, quat_wxyz)
+        return pos + shifted, quat_wxyz
+    mujoco.mju_axisAngle2Quat(turned, axis, position)
+    mujoco.mju_mulQuat(rotated, quat_wxyz, turned)
+    about_anchor = np.zeros(3)
+    mujoco.mju_rotVecQuat(about_anchor, anchor, turned)
+    mujoco.mju_rotVecQuat(shifted, anchor - about_anchor, quat_wxyz)
+    return pos + shifted, rotated
+
+
+def _add_contacts(
+    spec: mujoco.MjSpec, robot: RobotModel, stance: Stance, base: mujoco.MjsBody, errors: DrawnErrors
+) -> None:
+    friction = [errors.sizes.floor_friction, 0.005, 0.0001]
+    hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*_IMPEDANCE, 0.001, 0.5, 2.0], "friction": friction}
+    spec.worldbody.add_geom(
+        name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, **hard
+    )  # fmt: skip
+    touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
+    for leg, foot in robot.feet.items():
+        spec.body(foot.body).add_geom(
+            name=f"equipoise_{leg}_foot",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[foot.radius, 0, 0],
+            pos=foot.position_in_body,
+            **touching,
+        )
+    hips_above_base = stance.hip_height - stance.base_height
+    reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
+    thickness = 0.02 * robot.leg_length
+    base.add_geom(
+        name="equipoise_belly",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.6 * reach[0], 0.4 * reach[1], thickness],
+        pos=[0, 0, hips_above_base - _BELLY_RATIO * robot.leg_length + thickness],
+        **touching,
+    )
+
+
+def _add_payload(base: mujoco.MjsBody, payload: Payload) -> None:
+    """The payload as a body at the base frame's origin whose inertial is offset.
+
+    MuJoCo 4 counts an offset of the body twice when its inertial has none of its own.
+    """
+    parameters = payload.parameters
+    tensor = parameters.inertia
+    # A body that cannot move by itself may have no inertia; MuJoCo only wants the number to be positive.
+    floor = 1e-9 * np.eye(3) if not tensor.any() else np.zeros((3, 3))
+    xx, yy, zz, xy, xz, yz = (tensor + floor)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    body = base.add_body(name=PAYLOAD, pos=[0, 0, 0])
+    body.explicitinertial = True
+    body.mass = parameters.mass
+    body.ipos = parameters.com
+    body.fullinertia = [xx, yy, zz, xy, xz, yz]
+
+
+def _add_actuators_and_sensors(
+    spec: mujoco.MjSpec, robot: RobotModel, base: mujoco.MjsBody, errors: DrawnErrors
+) -> None:
+    """Joint PD inside the engine (gains are set later), reported torque, and the IMU."""
+    for index, joint in enumerate(robot.joint_names):
+        actuator = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        limit = robot.effort_limit[index]
+        if np.isfinite(limit):
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.forcerange = [-limit * errors.torque_gain[index], limit * errors.torque_gain[index]]
+    pose = robot.imu_in_base
+    turned, mounted = np.zeros(4), np.zeros(4)
+    mujoco.mju_mat2Quat(mounted, np.array(pose.rotation).reshape(9))
+    tilt = np.zeros(4)
+    angle = float(np.linalg.norm(errors.imu_tilt))
+    mujoco.mju_axisAngle2Quat(tilt, errors.imu_tilt / angle if angle else np.array([1.0, 0, 0]), angle)
+    mujoco.mju_mulQuat(turned, mounted, tilt)
+    base.add_site(name=IMU_SITE, pos=np.array(pose.translation), quat=turned)
+    for joint in robot.joint_names:
+        spec.add_sensor(
+            name=f"{joint}_torque",
+            type=mujoco.mjtSensor.mjSENS_ACTUATORFRC,
+            objtype=mujoco.mjtObj.mjOBJ_ACTUATOR,
+            objname=joint,
+        )
+    spec.add_sensor(
+        name=ACCELEROMETER,
+        type=mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=IMU_SITE,
+    )
+
+
+def _scale_leg_masses(model: mujoco.MjModel, joints: NDArray[np.intp], errors: DrawnErrors) -> None:
+    """Scale each moving leg link with all that is fixed to it; the geometry of mass stays."""
+    for joint, scale in zip(joints, errors.leg_mass_scale, strict=True):
+        on_link = model.body_weldid == model.body_weldid[model.jnt_bodyid[joint]]
+        model.body_mass[on_link] *= scale
+        model.body_inertia[on_link] *= scale
+    mujoco.mj_setConst(model, mujoco.MjData(model))

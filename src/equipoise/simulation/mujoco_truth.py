@@ -1,0 +1,81 @@
+"""What the robot in MuJoCo really weighs and does: computed from the engine's model, by no code that an estimator uses."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.robot.inertial import InertialParameters, RobotInertia
+from equipoise.robot.model import RobotModel
+from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.mujoco_model import SimulatedRobot
+
+
+def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position: FloatArray) -> RobotInertia:
+    """The truth at a stance, payload and leg errors included; `robot` only tells which joints are knees.
+
+    Args:
+        joint_position: (nj,) true joint positions of the stance [rad].
+    """
+    model = simulated.model
+    data = mujoco.MjData(model)
+    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+    data.qpos[simulated.qpos] = joint_position
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    base_weld = model.body_weldid[simulated.base_body]
+    knees = [model.jnt_bodyid[model.joint(leg.joint_names[-1]).id] for leg in robot.legs.values()]
+    below_knee = np.isin(model.body_weldid, model.body_weldid[knees])
+    moving = np.arange(model.nbody) > 0
+    return RobotInertia(
+        composite=_sum(model, data, moving),
+        base=_sum(model, data, model.body_weldid == base_weld),
+        stance_effective=_sum(model, data, moving & ~below_knee),
+    )
+
+
+def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) -> InertialParameters:
+    """The bodies as one, by the parallel axis theorem."""
+    masses = model.body_mass[bodies]
+    positions = data.xipos[bodies]
+    axes = data.ximat[bodies].reshape(-1, 3, 3)
+    com = masses @ positions / masses.sum()
+    inertia = np.einsum("bij,bj,bkj->ik", axes, model.body_inertia[bodies], axes)
+    arms = positions - com
+    inertia += np.einsum("b,bk,bk->", masses, arms, arms) * np.eye(3) - np.einsum("b,bi,bj->ij", masses, arms, arms)
+    return InertialParameters(float(masses.sum()), com, inertia)
+
+
+class MujocoWitness:
+    """Sees what the simulated robot really does, beside the platform: for judging, never for control.
+
+    Args:
+        present: the engine's state that the platform moves.
+    """
+
+    def __init__(self, robot: RobotModel, simulated: SimulatedRobot, present: mujoco.MjData) -> None:
+        self._present = present
+        self._model = simulated.model
+        self._data = mujoco.MjData(self._model)
+        self._feet = [self._model.geom(f"equipoise_{leg}_foot").id for leg in robot.legs]
+        self._base = simulated.base_body
+        self._up = -np.array(simulated.errors.gravity_direction)
+
+    def look(self) -> Glimpse:
+        """The present moment."""
+        model, data = self._model, self._data
+        data.qpos[:] = self._present.qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        feet = np.array(data.geom_xpos[self._feet])
+        cosine = float(data.xmat[self._base].reshape(3, 3)[:, 2] @ self._up)
+        return Glimpse(
+            float(self._present.time),
+            feet,
+            feet[:, 2] - model.geom_size[self._feet, 0],
+            np.array(data.subtree_com[0]),
+            self._up,
+            float(np.arccos(np.clip(cosine, -1, 1))),
+        )

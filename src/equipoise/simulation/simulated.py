@@ -1,0 +1,295 @@
+"""What a simulated robot's platform does whatever the engine: commands arrive late, sensors err, motions are recorded."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import FallError, MotionError, SettingsError
+from equipoise.platform.platform import (
+    ACCEPTS_EVERYTHING,
+    JointCommand,
+    MotionInterrupted,
+    RobotState,
+    Trajectory,
+)
+from equipoise.platform.stepping import started_events
+from equipoise.platform.tilt_limit import TiltLimit, TiltTest
+from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance, lying_posture
+from equipoise.simulation.sensors import DrawnErrors
+
+Start = Literal["standing", "lying"]
+_Platform = TypeVar("_Platform", bound="SimulatedPlatform")
+
+_SETTLING_TIME = 1.5  # [s] before time zero, so that a calibration does not start with a drop
+_LEAST_KP = 1e-6  # [Nm/rad]: torques act through the gain, also those of a joint without one
+# Control periods rolled out at once: few where a stop rule is to be tested, else as many as Ctrl-C may wait for.
+PERIODS_BETWEEN_STOP_TESTS, _CHUNK = 5, 500
+
+
+class SimulatedPlatform(ABC):
+    """A quadruped in an engine. It shows what hardware shows: encoders, reported torques, gyroscope and accelerometer.
+
+    An engine is told one row of joint position targets for each of its steps, and answers with a row of raw sensor values
+    (3 nj + 6: positions, velocities, reported torques, gyroscope, accelerometer; without noise, delay or offset) of the
+    state at that step's start. A subclass ends its `__init__` with `_settle`.
+
+    Args:
+        robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
+        errors: of its sensors and actuators.
+        kp, kd: (nj,) the platform's own gains [Nm/rad], [Nm s/rad].
+        timestep: of the engine [s].
+        control_period: [s]; a multiple of the time step.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        errors: DrawnErrors,
+        kp: FloatArray,
+        kd: FloatArray,
+        timestep: float,
+        control_period: float,
+    ) -> None:
+        self._robot = robot
+        self._errors = errors
+        self._own_kp, self._own_kd = kp, kd
+        self._kp, self._kd = kp, kd
+        self._timestep = timestep
+        self._substeps = _whole_steps(control_period, timestep)
+        self._closed = False
+        self._raw_past = np.zeros((0, self._raw_width))
+        self._late_control = np.zeros((0, len(self.joint_names)))
+        self._periods = 0
+
+    @abstractmethod
+    def _place(self, joint_position: FloatArray, base_height: float) -> None:
+        """Put the robot there, level and at rest."""
+
+    @abstractmethod
+    def _run(self, control: FloatArray, raw: FloatArray) -> None:
+        """Move on by one engine step for each row of (n, nj) targets [rad], and fill in (n, 3 nj + 6) raw sensor values.
+
+        Interrupted, it has not moved on at all.
+
+        Raises:
+            FallError: the simulation is no longer one.
+        """
+
+    @abstractmethod
+    def _raw_now(self) -> FloatArray:
+        """(3 nj + 6,) raw sensor values of the present state, as `_run` will find them when the robot moves on.
+
+        A command that acts at once is not known yet: the last one stands for it.
+        """
+
+    @abstractmethod
+    def _set_clock_to_zero(self) -> None:
+        """For those who watch the engine from outside."""
+
+    @abstractmethod
+    def _base_up(self) -> float:
+        """Cosine of the angle between the base's z axis and the floor's normal."""
+
+    @property
+    def control_period(self) -> float:
+        return self._substeps * self._timestep
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return self._robot.joint_names
+
+    @property
+    def accepts(self) -> frozenset[str]:
+        return ACCEPTS_EVERYTHING
+
+    def read(self) -> RobotState:
+        raw = np.concatenate([self._raw_past, self._raw_now()[None]])
+        sample = self._sensed(raw, len(raw) - 1, 1, self._periods)
+        joints = len(self.joint_names)
+        position, velocity, torque = sample[0, : 3 * joints].reshape(3, joints)
+        return RobotState(self._time(self._periods), position, velocity, torque, sample[0, -6:-3], sample[0, -3:])
+
+    def step(self, command: JointCommand) -> RobotState:
+        velocity, torque = command.velocity, command.torque
+        self._set_gains(command.kp, command.kd)
+        trajectory = Trajectory(
+            command.position[None],
+            None if velocity is None else velocity[None],
+            None if torque is None else torque[None],
+        )
+        self._advance(self._control(trajectory))
+        return self.read()
+
+    def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        self._set_gains(None, None)
+        return self._play(trajectory, stop)
+
+    def _play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+        control = self._control(trajectory)
+        samples: list[FloatArray] = []
+        first = self._periods
+        joints = len(self.joint_names)
+        test = TiltTest(stop, self.control_period)
+        try:
+            chunk = _CHUNK if stop is None else PERIODS_BETWEEN_STOP_TESTS
+            for begin in range(0, len(trajectory.position), chunk):
+                end = min(begin + chunk, len(trajectory.position))
+                samples.append(self._roll(control[begin * self._substeps : end * self._substeps]))
+                if test.reached(samples[-1][:, -6:-3], samples[-1][:, :joints]):
+                    break
+        except KeyboardInterrupt:
+            raise MotionInterrupted(self._recording(trajectory, samples, first) if samples else None) from None
+        return self._recording(trajectory, samples, first)
+
+    def close(self) -> None:
+        self._closed = True
+
+    def __enter__(self: _Platform) -> _Platform:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    @property
+    def _raw_width(self) -> int:
+        return 3 * len(self.joint_names) + 6
+
+    def _time(self, periods: int | NDArray[np.intp]) -> float:
+        return periods * self.control_period  # pyright: ignore[reportReturnType]
+
+    def _settle(self, stance: Stance, start: Start) -> None:
+        """Put the robot on the floor and let it come to rest under its own joint control."""
+        position, height = stance.joint_position, stance.base_height
+        if start == "lying":
+            position, height = lying_posture(self._robot, stance)
+        self._place(position, height)
+        hold = self._with_zeros(np.array(position)[None])
+        self._late_control = np.repeat(hold, self._late_steps, axis=0)
+        self._roll(np.repeat(hold, round(_SETTLING_TIME / self._timestep), axis=0))
+        self._raw_past = self._raw_past[-self._past_steps :]
+        self._periods = 0
+        self._set_clock_to_zero()
+        if not self._base_up() > 0.9:
+            raise FallError(f"{self._robot.name!r} fell over before it was asked to move; is its stance stable?")
+
+    @property
+    def _late_steps(self) -> int:
+        return round(self._errors.sizes.command_delay / self._timestep)
+
+    @property
+    def _past_steps(self) -> int:
+        sizes = self._errors.sizes
+        return int(np.ceil((sizes.sensor_delay + abs(sizes.imu_clock_offset)) / self._timestep)) + 2
+
+    def _with_zeros(self, position: FloatArray) -> FloatArray:
+        """The loop closes on the encoders: what they misread, the joint is off by."""
+        return position - self._errors.joint_zero
+
+    def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
+        """Gains in force until the next command; None is the platform's own."""
+        self._kp = self._own_kp if kp is None else kp
+        self._kd = self._own_kd if kd is None else kd
+        if not (np.min(self._kp) >= 0 and np.min(self._kd) >= 0):
+            raise SettingsError("joint gains kp and kd must be numbers of zero or more")
+        self._kp = np.maximum(self._kp, _LEAST_KP)
+
+    def _control(self, trajectory: Trajectory) -> FloatArray:
+        """(n substeps, nj) position targets; feed-forward folds into the target of a PD loop."""
+        if self._closed:
+            raise MotionError("the simulated robot is closed; simulate it again to move it")
+        joints = len(self.joint_names)
+        if trajectory.position.shape[1] != joints:
+            raise SettingsError(
+                f"commands for {trajectory.position.shape[1]} joints; {self._robot.name!r} has {joints}"
+            )
+        target = self._with_zeros(trajectory.position)
+        if trajectory.velocity is not None:
+            target = target + trajectory.velocity * self._kd / self._kp
+        if trajectory.torque is not None:
+            target = target + trajectory.torque / self._kp
+        return np.repeat(target, self._substeps, axis=0)
+
+    def _roll(self, control: FloatArray) -> FloatArray:
+        """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start."""
+        first, past = self._periods, len(self._raw_past)
+        return self._sensed(self._advance(control), past, len(control) // self._substeps, first)
+
+    def _advance(self, control: FloatArray) -> FloatArray:
+        """Roll the engine forward; returns raw sensor values at every engine step, the kept past first."""
+        delayed = np.concatenate([self._late_control, control])
+        past = len(self._raw_past)
+        history = np.empty((past + len(control), self._raw_width))
+        history[:past] = self._raw_past
+        self._run(delayed[: len(control)], history[past:])
+        self._late_control = delayed[len(control) :]
+        self._raw_past = history[len(history) - min(len(history), self._past_steps) :]
+        self._periods += len(control) // self._substeps
+        return history
+
+    def _became_unstable(self, time: float) -> FallError:
+        return FallError(
+            f"the simulation of {self._robot.name!r} became unstable at t = {time:.2f} s; "
+            "are its inertias and gains plausible?"
+        )
+
+    def _sensed(self, raw: FloatArray, first: int, count: int, period: int) -> FloatArray:
+        """Delay, clock offset, bias and noise: raw values at every engine step to samples at every control period.
+
+        Args:
+            first: row of the first sample's moment.
+            count: of samples.
+            period: number of the first sample's control period, which its noise is keyed by.
+        """
+        errors, step = self._errors, self._timestep
+        joints = 3 * len(self.joint_names)
+        joint_steps = -errors.sizes.sensor_delay / step
+        imu_steps = joint_steps + errors.sizes.imu_clock_offset / step
+        samples = np.empty((count, raw.shape[1]))
+        ticks = first + self._substeps * np.arange(count)
+        samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
+        samples[:, joints:] = _at(raw[:, joints:], ticks, imu_steps)
+        samples[:, : len(self.joint_names)] += errors.joint_zero
+        samples[:, -6:-3] += errors.gyro_bias
+        samples[:, -3:] += errors.accelerometer_bias
+        return samples + errors.noise(period, count)
+
+    def _recording(self, trajectory: Trajectory, samples: list[FloatArray], first: int) -> Recording:
+        stacked = np.concatenate(samples)
+        joints = len(self.joint_names)
+        time = np.asarray(self._time(first + np.arange(len(stacked))))
+        position, velocity, torque, gyro, acceleration = np.split(stacked, [joints, 2 * joints, 3 * joints, -3], axis=1)
+        return Recording(
+            self.joint_names,
+            JointStream(time, position, velocity, torque),
+            ImuStream(time, gyro, acceleration),
+            CommandStream(time, trajectory.position[: len(stacked)]),
+            started_events(trajectory.events, float(time[0]), float(time[-1])),
+        )
+
+
+def _whole_steps(control_period: float, timestep: float) -> int:
+    """Engine steps per control period."""
+    steps = round(control_period / timestep) if timestep > 0 else 0
+    if steps < 1 or not np.isclose(steps * timestep, control_period, rtol=1e-9):
+        raise SettingsError(
+            f"the engine's time step is {timestep:g} s; it must go a whole number of times into the control period of "
+            f"{control_period:g} s"
+        )
+    return steps
+
+
+def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
+    """Rows at ticks + offset engine steps, linear in between, the ends held."""
+    whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
+    fraction = offset - whole
+    before = raw.take(ticks + whole, axis=0, mode="clip")
+    if fraction < 1e-6:
+        return before
+    return (1 - fraction) * before + fraction * raw.take(ticks + whole + 1, axis=0, mode="clip")

@@ -1,0 +1,143 @@
+"""A simulated robot in one call: the model, the platform on it, and the truth about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from equipoise.errors import MissingDependencyError, SettingsError
+from equipoise.robot.inertial import RobotInertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.payload import Payload
+from equipoise.simulation.sensors import PRESETS, DrawnErrors, Noise, SensorErrors
+from equipoise.simulation.simulated import SimulatedPlatform, Start
+
+if TYPE_CHECKING:
+    from equipoise.simulation.disturbance import Disturbance
+
+Engine = Literal["mujoco", "dart"]
+
+
+class Witness(Protocol):
+    """Sees what the simulated robot really does, beside the platform: for judging, never for control."""
+
+    def look(self) -> Glimpse:
+        """The present moment."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated robot. Use it as a context manager, or close the platform.
+
+    Attributes:
+        platform: what experiments may use.
+        truth: what they may not: join it to a result afterwards.
+        engine: the engine's version.
+        errors: what was drawn for its sensors and actuators; for studies, not for experiments.
+        witness: sees what the robot really does; for judging, not for control.
+        disturbance: pushes the robot, or takes a foot's hold away; None in engines that are not asked for it.
+    """
+
+    platform: SimulatedPlatform
+    truth: RobotInertia
+    engine: str
+    errors: DrawnErrors
+    witness: Witness
+    disturbance: Disturbance | None = None
+
+    def __enter__(self) -> Simulation:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.platform.close()
+
+
+def simulate(
+    robot: RobotModel,
+    noise: Noise | SensorErrors = "realistic",
+    payload: Payload | str | None = None,
+    seed: int = 0,
+    start: Start = "standing",
+    timestep: float | None = None,
+    engine: Engine = "mujoco",
+    noise_seed: int | None = None,
+) -> Simulation:
+    """A robot in a physics engine, with sensor and actuator errors, perhaps a payload.
+
+    Args:
+        noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are; "ideal" has none.
+        payload: on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
+        seed: of everything drawn. Robots of the same seed have the same errors in all engines.
+        start: how the robot begins.
+        timestep: of the engine [s]; default 0.5 ms, less in DART for legs so light that their damping would not be stable.
+        engine: "mujoco", or "dart", the engine of Gazebo.
+        noise_seed: of the noise alone, for several runs of one robot; default `seed`.
+
+    Raises:
+        MissingDependencyError: the engine is not installed.
+        SettingsError: a setting means nothing, or the time step is too long.
+    """
+    if isinstance(noise, str) and noise not in PRESETS:
+        raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
+    if start not in ("standing", "lying"):
+        raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
+    if engine not in ("mujoco", "dart"):
+        raise SettingsError(f"engine {engine!r} is not known; it is one of mujoco, dart")
+    if isinstance(payload, str):
+        payload = Payload.parse(payload)
+    stance = nominal_stance(robot)
+    sizes = PRESETS[noise].scaled_to(robot.torque_scale(stance.hip_height)) if isinstance(noise, str) else noise
+    errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
+    make = _in_mujoco if engine == "mujoco" else _in_dart
+    return make(robot, stance, errors, payload, start, timestep)
+
+
+def _in_mujoco(
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    start: Start,
+    timestep: float | None,
+) -> Simulation:
+    try:
+        import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
+
+        from equipoise.simulation.disturbance import Disturbance  # noqa: PLC0415
+        from equipoise.simulation.mujoco import MujocoPlatform  # noqa: PLC0415
+        from equipoise.simulation.mujoco_model import TIMESTEP, build_simulated_robot  # noqa: PLC0415
+        from equipoise.simulation.mujoco_truth import MujocoWitness, simulated_truth  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
+    simulated = build_simulated_robot(robot, stance, errors, payload, TIMESTEP if timestep is None else timestep)
+    truth = simulated_truth(robot, simulated, stance.joint_position)
+    data = mujoco.MjData(simulated.model)
+    disturbance = Disturbance(simulated)
+    platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
+    witness = MujocoWitness(robot, simulated, data)
+    return Simulation(platform, truth, mujoco.__version__, errors, witness, disturbance)
+
+
+def _in_dart(
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    start: Start,
+    timestep: float | None,
+) -> Simulation:
+    try:
+        import dartpy  # noqa: PLC0415
+
+        from equipoise.simulation.dart import DartPlatform  # noqa: PLC0415
+        from equipoise.simulation.dart_model import build_dart_robot  # noqa: PLC0415
+        from equipoise.simulation.dart_truth import DartWitness, dart_truth  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("simulation in DART needs dartpy: pip install 'equipoise[dart]'") from error
+    simulated = build_dart_robot(robot, stance, errors, payload, timestep)
+    truth = dart_truth(robot, simulated, stance.joint_position)
+    platform = DartPlatform(robot, simulated, stance, start)
+    return Simulation(platform, truth, dartpy.__version__, errors, DartWitness(simulated))

@@ -1,0 +1,1 @@
+"""The naive method: CoM and mass from the foot forces of the standing robot."""

@@ -1,0 +1,79 @@
+"""The naive thing that people try: the CoM from the foot forces of the standing robot, by its joint torques."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.calibration.settings import CalibrationSettings
+from equipoise.errors import RecordingError
+from equipoise.experiments.lift import LiftSettings, come_to_rest
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.progress import Progress
+from equipoise.recording.recording import TRIAL, Recording
+from equipoise.result.calibration import BodyEstimate, Calibration, Trial, model_facts
+from equipoise.robot.inertial import composite_parameters, nominal_inertia
+from equipoise.robot.kinematics import foot_forces_from_torques, foot_positions
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+_REST_TIME = 2.0  # [s]
+
+
+def run(
+    planted: PlantedRobot,
+    stance: Stance,
+    settings: CalibrationSettings,
+    recordings: Sequence[Recording],
+    report: Callable[[Progress], None] | None = None,
+) -> None:
+    """Stand still for a while."""
+    del settings, recordings
+    if report is not None:
+        report(Progress("standing still", 0, 1))
+    motion = planted.motion().event(TRIAL, kind="stand").phase("move")
+    come_to_rest(
+        planted, motion.move_feet(stance.feet_in_base, 0.2), LiftSettings(height=0.0, rest_time=_REST_TIME), "standing"
+    )
+    planted.finish()
+
+
+def estimate(
+    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings, stance: Stance
+) -> Calibration:
+    """The point of the floor that the foot forces act through, and their sum.
+
+    Raises:
+        RecordingError: no recording of a robot that stands still, or no joint torques in it.
+    """
+    standing = [r for r in recordings if r.trial.get("kind") == "stand" and r.has_phase("rest")]
+    if not standing:
+        raise RecordingError("the recordings hold no robot that stands still")
+    rest = standing[-1].phase("rest").joints
+    if rest.torque is None:
+        raise RecordingError("the recording has no joint torques, which the method 'static' needs")
+    position, torque = rest.position.mean(axis=0), rest.torque.mean(axis=0)
+    of_legs = np.array(
+        pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, robot.configuration(position))[6:]
+    )
+    lift = foot_forces_from_torques(robot, position, torque - of_legs)[:, 2]
+    feet = foot_positions(robot, position)
+    centre = lift @ feet[:, :2] / lift.sum()
+    moved = composite_parameters(robot, stance.joint_position).com - composite_parameters(robot, position).com
+    x, y = centre + moved[:2]
+    mass = float(lift.sum() / np.linalg.norm(robot.pinocchio.gravity.linear))
+    return Calibration(
+        **model_facts(robot, stance.joint_position),
+        method=settings.method,
+        feet=settings.feet,
+        composite=BodyEstimate(mass=mass, com_in_base=(float(x), float(y), None)),
+        base=BodyEstimate(),
+        sways={},
+        support_lines={},
+        trials=tuple(Trial("stand", "four feet", None, None, None, None, r.duration) for r in standing),
+        settings=dataclasses.asdict(settings),
+        nominal=nominal_inertia(robot, stance.joint_position),
+    )

@@ -1,0 +1,1 @@
+"""Monte Carlo studies, and the paper's results made again."""

@@ -1,0 +1,214 @@
+"""Spreading a study's trials over processes, on this machine or on many, so that each arrives exactly once."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Generator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from equipoise.errors import SettingsError, WorkerError
+from equipoise.study.executors import ctrl_c_held, process_pool
+from equipoise.study.store import FAILURES, TrialStore
+from equipoise.study.study import Study
+from equipoise.study.trial import SUCCEEDED, Row, check_study, run_trial
+
+LOST = "WorkerLost"
+"""Status of a trial whose worker process died of it, twice."""
+
+_IN_FLIGHT_PER_WORKER = 3  # so that no worker waits for its next trial
+_PATIENCE = 1.0  # [s] between looks at Ctrl-C, which `wait` would keep from us on some systems
+
+
+@dataclass(frozen=True)
+class StudyProgress:
+    """How far a study is.
+
+    Attributes:
+        done: trials on hand, those of earlier runs included.
+        total: trials wanted.
+        failed: calibrations that failed, in this run.
+        rate: trials a second, in this run.
+        remaining: time left at that rate [s]; None before the first trial.
+    """
+
+    done: int
+    total: int
+    failed: int
+    rate: float
+    remaining: float | None
+
+
+def run_study(
+    study: Study,
+    trials: int,
+    folder: str | Path,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    report: Callable[[StudyProgress], None] | None = None,
+) -> list[Row]:
+    """Run what a folder lacks of a study's first `trials` trials; returns the rows of all of them.
+
+    Args:
+        study: what is drawn and done.
+        trials: how many; more than in an earlier run extends it.
+        folder: of the study; made if need be, and gone on with if it holds this study.
+        executor: any of `concurrent.futures`; None: a process for each core. It is not shut down.
+        workers: how many trials run at once; default the number of cores that this process may use.
+        report: told after every trial.
+
+    A script that calls this without an executor does so below `if __name__ == "__main__":`, as with any process pool.
+
+    Raises:
+        SettingsError: the folder holds another study, or a number makes no sense.
+        OutputError: the rows cannot be written.
+        WorkerError: workers cannot begin, or a given executor broke. What arrived is kept; run again to go on.
+        EquipoiseError: what every trial would fail with: no such robot, settings that do not fit it.
+    """
+    if trials < 1:
+        raise SettingsError(f"{trials} trials are none; ask for one at least")
+    if workers is not None and workers < 1:
+        raise SettingsError(f"{workers} workers do nothing; give one at least")
+    check_study(study)
+    store = TrialStore(folder, study)
+    missing = deque(trial for trial in range(trials) if trial not in store.done)
+    if missing:
+        crew = _Crew(executor, workers or _cores())
+        try:
+            _run(study, missing, _Arrivals(store, trials, len(missing), report), crew)
+        finally:
+            try:
+                store.flush()  # first: a second Ctrl-C may cut the other short
+            finally:
+                crew.dismiss()
+    return [row for row in store.rows() if row["trial"] < trials]
+
+
+def _cores() -> int:
+    """Those that this process may use: a batch system lends some of a machine's."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class _Arrivals:
+    """Stores rows as they come, counts them and tells of them."""
+
+    def __init__(
+        self, store: TrialStore, total: int, missing: int, report: Callable[[StudyProgress], None] | None
+    ) -> None:
+        self.store = store
+        self._total, self._missing, self._report = total, missing, report
+        self._begin, self._finished, self._failed = time.monotonic(), 0, 0
+
+    def add(self, rows: list[Row]) -> None:
+        self.store.add(rows)
+        self._finished += 1
+        self._failed += sum(row["status"] != SUCCEEDED for row in rows)
+        if self._report is not None:
+            rate = self._finished / (time.monotonic() - self._begin)
+            left = self._missing - self._finished
+            self._report(StudyProgress(self._total - left, self._total, self._failed, rate, left / rate))
+
+
+def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) -> None:
+    logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may be at home in other folders
+    flying: dict[Future[list[Row]], int] = {}
+    suspects: set[int] = set()  # in flight when a worker died; they run alone until it is known which one it was
+    while missing or flying:
+        broken = False
+        while missing and not broken and len(flying) < (1 if suspects else crew.width):
+            try:
+                flying[crew.submit(study, missing[0], logs)] = missing[0]
+                missing.popleft()
+            except BrokenExecutor:  # a worker died since we last looked
+                broken = True
+        done, _ = wait(flying, timeout=0 if broken else _PATIENCE, return_when=FIRST_COMPLETED)
+        died: list[int] = []
+        for future in done:
+            trial = flying.pop(future)
+            try:
+                rows = future.result()
+            except (BrokenExecutor, CancelledError):
+                died.append(trial)
+                continue
+            except ImportError as error:
+                raise WorkerError(
+                    f"the workers lack a package: {error}; install there what is installed here"
+                ) from error
+            except Exception as error:  # of the executor: trials raise nothing
+                rows = _lost(study, trial, error)
+            suspects.discard(trial)
+            arrivals.add(rows)
+        arrivals.store.flush_if_due()
+        if died or broken:
+            died += flying.values()
+            flying.clear()
+            crew.replace()
+            if len(died) == 1 and died[0] in suspects:  # alone, and it was in flight the last time too
+                suspects.discard(died[0])
+                arrivals.add(_lost(study, died[0], None))
+            else:
+                suspects.update(died)
+                missing.extendleft(sorted(died, reverse=True))
+
+
+def _lost(study: Study, trial: int, error: Exception | None) -> list[Row]:
+    message = "the process that ran it died twice: out of memory?" if error is None else repr(error)
+    return [{"trial": trial, "method": method, "status": LOST, "message": message} for method in study.methods]
+
+
+class _Crew:
+    """An executor, ours or the caller's; ours is replaced when a process of it dies."""
+
+    def __init__(self, given: Executor | None, workers: int) -> None:
+        self._given, self._workers = given, workers
+        self._own: Executor | None = None
+        self.width = _IN_FLIGHT_PER_WORKER * workers
+
+    def submit(self, study: Study, trial: int, logs: str) -> Future[list[Row]]:
+        executor = self._given or self._own
+        if executor is None:
+            executor = self._own = process_pool(self._workers)
+        with ctrl_c_held(), _one_thread_each():
+            return executor.submit(run_trial, study, trial, logs)
+
+    def replace(self) -> None:
+        if self._given is not None:
+            raise WorkerError(
+                "the workers are gone; what arrived is kept: start them again and repeat the command to go on"
+            )
+        self.dismiss()
+        self._own = process_pool(self._workers)
+        with ctrl_c_held(), _one_thread_each():
+            begun = self._own.submit(os.getpid)
+        try:
+            begun.result()
+        except BrokenExecutor as error:  # no trial's fault
+            raise WorkerError(
+                "worker processes die as they begin; is there memory for them? A script that runs a study does so below "
+                'if __name__ == "__main__":'
+            ) from error
+
+    def dismiss(self) -> None:
+        if self._own is not None:
+            self._own.shutdown(wait=True, cancel_futures=True)
+            self._own = None
+
+
+@contextmanager
+def _one_thread_each() -> Generator[None]:
+    """Processes started in here run NumPy on one thread: many trials at once want the cores, not each of them all."""
+    names = [f"{library}_NUM_THREADS" for library in ("OMP", "OPENBLAS", "MKL")]
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

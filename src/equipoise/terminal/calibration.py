@@ -1,0 +1,290 @@
+"""What people see in the terminal: progress and tables."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from equipoise.calibration.routine import Progress as RoutineProgress
+from equipoise.calibration.run_folder import HEADER, RESULT
+from equipoise.conventions import AXES
+from equipoise.precise.plan import Plan, describe
+from equipoise.result.calibration import NORMAL_95, BodyEstimate, Calibration
+from equipoise.robot.audit import Audit
+from equipoise.robot.catalog import CatalogRow
+from equipoise.robot.model import DIAGONALS
+
+
+class TrialProgress:
+    """The current trial, its bracket and the expected end: a live line in a terminal, plain lines elsewhere."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._console = Console(stderr=True)
+        self._quiet = quiet
+        self._live = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=20),
+            MofNCompleteColumn(),
+            TextColumn("about"),
+            TimeRemainingColumn(compact=True),
+            TextColumn("left"),
+            console=self._console,
+            transient=True,
+            disable=quiet or not self._console.is_terminal,
+        )
+        self._task = self._live.add_task("standing up", total=None)
+
+    def update(self, progress: RoutineProgress) -> None:
+        """Show what is being done."""
+        self._live.update(self._task, description=progress.doing, completed=progress.done, total=progress.expected)
+        if not self._quiet and not self._console.is_terminal:
+            print(f"[{progress.done + 1}/{progress.expected}] {progress.doing}", file=sys.stderr, flush=True)
+
+    def __enter__(self) -> TrialProgress:
+        self._live.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._live.stop()
+
+
+def print_calibration(
+    result: Calibration, files: Sequence[Path], verbose: bool = False, kept: Path | None = None
+) -> None:
+    """What was found, beside the truth where that is known; what speaks against it comes first.
+
+    Args:
+        files: that were written.
+        kept: the run folder or the JSON file that holds this very result, if one does.
+    """
+    console = Console()
+    for check in result.checks:
+        if not check.passed:
+            console.print(f"[red]check failed:[/red] {escape(f'{check.name}: {check.message}')}")
+    if result.uncertainty:
+        _print_precise(console, result)
+    else:
+        _print_paper(console, result)
+    for warning in () if result.checks else result.warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    if verbose:
+        for stage, seconds in result.timings.items():
+            console.print(f"{stage}: {seconds:.2f} s")
+    if files:
+        console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
+    for line in _next_steps(result, files, kept):
+        console.print(escape(line), soft_wrap=True)
+
+
+def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -> list[str]:
+    """What to do with files that were saved; a result of which something is not estimated cannot be exported."""
+    said = [f"see {file}" for file in files if file.suffix == ".html"]
+    if kept is None:
+        return said
+    if None not in result.base.by_name().values():
+        alone = kept.is_file() and not (kept.parent / HEADER).exists()
+        model = f" --file {result.robot_model.source.path}" if alone and result.robot_model is not None else ""
+        said.append(f"export with: equipoise export {kept} --to {result.model['format']}{model}")
+    return [*said, *([f"estimate again: equipoise estimate {kept}"] if (kept / RESULT) in files else [])]
+
+
+# Name in intervals, label, factor from SI units, format.
+ROWS = (
+    ("mass", "mass [kg]", 1.0, ".3f"),
+    ("com_x", "CoM x [mm]", 1000.0, ".2f"),
+    ("com_y", "CoM y [mm]", 1000.0, ".2f"),
+    ("com_z", "CoM z [mm]", 1000.0, ".2f"),
+    *((name, f"{name} [kg m2]", 1.0, ".4f") for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
+)
+
+
+def _print_precise(console: Console, result: Calibration) -> None:
+    estimate, truth = _known(result.composite), None
+    if result.truth is not None:
+        truth = _known(BodyEstimate.known(result.truth.composite))
+    title = f"{result.robot}: method {result.method}; the whole robot at its stance"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if truth else []), "model"]
+    for column in columns:
+        table.add_column(column, justify="left" if column in ("parameter", "") else "right")
+    model = _known(BodyEstimate.known(result.nominal.composite))
+    for name, label, factor, form in ROWS:
+        interval = result.uncertainty["composite"].intervals[name]
+        value = estimate[name]
+        half = (interval.upper - interval.lower) / 2
+        cells = [escape(label), format(value * factor, form), format(half * factor, form), interval.verdict]
+        if truth:
+            error = value - truth[name]
+            inside = "" if abs(error) <= half else " (!)"
+            cells += [format(truth[name] * factor, form), format(error * factor, "+" + form) + inside]
+        table.add_row(*cells, format(model[name] * factor, form))
+    console.print(table)
+    base = result.base.com_in_base
+    if result.base.mass is not None and None not in base:
+        console.print(
+            f"Base link alone: {result.base.mass:.3f} kg, CoM {' '.join(f'{1000 * (c or 0):.2f}' for c in base)} mm; its "
+            "inertia, covariances and the paper's stance-effective body are in the JSON form."
+        )
+    paper = [f"{axis} {sway.moment:.3f}, C {sway.damping:.1f}" for axis, sway in result.sways.items() if sway.moment]
+    if paper:
+        effective = result.stance_effective.inertia or ()
+        moments = " ".join(f"{effective[i][i]:.3f}" for i in range(len(effective)))
+        console.print(
+            f"The paper's I and C by sways: {'; '.join(paper)} (kg m2, Nm s/rad). The body that they are of has {moments}: "
+            "motor torques hold friction too, and the reading takes legs to have no mass."
+        )
+    notable = [finding.sentence for finding in result.sensors if finding.notable]
+    if notable:
+        console.print("Worth fixing: " + escape("; ".join(notable)) + ".")
+    lifts = [trial for trial in result.trials if trial.kind == "lift"]
+    time = sum(trial.duration for trial in result.trials)
+    failed = sum(not check.passed for check in result.checks)
+    verdict = "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"
+    console.print(f"{len(lifts)} lifts in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
+
+
+def _known(body: BodyEstimate) -> dict[str, float]:
+    return {name: value for name, value in body.by_name().items() if value is not None}
+
+
+def _print_paper(console: Console, result: Calibration) -> None:
+    truth = result.truth
+    feet = f", {result.feet} feet" if result.method == "paper" else ""
+    table = Table(title=f"{result.robot}: method {result.method}{feet}", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("parameter", "estimate", "truth", "error"):
+        table.add_column(column, justify="left" if column == "parameter" else "right")
+    if result.composite.mass is not None:
+        true = None if truth is None else truth.composite.mass
+        error = "-" if true is None else f"{result.composite.mass / true - 1:+.1%}"
+        table.add_row(escape("mass [kg]"), f"{result.composite.mass:.3f}", number(true, 1, ".3f"), error)
+    for index, axis in enumerate("xy"):
+        value = result.composite.com_in_base[index]
+        true = None if truth is None else float(truth.composite.com[index])
+        table.add_row(
+            escape(f"CoM {axis} in base [mm]"),
+            number(value, 1000, ".2f"),
+            number(true, 1000, ".2f"),
+            "-" if value is None or true is None else f"{(value - true) * 1000:+.2f} mm",
+        )
+    errors = result.moment_errors()
+    for index, axis in enumerate(AXES):
+        sway = result.sways.get(axis)
+        if sway is None:
+            continue
+        name = f"I_{'xyz'[index]} ({axis}) [kg m2]"
+        effective = None if truth is None else float(truth.stance_effective.inertia[index, index])
+        composite = None if truth is None else float(truth.composite.inertia[index, index])
+        error = errors.get(axis)
+        table.add_row(
+            escape(f"{name} of base, hips, thighs"),
+            number(sway.moment, 1, ".4f"),
+            number(effective, 1, ".4f"),
+            "-" if error is None else f"{error['against_stance_effective']:+.1%}",
+        )
+        table.add_row(
+            f"{' ' * len(name)} of the whole robot",
+            "",
+            number(composite, 1, ".4f"),
+            "-" if error is None else f"{error['against_composite']:+.1%}",
+        )
+        table.add_row(escape(f"C_{'xyz'[index]} ({axis}) [Nm s/rad]"), number(sway.damping, 1, ".3f"), "", "")
+    console.print(table)
+    lifts = [trial for trial in result.trials if trial.kind == "lift"]
+    time = sum(trial.duration for trial in result.trials)
+    missing = "CoM height, inertia" if result.method == "static" else "mass, CoM height, products of inertia"
+    console.print(
+        f"{len(lifts)} lifts and {len(result.trials) - len(lifts)} other motions, {time:.0f} s of robot time. "
+        f"Not estimated by this method: {missing}."
+    )
+
+
+_REASONS = 4
+
+
+def print_plan(robot: str, plan: Plan) -> None:
+    """What would be done, and how accurate it would be."""
+    console = Console()
+    table = Table(title=f"{robot}: {plan.robot_time:.0f} s of robot time", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("posture", *DIAGONALS):
+        table.add_column(column)
+    table.add_row("search, nominal", *(["passive x 2"] * len(DIAGONALS)))
+    for visit in plan.visits:
+        turns = {d: [lift.turn or "passive" for lift in visit.lifts if lift.diagonal == d] for d in DIAGONALS}
+        table.add_row(describe(visit.posture), *(", ".join(turns[d]) or "-" for d in DIAGONALS))
+    console.print(table)
+    console.print("[italic]Predicted, for ordinary sensors and a scale[/italic]")  # wider than its table
+    accuracy = Table(box=box.SIMPLE_HEAD)
+    for column in ("parameter", "model", "95 % +-"):
+        accuracy.add_column(column, justify="left" if column == "parameter" else "right")
+    for (_, label, factor, form), value, deviation in zip(ROWS, plan.body, plan.deviation, strict=True):
+        accuracy.add_row(escape(label), format(value * factor, form), format(NORMAL_95 * deviation * factor, form))
+    console.print(accuracy)
+    console.print(
+        "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over planted "
+        "feet, from which joint zeros follow."
+    )
+    for reason in plan.left_out[:_REASONS]:
+        console.print(f"left out: {escape(reason)}")
+    if len(plan.left_out) > _REASONS:
+        console.print(f"and {len(plan.left_out) - _REASONS} more postures and lifts that this robot cannot do")
+
+
+def print_robots(rows: Sequence[CatalogRow]) -> None:
+    """The catalogue."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for column in ("name", "mass [kg]", "legs", "leg [m]", "source", "what"):
+        table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
+    for row in rows:
+        what = row.note if row.install is None else "not installed"
+        mass, leg = number(row.mass, 1, ".3f"), number(row.leg_length, 1, ".3f")
+        table.add_row(row.name, mass, row.legs or "-", leg, row.source, escape(what))
+    console = Console()
+    console.print(table)
+    for install in dict.fromkeys(row.install for row in rows if row.install is not None):
+        console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
+    console.print("Any URDF or MJCF file works too, by its path; so does robot_descriptions:NAME with that package.")
+
+
+def print_audit(result: Audit) -> None:
+    """What the model file says, and what speaks against it."""
+    console = Console()
+    table = Table(title=f"{result.robot}: {result.mass:.3f} kg", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("body", "mass [kg]", "CoM in link [mm]", "principal moments [kg m2]", "gyration [mm]"):
+        table.add_column(escape(column), justify="left" if column == "body" else "right")
+    for body in result.bodies:
+        table.add_row(
+            escape(body.name),
+            f"{body.mass:.3f}",
+            " ".join(f"{value * 1000:.1f}" for value in body.com_in_link),
+            " ".join(f"{value:.3g}" for value in body.principal_moments),
+            f"{body.radius_of_gyration * 1000:.0f}",
+        )
+    console.print(table)
+    if result.composite is not None and result.stance is not None:
+        x, y, z = result.composite.com * 1000
+        console.print(
+            f"Whole robot at the stance (hips {result.stance.hip_height:.3f} m high): "
+            f"CoM {x:.1f} {y:.1f} {z:.1f} mm in base, "
+            f"Ixx Iyy Izz {' '.join(f'{value:.4g}' for value in result.composite.inertia.diagonal())} kg m2."
+        )
+    if result.ratio_sentence is not None:
+        console.print(escape(f"A single-rigid-body controller wants the composite: {result.ratio_sentence}."))
+    colours = {"error": "red", "warning": "yellow", "note": "cyan"}
+    for finding in result.findings:
+        about = f"{finding.body}: " if finding.body else ""
+        console.print(f"[{colours[finding.severity]}]{finding.severity}:[/] {escape(about + finding.text)}")
+    if not any(finding.severity != "note" for finding in result.findings):
+        console.print("Nothing speaks against these inertias.")
+
+
+def number(value: float | None, factor: float, form: str) -> str:
+    """A value times a factor, or a dash if it is not known."""
+    return "-" if value is None else format(value * factor, form)

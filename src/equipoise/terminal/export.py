@@ -1,0 +1,48 @@
+"""What the terminal says of an export, and the table of formats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from equipoise.export.formats import Export, Format
+
+_SHORT = 40  # lines that fit on a screen
+_FILES = {"model": "model file", "given": "--file", "": ""}
+
+
+def print_formats(formats: Sequence[Format]) -> None:
+    """All formats: what each wants, and where it goes."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for column in ("--to", "writes", "for", "edits"):
+        table.add_column(column, no_wrap=True)
+    for row in formats:
+        table.add_row(row.name, row.bodies[0] if len(row.bodies) == 1 else "both", escape(row.where), _FILES[row.file])
+    console = Console()
+    console.print(table)
+    linked = ", ".join(row.name for row in formats if row.payload)
+    console.print(
+        "base: the base link with all that is fixed to it or held; composite: the whole robot frozen at its stance.\n"
+        f"--add-payload-link, which writes what was added as a link of its own, is for {linked}.\n"
+        "Next: equipoise export RUN --to FORMAT. What to check there: docs/controllers",
+        soft_wrap=True,
+    )
+
+
+def print_export(written: Export, path: Path) -> None:
+    """What was written, where, and what speaks against it; short texts of ours are shown whole."""
+    console = Console()
+    for note in written.notes:
+        console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)
+    lines = written.text.splitlines() if not written.format.file else []
+    if 0 < len(lines) <= _SHORT:
+        print(written.text, end="")
+    else:
+        for line in written.header[: len(written.header) - len(written.notes)]:
+            console.print(escape(line), soft_wrap=True, highlight=False)
+    console.print(f"saved: {escape(str(path))}", soft_wrap=True)

@@ -1,0 +1,90 @@
+"""What a log holds, for people: joints, pieces of time, findings, and what it cannot tell."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from equipoise.logs.offline import LogReport
+from equipoise.logs.segments import Segment
+
+_COUNTED = {"lift": "lift", "move": "move over planted feet", "sway": "sway over planted feet", "rest": "rest"}
+
+
+def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = False) -> None:
+    """Where the log's data are from, its joints, its pieces, and what was found.
+
+    Args:
+        verbose: every piece in a row of its own, and every joint.
+        stderr: print there, where stdout is for something else.
+    """
+    console = Console(stderr=stderr)
+    for what, where in report.log.about.items():
+        console.print(escape(f"{what}: {where}"))
+    _print_joints(console, report, verbose)
+    for finding in report.findings:
+        console.print(f"[yellow]{escape(finding.about)}:[/] {escape(finding.message)}")
+    table = Table(title="What the log holds", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("from [s]", "to [s]", "what", ""):
+        table.add_column(escape(column), justify="right" if "[" in column else "left")
+    for row in _rows(report.segments, verbose):
+        table.add_row(*map(escape, row))
+    console.print(table)
+    nudges = sum(segment.kind == "nudge" for segment in report.segments)
+    if nudges and not verbose:
+        console.print(f"Not shown: {nudges} motions over planted feet that are too small to tell anything.")
+    for sentence in report.not_told:
+        console.print(f"[yellow]cannot be told:[/] {escape(sentence)}")
+
+
+def _print_joints(console: Console, report: LogReport, verbose: bool) -> None:
+    joint_map = report.log.joint_map
+    by_name = all(match.robot_joint == match.log_joint for match in joint_map.matches)
+    if by_name and not verbose:
+        console.print(f"joints: all {len(joint_map.matches)} by their own names")
+    else:
+        table = Table(box=box.SIMPLE_HEAD)
+        for column in ("joint", "in the log", "found by"):
+            table.add_column(column)
+        for match in joint_map.matches:
+            table.add_row(escape(match.robot_joint), escape(match.log_joint), match.how)
+        console.print(table)
+    if joint_map.ignored:
+        console.print(escape(f"other joints, not used: {', '.join(joint_map.ignored)}"))
+
+
+def _rows(segments: Sequence[Segment], verbose: bool) -> Iterable[tuple[str, str, str, str]]:
+    """Cells; pieces that are used, or left out for the same reason, one after the other, share a row unless verbose."""
+    if verbose:
+        for segment in segments:
+            yield _row([segment], segment.what, segment.why_not)
+        return
+    shown = [one for one in segments if one.kind != "nudge" and (one.kind != "rest" or one.why_not or one.recording)]
+    for why_not, group in groupby(shown, key=lambda segment: segment.why_not):
+        parts = list(group)
+        if why_not is None:
+            yield _row(parts, _counted(parts), None)
+        else:
+            yield _row(parts, parts[0].what if len(parts) == 1 else f"{len(parts)} times {parts[0].what}", why_not)
+
+
+def _row(segments: Sequence[Segment], what: str, why_not: str | None) -> tuple[str, str, str, str]:
+    verdict = "used" if why_not is None else f"not used: {why_not}"
+    return f"{segments[0].start:.1f}", f"{segments[-1].end:.1f}", what, verdict
+
+
+def _counted(segments: Sequence[Segment]) -> str:
+    """As "3 lifts, 1 move over planted feet"."""
+    counts = Counter(segment.kind for segment in segments)
+    words: list[str] = []
+    for kind, word in _COUNTED.items():
+        if count := counts.get(kind):
+            first, *rest = word.split(" ", 1)
+            words.append(" ".join([f"{count} {first}{'s' if count > 1 else ''}", *rest]))
+    return ", ".join(words)

@@ -1,0 +1,156 @@
+"""What the terminal shows of platforms, of a robot that was examined, and of a calibration that is only thought through."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from equipoise.calibration.rehearsal import Rehearsal
+from equipoise.drivers.catalog import Driver
+from equipoise.drivers.checkup import Finding
+from equipoise.recording.recording import Recording
+
+_MARKS = {True: "ok", False: "look", None: ""}
+_HEAVY = 0.8  # of a torque limit
+
+
+def print_platforms(drivers: Sequence[Driver], settings: Mapping[str, list[tuple[str, str, Any]] | str]) -> None:
+    """Platforms, how they start, and their settings; text instead of settings says why there are none."""
+    console = Console()
+    console.print("mujoco, dart: simulators; without --platform a calibration is simulated in MuJoCo.\n")
+    for driver in drivers:
+        console.print(f"[bold]{driver.name}[/bold]: {escape(driver.what)}")
+        console.print(f"  starts: {escape(driver.start)}; see {driver.page}")
+        its = settings[driver.name]
+        if isinstance(its, str):
+            console.print(f"  {escape(its)}\n")
+            continue
+        table = Table("setting", "is", "default", box=None, padding=(0, 2), show_header=False)
+        for name, kind, default in its:
+            table.add_row(name, kind, escape(_setting(default)))
+        console.print(table)
+        console.print()
+
+
+def _setting(value: Any) -> str:
+    """A setting's value as --set takes it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ",".join(map(str, cast("tuple[Any, ...]", value)))
+    return "" if value is None else str(value)
+
+
+def print_checkup(
+    name: str, joints: Sequence[tuple[str, str, float, float, float]], findings: Sequence[Finding]
+) -> None:
+    """A robot that was examined."""
+    console = Console()
+    table = Table(title=f"{name}: joint map", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("leg", "joint", "is at [rad]", "from", "to"):
+        table.add_column(escape(column), justify="left" if column in ("leg", "joint") else "right")
+    for leg, joint, position, lower, upper in joints:
+        table.add_row(leg, joint, f"{position:+.3f}", f"{lower:+.2f}", f"{upper:+.2f}")
+    console.print(table)
+    looked = Table(box=box.SIMPLE_HEAD, show_header=False)
+    for finding in findings:
+        looked.add_row(_MARKS[finding.fine], finding.name, escape(finding.value))
+    console.print(looked)
+    wrong = [finding for finding in findings if finding.fine is False]
+    for finding in wrong:
+        console.print(f"{finding.name}: {escape(finding.advice)}")
+    console.print("nothing was moved" if wrong else "nothing was moved; nothing speaks against a calibration")
+
+
+def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
+    """All that a calibration would do."""
+    console = Console()
+    for line in rehearsal_lines(rehearsal, platform):
+        console.print(escape(line))
+    table = Table(title="Postures", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("posture", "times", "largest torque, of its limit"):
+        table.add_column(column, justify="right" if column == "times" else "left")
+    limit = rehearsal.robot.effort_limit
+    for what in dict.fromkeys(posture.what for posture in rehearsal.postures):
+        same = [posture for posture in rehearsal.postures if posture.what == what]  # lifts with other turns
+        share = np.max([np.abs(posture.torque) / limit for posture in same], axis=0)
+        joint = int(np.argmax(share))
+        torque = f"{share[joint]:.0%} at {rehearsal.robot.joint_names[joint]}" if share[joint] > 0 else "-"
+        table.add_row(what, str(sum(posture.times for posture in same)), torque)
+    console.print(table)
+    joints = Table(title="Joints", title_justify="left", box=box.SIMPLE_HEAD)
+    for column in ("joint", "from [rad]", "to", "limits [rad]", "torque [Nm]"):
+        joints.add_column(escape(column), justify="left" if column == "joint" else "right", no_wrap=True)
+    lower, upper = rehearsal.joint_range
+    for index, name in enumerate(rehearsal.robot.joint_names):
+        allowed = f"{rehearsal.robot.lower_limit[index]:+.2f}, {rehearsal.robot.upper_limit[index]:+.2f}"
+        joints.add_row(
+            name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed,
+            f"{rehearsal.largest_torque[index]:.1f} of {limit[index]:.1f}",
+        )  # fmt: skip
+    console.print(joints)
+    console.print("By the model, from lying to lying. Nothing was moved.")
+
+
+def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
+    """The plan in a few lines, as they stand before the first motion."""
+    robot = rehearsal.robot
+    share = rehearsal.largest_torque / robot.effort_limit
+    joint = int(np.argmax(share))
+    lines = [
+        f"{robot.name} on {platform}: method {rehearsal.method}, about {rehearsal.duration:.0f} s.",
+        "It looks, stands up, " + _does(rehearsal) + ", and ends where it began.",
+        f"Largest torque by the model: {rehearsal.largest_torque[joint]:.1f} Nm at {robot.joint_names[joint]}, "
+        f"{share[joint]:.0%} of its limit.",
+    ]
+    if share[joint] > _HEAVY:
+        lines.append("That is close to what the motor can do.")
+    return lines
+
+
+def _does(rehearsal: Rehearsal) -> str:
+    if rehearsal.method == "static":
+        return "stands still for a while"
+    if rehearsal.plan is None:
+        return "lifts two diagonal feet again and again, sways about three axes"
+    return (
+        f"moves its body over planted feet through {len(rehearsal.plan.visits)} postures, lifts two diagonal feet "
+        f"{rehearsal.plan.lifts + 4} times, sways"
+    )
+
+
+class RecordingProgress:
+    """How much was recorded so far, on one line of stderr."""
+
+    def __init__(self, quiet: bool, into: Path, duration: float | None) -> None:
+        self._console = Console(stderr=True)
+        self._quiet = quiet or not self._console.is_terminal
+        if not quiet:
+            until = "until Ctrl-C" if duration is None else f"for {duration:g} s"
+            self._console.print(escape(f"recording into {into} {until}"), soft_wrap=True)
+        self._samples = 0
+        self._start: float | None = None
+
+    def __enter__(self) -> RecordingProgress:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if not self._quiet:
+            self._console.print()
+
+    def update(self, piece: Recording) -> None:
+        """A piece was recorded."""
+        self._samples += len(piece.joints.time)
+        if self._quiet or len(piece.joints.time) == 0:
+            return
+        if self._start is None:
+            self._start = float(piece.joints.time[0])
+        passed = float(piece.joints.time[-1]) - self._start
+        self._console.print(f"{passed:.1f} s, {self._samples} joint samples; Ctrl-C ends it", end="\r")

@@ -1,0 +1,151 @@
+"""What was recorded as something to look at: the robot's motion in even steps, its trials and their phases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from equipoise.calibration.settings import CalibrationSettings
+from equipoise.conventions import FloatArray
+from equipoise.recording.event import PHASE, TRIAL
+from equipoise.recording.recording import Recording
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.view.base_motion import BaseMotion, BaseTracker
+from equipoise.view.even_steps import EvenSteps, Steps
+
+
+@dataclass(frozen=True)
+class TrialMark:
+    """Where a trial begins.
+
+    Attributes:
+        number: from one on.
+        time: [s].
+        about: what it is, as it was noted: kind, and what belongs to the kind.
+    """
+
+    number: int
+    time: float
+    about: Mapping[str, Any]
+
+    @property
+    def kind(self) -> str:
+        """lift, posture, sway or stand."""
+        return str(self.about.get("kind", "motion"))
+
+    @property
+    def title(self) -> str:
+        """In few words."""
+        words = [str(self.about[key]) for key in ("diagonal", "axis", "turn") if self.about.get(key)]
+        if self.kind == "lift" and self.about.get("turn", "") is None:
+            words.append("passive")
+        if self.about.get("offset"):
+            words.append(f"{1000 * float(self.about['offset']):+.1f} mm")
+        return " ".join([self.kind, *words])
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """n even steps: what was sensed, and where the base was. See `Steps` and `BaseMotion`."""
+
+    time: FloatArray
+    joint_position: FloatArray
+    joint_torque: FloatArray
+    rotation: FloatArray
+    position: FloatArray
+    feet: FloatArray
+    standing: FloatArray
+
+    @classmethod
+    def of(cls, steps: Steps, base: BaseMotion) -> Moments:
+        """Both together."""
+        return cls(
+            steps.time, steps.joint_position, steps.joint_torque, base.rotation, base.position, base.feet, base.standing
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Moments]) -> Moments:
+        """One after the other."""
+        return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
+
+
+class Film:
+    """Grows as pieces come.
+
+    Attributes:
+        robot, stance: whose.
+        settings: of the run.
+        trials: that have begun, in order of time.
+        phases: time and name of every phase, in order.
+        ends: times at which trials were complete [s].
+    """
+
+    def __init__(self, robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
+        self.robot, self.stance, self.settings = robot, stance, settings
+        self.clear()
+
+    def clear(self) -> None:
+        """As if nothing had come."""
+        self._even, self._tracker = EvenSteps(self.robot), BaseTracker(self.robot, self.stance)
+        self._parts: list[Moments] = []
+        self.trials: list[TrialMark] = []
+        self.phases: list[tuple[float, str]] = []
+        self.ends: list[float] = []
+
+    def take(self, pieces: Sequence[Recording], complete: Sequence[Recording] = ()) -> None:
+        """More was recorded.
+
+        Args:
+            pieces: in order.
+            complete: trials that are complete now.
+        """
+        for piece in pieces:
+            for event in piece.events:
+                if event.name == TRIAL:
+                    self.trials.append(TrialMark(len(self.trials) + 1, event.time, event.data))
+                elif event.name == PHASE:
+                    self.phases.append((event.time, str(event.data.get("name"))))
+            steps = self._even.take(piece)
+            if steps is not None:
+                self._parts.append(Moments.of(steps, self._tracker.follow(steps)))
+        self.ends += [float(recording.joints.time[-1]) for recording in complete]
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing to see yet."""
+        return not self._parts
+
+    @property
+    def moments(self) -> Moments:
+        """All of it; raises IndexError if it is empty."""
+        if len(self._parts) > 1:
+            self._parts = [Moments.joined(self._parts)]
+        return self._parts[0]
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time [s]; zeros if it is empty."""
+        return (0.0, 0.0) if self.empty else (float(self._parts[0].time[0]), float(self._parts[-1].time[-1]))
+
+    def trial_at(self, time: float) -> TrialMark | None:
+        """The last one that has begun."""
+        begun = [trial for trial in self.trials if trial.time <= time]
+        return begun[-1] if begun else None
+
+    def phase_at(self, time: float) -> str | None:
+        """The last one that has begun."""
+        begun = [name for start, name in self.phases if start <= time]
+        return begun[-1] if begun else None
+
+    def phase_start(self, name: str, trial: TrialMark, until: float) -> float | None:
+        """When a phase of a trial began, if it did so up to a time [s]."""
+        starts = [time for time, phase in self.phases if phase == name and trial.time <= time <= until]
+        return starts[0] if starts else None
+
+    def complete_at(self, time: float) -> int:
+        """How many trials were complete."""
+        return sum(end <= time + 1e-9 for end in self.ends)

@@ -1,0 +1,183 @@
+"""What is shown at a moment: pure arithmetic on a film and on what was known of the CoM by then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.plan import Durations
+from equipoise.result.calibration import SPATIAL_95
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.stance import Stance
+from equipoise.view.closing_in import ClosingIn, ComEstimate, LiftPlane
+from equipoise.view.film import Film, TrialMark
+
+_STANDS = 0.1  # of what a foot counts as on the floor: slopes and leaning IMUs raise some by millimetres
+_LINE_LENGTH = 0.16  # [m] on an A1, to either side
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A moment.
+
+    Attributes:
+        time: [s].
+        joint_position, joint_torque: (nj,) [rad], [Nm].
+        rotation, position: of the base in the world: (3, 3), and (3,) [m].
+        contacts: (4, 3) lowest points of the feet in the world [m].
+        standing: (4,) whether each foot stands.
+        com: (3,) of the whole robot in the world, by the newest estimate or else by the model [m].
+        support_line: (2, 3) from the right to the left contact point in the world, during a lift trial [m]; or None.
+        tilt: of the base about it since the rest before, positive forward [rad]; or None.
+        trial: that is running or was last.
+        phase: of it.
+        complete: number of trials that are complete.
+        estimate: of the CoM, from those; or None.
+        planes: of those.
+    """
+
+    time: float
+    joint_position: FloatArray
+    joint_torque: FloatArray
+    rotation: FloatArray
+    position: FloatArray
+    contacts: FloatArray
+    standing: NDArray[np.bool_]
+    com: FloatArray
+    support_line: FloatArray | None
+    tilt: float | None
+    trial: TrialMark | None
+    phase: str | None
+    complete: int
+    estimate: ComEstimate | None
+    planes: tuple[LiftPlane, ...]
+
+
+class Camera:
+    """Takes frames of a film.
+
+    Args:
+        film: what was recorded.
+        closing_in: what was known when.
+    """
+
+    def __init__(self, film: Film, closing_in: ClosingIn) -> None:
+        self.film, self.closing_in = film, closing_in
+        self._nominal_com = composite_parameters(film.robot, film.stance.joint_position).com
+        self._radius = np.array([leg.foot_radius for leg in film.robot.legs.values()])
+
+    def frame(self, time: float) -> Frame:
+        """The moment nearest before a time [s], of a film that is not empty."""
+        film, moments = self.film, self.film.moments
+        index = self._index(time)
+        now = float(moments.time[index])
+        contacts = moments.feet[index] - self._radius[:, None] * [0, 0, 1]
+        trial, phase, complete = film.trial_at(now), film.phase_at(now), film.complete_at(now)
+        estimate = self.closing_in.after(complete)
+        line = _support_line(trial, contacts)
+        tilt = None if trial is None or line is None else self.tilts(trial, now)
+        return Frame(
+            now,
+            moments.joint_position[index],
+            moments.joint_torque[index],
+            moments.rotation[index],
+            moments.position[index],
+            contacts,
+            moments.standing[index] > _STANDS,
+            self._com(index, estimate),
+            line,
+            None if tilt is None or not len(tilt[1]) else float(tilt[1][-1]),
+            trial,
+            phase,
+            complete,
+            estimate,
+            tuple(plane for plane in self.closing_in.planes if plane.trial < complete) if estimate else (),
+        )
+
+    def tilts(self, trial: TrialMark, until: float) -> tuple[FloatArray, FloatArray] | None:
+        """Times since the lift began [s] and tilts about the support line [rad], up to a time; None before it begins.
+
+        The base's rotation since the rest, about the line's direction: what ends a lift when it is plain.
+        """
+        start = self.film.phase_start("unload", trial, until)
+        if trial.kind != "lift" or start is None:
+            return None
+        moments = self.film.moments
+        first, last = self._index(start), self._index(until) + 1
+        contacts = moments.feet[first] - self._radius[:, None] * [0, 0, 1]
+        line = _support_line(trial, contacts)
+        if line is None or last <= first:
+            return None
+        turned = Rotation.from_matrix(moments.rotation[first:last] @ moments.rotation[first].T).as_rotvec()
+        direction = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+        return moments.time[first:last] - start, turned @ direction
+
+    def _index(self, time: float) -> int:
+        times = self.film.moments.time
+        return int(np.clip(np.searchsorted(times, time + 1e-9, side="right") - 1, 0, len(times) - 1))
+
+    def _com(self, index: int, estimate: ComEstimate | None) -> FloatArray:
+        """In the world: the model's at this posture, moved by what was found at the nominal stance."""
+        moments, robot = self.film.moments, self.film.robot
+        in_base = pin.centerOfMass(
+            robot.pinocchio, robot.pinocchio_data, robot.configuration(moments.joint_position[index])
+        )
+        if estimate is not None:
+            in_base = in_base + estimate.com - self._nominal_com
+        return moments.position[index] + moments.rotation[index] @ in_base
+
+
+def joint_poses(film: Film, joint_position: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Rotation and place of the joints' frames in the base frame, from the base's own (1) on [m]."""
+    model, data = film.robot.pinocchio, film.robot.pinocchio_data
+    pin.forwardKinematics(model, data, film.robot.configuration(joint_position))
+    return [
+        (np.array(data.oMi[joint].rotation), np.array(data.oMi[joint].translation)) for joint in range(1, model.njoints)
+    ]
+
+
+def ellipsoid(estimate: ComEstimate | None) -> tuple[FloatArray, FloatArray] | None:
+    """(3, 3) axes in the base frame and (3,) half lengths [m] of where the CoM is with 95 %; None if that is unknown."""
+    if estimate is None or estimate.covariance is None:
+        return None
+    values, vectors = np.linalg.eigh(estimate.covariance)
+    vectors[:, 0] *= np.sign(np.linalg.det(vectors))
+    return vectors, SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
+
+
+def plane_lines(frame: Frame, stance: Stance) -> FloatArray:
+    """(n, 2, 3) a piece of each lift's plane nearest to the newest CoM, level, in base axes from there [m]."""
+    if frame.estimate is None:
+        return np.empty((0, 2, 3))
+    lines: list[FloatArray] = []
+    for plane in frame.planes:
+        along = np.cross(plane.normal, [0, 0, 1.0])
+        along *= _LINE_LENGTH * stance.size / float(np.linalg.norm(along))
+        across = plane.normal * [1, 1, 0]
+        near = across * float(plane.normal @ (plane.point - frame.estimate.com)) / float(across @ across)
+        lines.append(np.array([near - along, near + along]))
+    return np.array(lines).reshape(-1, 2, 3)
+
+
+def expected_trials(film: Film) -> int | None:
+    """How many trials the run will have, roughly; None if nobody knows."""
+    settings, stance = film.settings, film.stance
+    if settings.method == "static":
+        return 1
+    if settings.method == "paper":
+        lower, upper = settings.com_search.bounds(stance)
+        return 2 * int(np.ceil(np.log2((upper - lower) / settings.com_search.tolerance))) + 3
+    return round(settings.precise.budget_for(stance) / Durations.of(stance).lift)
+
+
+def _support_line(trial: TrialMark | None, contacts: FloatArray) -> FloatArray | None:
+    if trial is None or trial.kind != "lift" or trial.about.get("diagonal") not in DIAGONALS:
+        return None
+    left, right = sorted(DIAGONALS[str(trial.about["diagonal"])], key=lambda leg: leg[1])
+    return contacts[[LEG_NAMES.index(right), LEG_NAMES.index(left)]]

@@ -1,0 +1,184 @@
+"""What was added to a robot between two calibrations."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from equipoise import CalibrationSettings, RunFolder, ScaleReadings, calibrate, find_delta, nominal_stance, simulate
+from equipoise.calibration.delta import _payload
+from equipoise.cli import main
+from equipoise.errors import RecordingError, SettingsError
+from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.parameters import COMPONENTS, Priors
+from equipoise.precise.routine import PreciseSettings
+from equipoise.precise.two_runs import _TwoProblems
+from equipoise.robot.inertial import InertialParameters
+
+PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
+
+
+@pytest.fixture(scope="module")
+def bare(a1):
+    """The same robot as in `precise_run`, without its payload and with other noise: recordings and truth."""
+    recordings = []
+    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=40, sway=False))
+    with simulate(a1, "realistic", seed=4, noise_seed=104) as simulation:
+        calibrate(simulation.platform, a1, settings, keep=recordings.append)
+        return recordings, simulation.truth
+
+
+@pytest.fixture(scope="module")
+def scale(bare, precise_run):
+    """A scale that reads half a percent too much, to ten grams."""
+    return ScaleReadings(tuple(round(1.005 * truth.composite.mass, 2) for truth in (bare[1], precise_run.truth)))
+
+
+@pytest.fixture(scope="module")
+def weighed(a1, bare, precise_run, scale):
+    return find_delta(a1, bare[0], precise_run.recordings, scale).with_truth(bare[1], precise_run.truth)
+
+
+def test_a_payload_is_found_within_its_intervals(weighed):
+    assert weighed.truth.mass == pytest.approx(PAYLOAD[0])
+    assert np.allclose(weighed.truth.com, PAYLOAD[1:])
+    assert weighed.payload.mass == pytest.approx(PAYLOAD[0], rel=0.02)
+    assert np.allclose(weighed.payload.com_in_base[:2], PAYLOAD[1:3], atol=0.005)
+    assert not weighed.removed
+    assert not weighed.warnings
+    truth = dict(zip(COMPONENTS, [weighed.truth.mass, *weighed.truth.com, *6 * [0.0]], strict=True))
+    for name, interval in weighed.intervals.items():
+        assert interval.lower < truth[name] < interval.upper, name
+    assert weighed.intervals["mass"].verdict == "identified"
+    assert weighed.intervals["Ixx"].verdict != "identified"  # a point has none
+
+
+def test_errors_in_common_cancel(a1, bare, precise_run, weighed):
+    apart = precise_run.result.uncertainty["composite"].intervals["mass"].deviation
+    alone = find_delta(a1, bare[0], precise_run.recordings)
+    assert alone.intervals["mass"].deviation < apart
+    assert weighed.intervals["mass"].deviation < 0.2 * alone.intervals["mass"].deviation
+    assert abs(alone.payload.mass - PAYLOAD[0]) < 2 * alone.intervals["mass"].deviation
+
+
+def test_what_is_taken_off_is_the_same_body(a1, bare, precise_run, scale, weighed):
+    removed = find_delta(a1, precise_run.recordings, bare[0], dataclasses.replace(scale, masses=scale.masses[::-1]))
+    removed = removed.with_truth(precise_run.truth, bare[1])
+    assert removed.removed
+    assert removed.truth.mass == pytest.approx(PAYLOAD[0])
+    assert removed.payload.mass == pytest.approx(weighed.payload.mass, rel=5e-3)
+    assert np.allclose(removed.payload.com_in_base, weighed.payload.com_in_base, atol=1e-3)
+    assert removed.change["mass"] < 0
+
+
+def test_of_nothing_only_the_mass_is_said(a1, bare):
+    nothing = find_delta(a1, bare[0], bare[0])
+    assert nothing.payload.com_in_base == (None, None, None)
+    assert nothing.payload.inertia is None
+    assert abs(nothing.payload.mass) < 0.05 * nothing.intervals["mass"].deviation
+    assert all(interval.verdict == "not identified" for interval in nothing.change_intervals.values())
+
+
+def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
+    stance = nominal_stance(a1)
+    evidences = tuple(read_evidence(a1, stance, recordings) for recordings in (bare[0], precise_run.recordings))
+    problem = _TwoProblems(a1, stance, evidences, Priors(), ScaleReadings((12.5, 13.9)))
+    generator = np.random.default_rng(1)
+    z = problem.start()
+    z[10:] += 0.1 * generator.standard_normal(len(z) - 10) * np.append(np.ones(len(z) - 11), 5e-3)
+    problem.prepare(z)
+    problem.differentiate(z)
+    _, gradient = problem.normal_equations(z)
+    for index in (0, 7, 12, problem.unknowns.size, problem.unknowns.size + 5, len(z) - 1):
+        step = np.zeros_like(z)
+        step[index] = 1e-6
+        slope = (problem.cost(z + step) - problem.cost(z - step)) / 2e-6
+        assert 2 * gradient[index] == pytest.approx(slope, rel=1e-3, abs=1e-2), index
+
+
+def test_bodies_come_back_from_what_adds_up():
+    body = InertialParameters(0.8, [0.1, -0.02, 0.05], [[3e-3, 1e-4, 0], [1e-4, 4e-3, -2e-4], [0, -2e-4, 5e-3]])
+    found = InertialParameters.from_vector(body.vector)
+    assert found.mass == pytest.approx(body.mass)
+    assert np.allclose(found.com, body.com)
+    assert np.allclose(found.inertia, body.inertia)
+
+
+def test_verdicts_are_by_what_a_quantity_is_like():
+    vector = np.array([1.0, 0.1, 0, 0, 0.01, 0, 0.02, 0, 0, 0.02])
+    covariance = np.diag(np.array([0.05, 1e-3, 0.04, 0.2, *6 * [1e-3]]) ** 2)
+    _, intervals = _payload(vector, covariance, length=0.18)
+    assert [intervals[name].verdict for name in COMPONENTS[:4]] == [
+        "identified",
+        "identified",
+        "weak",
+        "not identified",
+    ]
+
+
+def test_scales_that_cannot_be_are_refused():
+    with pytest.raises(SettingsError, match=r"a scale's mass is 0\.0; it must be from 0\.05 to 5000 kg"):
+        ScaleReadings((0.0, 1.0))
+    with pytest.raises(SettingsError, match=r"noise of the scale is -1; it must be above 0 and below 1"):
+        ScaleReadings(noise=-1)
+
+
+def test_a_run_without_lifts_is_named(a1, bare, precise_run):
+    no_lifts = [recording for recording in bare[0] if recording.trial.get("kind") != "lift"]
+    with pytest.raises(RecordingError, match="the second run: no lift trial can be used"):
+        find_delta(a1, precise_run.recordings, no_lifts)
+
+
+# --- the command line
+
+
+@pytest.fixture(scope="module")
+def folders(a1, bare, precise_run, tmp_path_factory):
+    path = tmp_path_factory.mktemp("delta")
+    settings = CalibrationSettings("precise", precise=precise_run.settings)
+    runs = {"before": bare, "after": (precise_run.recordings, precise_run.truth)}
+    for name, (recordings, truth) in runs.items():
+        with RunFolder.create(path / name, a1, settings, {}) as folder:
+            folder.save_truth(truth)
+            for recording in recordings:
+                folder.keep(recording)
+    return path
+
+
+def test_the_command_says_what_was_added(folders, scale, weighed, capsys):
+    before, after = (str(mass) for mass in scale.masses)
+    runs = [str(folders / "before"), str(folders / "after"), "--mass-before", before, "--mass-after", after]
+    out = folders / "delta.json"
+    assert main(["delta", *runs, "--json", "--out", str(out)]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["schema"] == "equipoise.delta/1"
+    assert table["payload"]["mass"] == pytest.approx(weighed.payload.mass)
+    assert table["truth"]["mass"] == pytest.approx(PAYLOAD[0])
+    assert table["provenance"]["masses"] == [float(before), float(after)]
+    assert json.loads(out.read_text(encoding="utf-8")) == table
+    assert main(["delta", *runs]) == 0
+    text = capsys.readouterr().out
+    assert "unitree_a1: what was added" in text
+    assert f"{weighed.payload.mass:.3f}" in text
+
+
+def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):
+    paper = tmp_path / "paper"
+    header = json.loads((folders / "before" / "run.json").read_text(encoding="utf-8"))
+    paper.mkdir()
+    for name in ("model.xml", "recording.mcap"):
+        (paper / name).write_bytes((folders / "before" / name).read_bytes())
+    header["settings"]["method"] = "paper"
+    (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
+    assert main(["delta", str(paper), str(folders / "after")]) == 2
+    assert "is of the method 'paper'; what was added is told by runs of 'precise'" in capsys.readouterr().err
+    header["settings"]["method"] = "precise"
+    header["description"]["foot_radius"] = 0.03
+    (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
+    assert main(["delta", str(paper), str(folders / "after")]) == 2
+    assert "the runs are of different models" in capsys.readouterr().err
+    assert main(["delta", str(folders / "after"), str(folders / "after")]) == 2
+    assert "is named twice" in capsys.readouterr().err
+    assert main(["delta", str(folders / "nothing"), str(folders / "after")]) == 5
+    assert "is no run of equipoise" in capsys.readouterr().err

@@ -1,0 +1,40 @@
+"""A calibration thought through: what it foretells is what a calibration then does."""
+
+import numpy as np
+import pytest
+
+from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise.calibration.rehearsal import rehearse
+from equipoise.errors import SettingsError
+from equipoise.precise.routine import PreciseSettings
+
+SETTINGS = {
+    "precise": CalibrationSettings("precise", precise=PreciseSettings(budget=60)),
+    "paper": CalibrationSettings("paper"),
+    "static": CalibrationSettings("static"),
+}
+
+
+@pytest.mark.parametrize("method", SETTINGS)
+def test_joints_stay_within_the_range_that_was_foretold(a1, method):
+    rehearsal = rehearse(a1, SETTINGS[method])
+    kept = []
+    with simulate(a1, "ideal") as simulation:
+        calibrate(simulation.platform, a1, SETTINGS[method], kept.append)
+    sent = np.concatenate([recording.commands.position for recording in kept])
+    lower, upper = rehearsal.joint_range
+    assert (sent >= lower - 0.12).all()
+    assert (sent <= upper + 0.12).all()
+    assert rehearsal.duration == pytest.approx(sum(recording.duration for recording in kept) + 12, rel=0.35)
+
+
+def test_torques_are_those_of_a_robot_of_its_weight(a1):
+    rehearsal = rehearse(a1, SETTINGS["paper"])
+    assert (rehearsal.largest_torque < a1.effort_limit).all()
+    assert rehearsal.largest_torque.max() > 5
+    assert rehearsal.postures[0].what == "lying"
+
+
+def test_what_cannot_be_done_is_refused(a1):
+    with pytest.raises(SettingsError, match="allow no lift after the search"):
+        rehearse(a1, CalibrationSettings("precise", precise=PreciseSettings(budget=20)))

@@ -1,0 +1,38 @@
+"""Calibrations of one robot, one after the other."""
+
+import numpy as np
+import pytest
+
+from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise.calibration.repeatability import repeatability, to_dict
+from equipoise.errors import SettingsError
+
+SETTINGS = CalibrationSettings("static")
+
+
+@pytest.fixture(scope="module")
+def results(a1):
+    with simulate(a1, "realistic", seed=4) as simulation:
+        return [calibrate(simulation.platform, a1, SETTINGS) for _ in range(3)]
+
+
+def test_the_spread_is_that_of_the_results(results):
+    by_name = {one.name: one for one in repeatability(results)}
+    assert set(by_name) == {"mass", "com_x", "com_y"}
+    masses = [result.composite.mass for result in results]
+    assert by_name["mass"].mean == pytest.approx(np.mean(masses))
+    assert by_name["mass"].spread == pytest.approx(np.std(masses, ddof=1))
+    assert by_name["mass"].spread > 0
+    assert by_name["mass"].ratio is None
+
+
+def test_the_spread_is_compared_with_what_results_say_of_themselves(precise_run):
+    repeated = repeatability([precise_run.result, precise_run.result])
+    assert len(repeated) == 10
+    assert all(one.ratio == 0 and one.deviation > 0 for one in repeated)
+    assert to_dict(repeated, 2)["parameters"]["Ixx"]["ratio"] == 0
+
+
+def test_one_calibration_shows_no_spread(results):
+    with pytest.raises(SettingsError, match="1 calibrations show no spread; repeat at least twice"):
+        repeatability(results[:1])

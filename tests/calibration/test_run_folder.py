@@ -1,0 +1,455 @@
+"""Runs on disk: kept as they happen, found again, and estimated again anywhere."""
+
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robots import load_text, quadruped_mjcf
+from rosbags.highlevel import AnyReader
+
+import equipoise
+from equipoise import (
+    Calibration,
+    CalibrationSettings,
+    ComSearchSettings,
+    RobotDescription,
+    RunFolder,
+    SwaySettings,
+    calibrate,
+    simulate,
+)
+from equipoise.errors import FallError, OutputError, RecordingError
+from equipoise.platform.logged import Logged
+from equipoise.precise.parameters import Priors
+from equipoise.precise.plan import Goals
+from equipoise.precise.routine import PreciseSettings
+from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
+from equipoise.recording.run_log import RunLog
+
+SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
+PROVENANCE = {
+    "seed": 2,
+    "noise": "realistic",
+    "started": "2026-01-02T03:04:05+00:00",
+    "payload": [1.5, 0.05, 0.0, 0.06],
+}
+
+
+@pytest.fixture(scope="module")
+def calibrated(a1, tmp_path_factory):
+    """A run and the calibration that it was kept of."""
+    with (
+        RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, SETTINGS, PROVENANCE) as folder,
+        simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2) as simulation,
+    ):
+        calibration = calibrate(Logged(simulation.platform, folder.log), a1, SETTINGS, keep=folder.keep)
+        folder.save_truth(simulation.truth)
+    calibration = calibration.with_provenance(**PROVENANCE).with_truth(simulation.truth)
+    folder.save(calibration)
+    return folder, calibration
+
+
+@pytest.fixture
+def run(calibrated, tmp_path):
+    """A copy of the run, to do harm to."""
+    return Path(shutil.copytree(calibrated[0].path, tmp_path / "copy"))
+
+
+@pytest.fixture
+def new(tmp_path, a1):
+    """Makes run folders that hold nothing yet."""
+
+    def make(robot=a1, settings=SETTINGS, name="run"):
+        with RunFolder.create(tmp_path / name, robot, settings, {}) as folder:
+            return folder
+
+    return make
+
+
+def still(kind=None, time=0.0, **about):
+    joints = JointStream([time, time + 0.1], np.zeros((2, 12)))
+    events = (Event(time, "trial", {"kind": kind, **about}),) if kind else ()
+    return Recording(tuple("abcdefghijkl"), joints, ImuStream([time], np.zeros((1, 3)), np.ones((1, 3))), None, events)
+
+
+def rewritten(run, choose):
+    """Write a run's log anew, with some of its recordings only."""
+    recordings = [recording for recording in RunFolder.open(run).recordings() if choose(recording)]
+    (run / "recording.mcap").unlink()
+    with RunLog(run / "recording.mcap") as log:
+        for recording in recordings:
+            log.keep(recording)
+
+
+# --- there and back
+
+
+def test_a_run_is_its_model_its_settings_its_recordings_and_its_result(calibrated):
+    folder, calibration = calibrated
+    assert {file.name for file in folder.path.iterdir()} == {
+        "run.json", "model.xml", "recording.mcap", "metadata.yaml", "truth.json", "calibration.json",
+    }  # fmt: skip
+    trials = [recording.trial for recording in folder.recordings()]
+    assert len(trials) == len(calibration.trials)
+    assert trials[0]["diagonal"] == calibration.trials[0].about
+    assert [trial["axis"] for trial in trials[-3:]] == ["roll", "pitch", "yaw"]
+
+
+def test_a_run_folder_is_a_bag_for_ros(calibrated):
+    folder, _ = calibrated
+    with AnyReader([folder.path]) as bag:
+        counts = {connection.topic: connection.msgcount for connection in bag.connections}
+        states = next(connection for connection in bag.connections if connection.topic == "/joint_states")
+        _, time, raw = next(bag.messages([states]))
+        first = bag.deserialize(raw, states.msgtype)
+    plays = folder.read().plays
+    samples = sum(len(play.recording.joints.time) for play in plays)
+    assert counts["/joint_states"] == counts["/imu/data"] == counts["/joint_commands"] == samples
+    assert tuple(first.name) == plays[0].recording.joint_names
+    assert np.array_equal(first.position, plays[0].recording.joints.position[0])
+    assert time == 0
+
+
+def test_estimating_again_gives_the_same_numbers_bit_for_bit(calibrated):
+    folder, calibration = calibrated
+    again = RunFolder.open(folder.path).estimate()
+    assert again.to_json() == calibration.to_json()
+    assert Calibration.load(folder.path / "calibration.json").to_dict() == json.loads(calibration.to_json())
+
+
+def test_estimating_again_may_take_other_settings(calibrated):
+    folder, calibration = calibrated
+    commanded = folder.estimate(dataclasses.replace(SETTINGS, feet="commanded"))
+    assert commanded.feet == "commanded"
+    assert commanded.composite.com_in_base != calibration.composite.com_in_base
+    assert commanded.truth is not None
+
+
+def test_estimating_again_works_where_mujoco_does_not(calibrated):
+    folder, calibration = calibrated
+    script = (
+        "import sys; sys.modules['mujoco'] = None\n"
+        "from equipoise import RunFolder\n"
+        f"print(RunFolder.open({str(folder.path)!r}).estimate().to_json(), end='')\n"
+        "assert not any(name.startswith('equipoise.simulation.mujoco') for name in sys.modules)\n"
+    )
+    source = str(Path(equipoise.__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env={**os.environ, "PYTHONPATH": source},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stderr == ""
+    assert done.stdout == calibration.to_json()
+
+
+def test_recordings_come_back_in_order(calibrated):
+    folder, _ = calibrated
+    recordings = folder.recordings()
+    starts = [recording.joints.time[0] for recording in recordings]
+    assert starts == sorted(starts)
+    assert recordings[0].event("trial").data["kind"] == "lift"
+
+
+def test_a_run_that_was_opened_is_only_read(new):
+    folder = RunFolder.open(new().path)
+    with pytest.raises(OutputError, match="is not open for writing; make a new one, or resume it"):
+        folder.keep(still())
+
+
+def test_recordings_are_kept_as_they_come(tmp_path, a1):
+    with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+        assert folder.recordings() == []
+        for count in range(1, 4):
+            folder.keep(still("lift", float(count)))
+            assert len(folder.recordings()) == count
+        folder.keep(still("lift", 9.0).broken_off())
+        assert len(folder.recordings()) == 3
+        assert folder.read().unfinished.joints.time[0] == 9.0
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), FallError("x")])
+def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
+    def run():
+        with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+            folder.keep(still())
+            raise error
+
+    with pytest.raises(type(error)):
+        run()
+    folder = RunFolder.open(tmp_path / "run")
+    assert folder.read().closed
+    assert (folder.path / "metadata.yaml").exists()
+
+
+def test_settings_come_back(new):
+    settings = CalibrationSettings(
+        "paper",
+        feet="commanded",
+        com_search=ComSearchSettings(-0.04, 0.05, 0.003, 0.02, 0.7, 0.5),
+        sway=SwaySettings(0.03, 1.5, 2.0),
+        precise=PreciseSettings(60.0, 13.4, 0.05, False, Goals(com_planar=1e-3), Priors(joint_zero=2e-3)),
+    )
+    path = new(settings=settings).path
+    assert RunFolder.open(path).settings() == settings
+    path = new(settings=CalibrationSettings(), name="other").path
+    assert RunFolder.open(path).settings() == CalibrationSettings()
+
+
+def test_the_robot_comes_back_as_it_was_read(tmp_path, new):
+    description = RobotDescription(
+        foot_radius=0.03, imu_position=(0.1, 0.0, 0.02), imu_rpy=(0.0, 0.1, 3.0), kp=90.0, kd=2.5,
+        joint_limits={"FL_2": (-2.5, -0.3)}, held={"arm_0": 0.7},
+    )  # fmt: skip
+    tail = '<actuator><motor joint="FL_1" ctrlrange="-7 7"/></actuator>'
+    robot = load_text(tmp_path, quadruped_mjcf(arm=True, tail=tail), description, name="Größe.xml")
+    path = new(robot).path
+    (tmp_path / "Größe.xml").unlink()
+    again = RunFolder.open(path).robot()
+    assert again.name == robot.name
+    assert again.description == description
+    assert again.source == robot.source
+    assert again.held == robot.held
+    assert again.joint_names == robot.joint_names
+    assert again.feet == robot.feet
+    for name in ("lower_limit", "upper_limit", "effort_limit", "velocity_limit"):
+        assert np.array_equal(getattr(again, name), getattr(robot, name))
+    assert np.array_equal(again.imu_in_base.homogeneous, robot.imu_in_base.homogeneous)
+    assert again.pinocchio == robot.pinocchio
+
+
+def test_what_was_repaired_in_a_model_is_not_said_again(tmp_path, a1_urdf, new):
+    mesh = '<collision><geometry><mesh filename="x.stl"/></geometry></collision></link>'
+    robot = load_text(tmp_path, a1_urdf.replace("</link>", mesh, 1))
+    assert robot.source.repairs
+    path = new(robot).path
+    assert RunFolder.open(path).robot().source.repairs == robot.source.repairs  # warnings are errors here
+
+
+def test_a_real_robot_has_no_truth(run):
+    (run / "truth.json").unlink()
+    calibration = RunFolder.open(run).estimate()
+    assert calibration.truth is None
+    assert calibration.errors() is None
+
+
+def test_an_interrupted_trial_is_passed_over(run, calibrated):
+    recordings = calibrated[0].recordings()
+    start = recordings[0].joints.time[0]
+    (run / "recording.mcap").unlink()
+    with RunLog(run / "recording.mcap") as log:
+        for recording in (*recordings, recordings[0].between(start, start + 0.5).broken_off()):
+            log.keep(recording)
+    folder = RunFolder.open(run)
+    assert folder.read().unfinished.duration < 0.5
+    assert folder.estimate().to_json() == calibrated[1].to_json()
+
+
+def test_a_run_without_a_complete_search_says_what_it_lacks(run):
+    rewritten(run, lambda recording: recording.trial.get("diagonal") != "FR_RL")
+    with pytest.raises(RecordingError, match="no complete search on FR_RL with a tolerance of 10 mm: of 0 lifts"):
+        RunFolder.open(run).estimate()
+
+
+# --- where a run may not be
+
+
+def test_another_run_is_not_overwritten(run, a1):
+    before = (run / "run.json").read_bytes()
+    with pytest.raises(OutputError) as caught:
+        RunFolder.create(run, a1, SETTINGS, {})
+    assert str(caught.value) == f"the output folder {str(run)!r} holds another run; name a new one with --out"
+    assert (run / "run.json").read_bytes() == before
+
+
+def test_other_files_are_left_alone(tmp_path, a1):
+    (tmp_path / "thesis.tex").write_text("x")
+    with pytest.raises(OutputError) as caught:
+        RunFolder.create(tmp_path, a1, SETTINGS, {})
+    assert str(caught.value) == f"the output folder {str(tmp_path)!r} holds other files; name a new one with --out"
+    assert [file.name for file in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_an_empty_folder_is_fine(tmp_path, a1):
+    (tmp_path / "run").mkdir()
+    with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+        assert folder.recordings() == []
+
+
+@pytest.mark.parametrize("below", ["", "deeper/run"])
+def test_a_folder_that_cannot_be_made_is_named(tmp_path, a1, below):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(
+        OutputError, match=r"cannot write into the output folder '.*file.*': (Not a directory|File exists)"
+    ):
+        RunFolder.create(tmp_path / "file" / below, a1, SETTINGS, {})
+
+
+def test_a_run_that_is_gone_cannot_be_written_to(new, calibrated):
+    folder = new()
+    shutil.rmtree(folder.path)
+    with pytest.raises(OutputError, match=r"cannot write .*truth.json': No such file"):
+        folder.save_truth(calibrated[1].truth)
+    with pytest.raises(OutputError, match=r"cannot write .*calibration.json': No such file"):
+        folder.save(calibrated[1])
+    with pytest.raises(RecordingError, match=r"recording.mcap' cannot be read: No such file"):
+        folder.recordings()
+
+
+@pytest.mark.parametrize("raised", [True, False])
+def test_a_run_that_is_gone_when_it_ends_is_told_unless_another_error_says_why(tmp_path, a1, raised):
+    def run():
+        with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}) as folder:
+            shutil.rmtree(folder.path)
+            if raised:
+                raise FallError("x")
+
+    with pytest.raises(FallError if raised else OutputError):
+        run()
+
+
+def test_whoever_finds_a_header_finds_the_rest(tmp_path, a1, monkeypatch):
+    seen = []
+    replace = Path.replace
+
+    def looked(self, target):
+        seen.append((target.name, {file.name for file in target.parent.iterdir() if not file.name.startswith(".")}))
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", looked)
+    with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}):
+        assert seen == [("model.xml", set()), ("run.json", {"model.xml", "recording.mcap"})]
+
+
+# --- gone on with
+
+
+def test_a_run_that_is_gone_on_with_takes_what_it_has_and_then_more(run, calibrated):
+    expected = calibrated[0].recordings()
+    rewritten(run, lambda recording: recording.joints.time[0] < expected[3].joints.time[0])
+    folder, content = RunFolder.resume(run, repeats=True)
+    with folder:
+        assert len(content.recordings) == 3
+        assert not (run / "metadata.yaml").exists()  # of a log that is not as it was
+        for recording in expected:
+            folder.keep(recording)
+    assert (run / "metadata.yaml").exists()
+    assert all(one.equals(other) for one, other in zip(folder.recordings(), expected, strict=True))
+    assert folder.estimate().to_json() == calibrated[1].to_json()
+
+
+def test_a_broken_recording_does_not_stand_for_one_that_is_known(run, calibrated):
+    folder, content = RunFolder.resume(run, repeats=True)
+    with folder:
+        folder.keep(content.recordings[0])
+        folder.keep(content.recordings[1].broken_off())  # Ctrl-C while what is known is repeated
+    assert len(folder.recordings()) == len(content.recordings)
+
+
+def test_a_run_is_complete_when_it_has_a_result(run):
+    assert RunFolder.open(run).complete
+    (run / "calibration.json").unlink()
+    assert not RunFolder.open(run).complete
+
+
+# --- damage
+
+
+@pytest.mark.parametrize("name", ["missing", "empty"])
+def test_a_folder_without_a_run_is_no_run(tmp_path, name):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match=rf"'.*{name}' is no run of equipoise: '.*run.json' cannot be read"):
+        RunFolder.open(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is no run of equipoise: .*run.json' is not JSON"),
+        (b'{"schema": ', "is no run of equipoise: .*run.json' is not JSON"),
+        (b"\xff\xfe\x00", "is no run of equipoise: .*run.json' is not JSON"),
+        (b"[1, 2]", "is no run of equipoise: .*run.json' holds no JSON object"),
+        (b"{}", "is None; this version reads 'equipoise.run/2'"),
+        (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/2'"),
+        (b'{"schema": "equipoise.run/3"}', "is 'equipoise.run/3'; this version reads 'equipoise.run/2'"),
+        (
+            b'{"schema": "equipoise.run/1"}',
+            "is 'equipoise.run/1', by an earlier version, whose recordings are NumPy archives: estimate it with that one; ",
+        ),
+        (b'{"schema": "equipoise.run/2"}', "is damaged: its run.json lacks 'model'"),
+    ],
+)
+def test_a_damaged_header_is_told(run, content, message):
+    (run / "run.json").write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        RunFolder.open(run)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("model", None, "its run.json lacks 'model'"),
+        ("settings", [1], "its run.json lacks 'settings'"),
+        ("provenance", "x", "its run.json lacks 'provenance'"),
+        ("description", {"colour": "red"}, "unknown key 'colour'"),
+        ("description", {"kp": "strong"}, "is damaged"),
+        ("model", {}, "KeyError"),
+        ("model", {"repairs": 3}, "is damaged"),
+        ("settings", {}, "settings of run .* are damaged: KeyError"),
+        (
+            "settings",
+            {"com_search": {"tolerance": -1}, "sway": {}},
+            "settings of run .* are damaged: tolerance is -1; it must be",
+        ),
+        (
+            "settings",
+            {"com_search": {"steps": 3}, "sway": {}},
+            "settings of run .* unexpected keyword argument 'steps'",
+        ),
+        ("settings", {"com_search": 3, "sway": {}}, "settings of run .* are damaged"),
+        (
+            "settings",
+            {"method": "best", "com_search": {}, "sway": {}, "precise": {"goals": {}, "priors": {}}},
+            "settings of run .* are damaged: method 'best' is",
+        ),
+    ],
+)
+def test_a_header_with_damaged_content_is_told(run, key, value, message):
+    header = json.loads((run / "run.json").read_text())
+    header[key] = value
+    (run / "run.json").write_text(json.dumps(header))
+    with pytest.raises(RecordingError, match=message):
+        RunFolder.open(run).estimate()
+
+
+@pytest.mark.parametrize("content", [None, "", "<robot", "<robot/>", "<mujoco/>"])
+def test_a_damaged_model_is_told(run, content):
+    if content is None:
+        (run / "model.xml").unlink()
+    else:
+        (run / "model.xml").write_text(content)
+    with pytest.raises(RecordingError, match=r"the run '.*copy' is damaged"):
+        RunFolder.open(run).estimate()
+
+
+def test_a_damaged_recording_is_named(run):
+    content = bytearray((run / "recording.mcap").read_bytes())
+    content[len(content) // 2] ^= 8
+    (run / "recording.mcap").write_bytes(content)
+    with pytest.raises(RecordingError, match=r"the recording '.*recording.mcap' is damaged: "):
+        RunFolder.open(run).estimate()
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"composite": {"mass": 1}}', '{"composite": 3}'])
+def test_a_damaged_truth_is_told(run, content):
+    (run / "truth.json").write_text(content)
+    with pytest.raises(RecordingError, match=r"the run '.*copy' is damaged: .*truth.json"):
+        RunFolder.open(run).estimate()

@@ -1,0 +1,108 @@
+"""The verb `balance` as a user and a script meet it, and its picture."""
+
+import json
+
+import pytest
+
+from equipoise.cli import main
+from equipoise.cli.balance import metres
+from equipoise.errors import SettingsError
+from equipoise.recording.run_log_reader import load_recording
+from equipoise.simulation.mujoco import MujocoPlatform
+
+SHORT = ["--duration", "1s", "--quiet", "--noise", "ideal"]
+
+
+def fails(capsys, code, *arguments):
+    assert main(["balance", *arguments]) == code
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    lines = [line for line in captured.err.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_json_is_one_object_and_the_same_is_saved(tmp_path, capsys):
+    out = tmp_path / "run"
+    arguments = [*SHORT, "--com-error", "2mm", "--observe-offset", "--json", "--out", str(out)]
+    assert main(["balance", *arguments, "--diagonal", "FR_RL"]) == 0
+    captured = capsys.readouterr()
+    table = json.loads(captured.out)
+    assert captured.err == ""
+    assert table == json.loads((out / "balance.json").read_text(encoding="utf-8"))
+    assert table["schema"] == "equipoise.balance/1"
+    assert table["mode"] == "observing"
+    assert table["balanced"] is True
+    assert list(table["diagonals"]) == ["FR_RL"]
+    trial = table["diagonals"]["FR_RL"]
+    assert trial["believed_error"] == pytest.approx(2e-3, abs=1e-9)
+    assert trial["time_balanced"] == 1.0
+    assert trial["observed_error"] is not None
+    assert table["settings"]["weights"]["tilt"] == 3000
+    assert table["provenance"]["com_error"] == 2e-3
+    assert sorted(file.name for file in out.iterdir()) == ["balance-FR_RL.mcap", "balance.json", "balance.png"]
+
+
+def test_a_fall_is_a_verdict_and_with_check_an_exit_code(tmp_path, capsys):
+    arguments = ["--payload", "2,0.08,0.03,0.1", "--diagonal", "FR_RL", "--no-pictures", *SHORT]
+    assert main(["balance", *arguments, "--out", str(tmp_path / "a")]) == 0
+    captured = capsys.readouterr()
+    assert "FR_RL: fell after 0." in captured.out
+    assert "The law believes the model file; sensor errors are not known" in " ".join(captured.out.split())
+    assert not (tmp_path / "a" / "balance.png").exists()
+    assert main(["balance", *arguments, "--check", "--json", "--out", str(tmp_path / "b")]) == 4
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["balanced"] is False
+    assert "the robot did not balance for 1 s on FR_RL" in captured.err
+
+
+def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, precise_run):
+    precise_run.result.save(tmp_path / "calibration.json")
+    payload = ["--payload", "1.5,0.05,-0.02,0.06", "--seed", "4"]
+    arguments = ["--com", str(tmp_path), *payload, "--diagonal", "FL_RR", "--noise", "realistic", "--duration", "2s"]
+    assert main(["balance", *arguments, "--out", str(tmp_path / "run"), "--quiet"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "FL_RR: balanced for 2.0 s" in out
+    assert "The law believes a calibration by the method precise; sensor errors are taken off, as calibrated." in out
+
+
+def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
+    original = MujocoPlatform.step
+
+    def interrupted(self, command):
+        state = original(self, command)
+        if state.time > 3.5 and not stopped:
+            stopped.append(state.time)
+            raise KeyboardInterrupt
+        return state
+
+    stopped = []
+    monkeypatch.setattr(MujocoPlatform, "step", interrupted)
+    assert main(["balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
+    assert f"what was recorded so far is kept in {tmp_path / 'run'}" in capsys.readouterr().err
+    recording = load_recording(tmp_path / "run" / "balance-FL_RR-broken-off.mcap")
+    assert recording.has_phase("lower")
+    assert recording.joints.time[-1] > stopped[0]
+
+
+def test_wrong_flags_say_what_is_right(tmp_path, capsys):
+    assert "give one of them" in fails(capsys, 2, "--com", "x.json", "--com-error", "5mm")
+    assert "'5 apples' is no length" in fails(capsys, 2, "--com-error", "5 apples")
+    assert "'soon' is no time" in fails(capsys, 2, "--duration", "soon")
+    assert "'0s' is no time" in fails(capsys, 2, "--duration", "0s")
+    assert "MASS,X,Y,Z" in fails(capsys, 2, "--payload", "heavy")
+    assert "cannot read the result" in fails(capsys, 5, "--com", str(tmp_path / "missing.json"))
+    (tmp_path / "other.json").write_text("{}")
+    assert "has the schema None" in fails(capsys, 5, "--com", str(tmp_path / "other.json"))
+    assert "is not empty; name a new one with --out" in fails(capsys, 6, "--out", str(tmp_path))
+
+
+@pytest.mark.parametrize(("text", "value"), [("5mm", 5e-3), ("-5mm", -5e-3), ("0.5 cm", 5e-3), ("0.005", 5e-3)])
+def test_lengths_have_units(text, value):
+    assert metres(text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("text", ["", "mm", "5", "1e9mm", "nan", "5 km"])
+def test_what_is_no_length_of_a_robot_is_refused(text):
+    with pytest.raises(SettingsError, match="is no length of at most 100 mm"):
+        metres(text)

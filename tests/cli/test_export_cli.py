@@ -1,0 +1,137 @@
+"""`equipoise export` as a user and a script meet it."""
+
+import dataclasses
+import json
+import shutil
+
+import pytest
+from exporting import assert_same, composite_in_equipoise, composite_in_pinocchio, found
+from test_cli import fails
+from test_controller_pages import make_run
+
+from equipoise import CalibrationSettings, RunFolder, export
+from equipoise.cli import main
+from equipoise.export.formats import FORMATS
+from equipoise.terminal.calibration import print_calibration
+
+
+@pytest.fixture(scope="module")
+def run(a1, tmp_path_factory):
+    """A finished run."""
+    path = tmp_path_factory.mktemp("runs") / "a1"
+    make_run(path, a1)
+    return path
+
+
+def test_the_file_lies_in_the_run_and_the_terminal_says_what_it_is(run, a1, capsys):
+    assert main(["export", str(run), "--to", "urdf"]) == 0
+    path = run / "export" / "a1.urdf"
+    printed = capsys.readouterr().out
+    assert "the <inertial> of link 'trunk'" in printed
+    assert f"from run {run} (unitree_a1, method precise, 2026-01-01T00:00:00+00:00)" in printed
+    assert f"sha256 {a1.source.sha256}" in printed
+    assert f"saved: {path}" in printed
+    result = RunFolder.open(run).result()
+    assert_same(composite_in_equipoise(path, result, a1), result.composite.parameters())
+
+
+def test_a_real_calibration_goes_into_the_users_file(precise_run, a1, tmp_path):
+    out = export(precise_run.result, "urdf", force=True)
+    result = precise_run.result
+    assert_same(composite_in_pinocchio(out.save(tmp_path / "a1.urdf"), result, {}), result.composite.parameters())
+    assert export(result, "mjlab", force=True).content
+
+
+def test_short_texts_are_shown_whole(run, capsys):
+    assert main(["export", str(run / "calibration.json"), "--to", "unitree-guide"]) == 0
+    written = (run / "export" / "unitreeRobot.cpp").read_text(encoding="utf-8")
+    assert written in capsys.readouterr().out
+
+
+def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
+    result = RunFolder.open(run).result()
+    heavier = dataclasses.replace(result, composite=dataclasses.replace(result.composite, mass=20.0))
+    heavier.save(run / "weighed.json")
+    assert main(["export", str(run / "weighed.json"), "--to", "json", "--json"]) == 0
+    assert main(["export", str(run / "weighed.json"), "--to", "urdf"]) == 0
+    assert f"from run {run / 'weighed.json'}" in capsys.readouterr().out
+    (run / "weighed.json").unlink()
+
+
+def test_what_can_be_exported_is_said_with_the_format_of_its_model(run, tmp_path, capsys):
+    result = RunFolder.open(run).result()
+    print_calibration(result, [run / "report.html"], kept=run)
+    assert f"export with: equipoise export {run} --to urdf\n" in capsys.readouterr().out
+    mjcf = dataclasses.replace(result, model={**result.model, "format": "mjcf"})
+    print_calibration(mjcf, [], kept=run)
+    assert f"export with: equipoise export {run} --to mjcf\n" in capsys.readouterr().out
+    result.save(tmp_path / "found.json")
+    print_calibration(result, [], kept=tmp_path / "found.json")
+    assert f"found.json --to urdf --file {result.robot_model.source.path}\n" in capsys.readouterr().out
+    print_calibration(result, [run / "report.html"])
+    assert "export with" not in capsys.readouterr().out
+
+
+def test_json_is_one_object(run, capsys):
+    assert main(["export", str(run), "--to", "sdf", "--json", "--add-payload-link"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["schema"] == "equipoise.export/1"
+    assert table["bodies"] == ["composite"]
+    assert table["path"] == str(run / "export" / "base_payload.sdf")
+    assert "equipoise_payload" in table["about"][0]
+    assert table["notes"] == []
+
+
+def test_quiet_prints_nothing(run, capsys):
+    assert main(["export", str(run), "--to", "yaml", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("arguments", [[], ["--list"], ["RUN"]])
+def test_without_a_format_the_table_is_shown(arguments, run, capsys):
+    assert main(["export", *(str(run) if word == "RUN" else word for word in arguments)]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in FORMATS)
+    assert max(map(len, printed.splitlines()[: len(FORMATS) + 3])) <= 80
+    assert main(["export", *(str(run) if word == "RUN" else word for word in arguments), "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in table["formats"]] == list(FORMATS)
+
+
+def test_the_users_file_is_overwritten_only_by_name(run, a1, tmp_path, capsys):
+    copy = tmp_path / "a1"
+    shutil.copytree(run, copy)
+    mine = copy / "export" / "a1.urdf"
+    mine.parent.mkdir(exist_ok=True)
+    mine.write_bytes(a1.source.path.read_bytes())
+    message = fails(capsys, 6, "export", str(copy), "--to", "urdf", "--file", str(mine))
+    assert message == f"error: {str(mine)!r} is the file to edit; to overwrite it name it with --out too"
+    assert mine.read_bytes() == a1.source.path.read_bytes()
+    assert main(["export", str(copy), "--to", "urdf", "--file", str(mine), "--out", str(mine)]) == 0
+    assert mine.read_bytes() != a1.source.path.read_bytes()
+
+
+def test_what_is_not_identified_is_refused_and_forced(a1, tmp_path, capsys):
+    doubtful = found(a1, verdicts={("composite", "com_z"): "not identified"})
+    doubtful.save(tmp_path / "calibration.json")
+    arguments = ["export", str(tmp_path / "calibration.json"), "--to", "quad-sdk"]
+    assert "not identified by this run: composite com_z; " in fails(capsys, 8, *arguments)
+    assert main([*arguments, "--force"]) == 0
+    assert "warning: FORCED: not identified" in capsys.readouterr().out
+    assert "FORCED" in (tmp_path / "export" / "quad-sdk.yaml").read_text(encoding="utf-8")
+
+
+def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
+    assert "no format is called 'gazebo'" in fails(capsys, 2, "export", str(run), "--to", "gazebo")
+    assert "name a run: equipoise export RUN --to urdf" in fails(capsys, 2, "export", "--to", "urdf")
+    assert "is no run of equipoise" in fails(capsys, 5, "export", str(tmp_path), "--to", "urdf")
+    with RunFolder.create(tmp_path / "begun", a1, CalibrationSettings(), {}):
+        pass
+    assert "came to no result; go on with: equipoise calibrate --resume" in fails(
+        capsys, 5, "export", str(tmp_path / "begun"), "--to", "urdf"
+    )
+    lone = tmp_path / "calibration.json"
+    dataclasses.replace(found(a1), robot_model=None).save(lone)
+    assert "name the run folder, or --file" in fails(capsys, 2, "export", str(lone), "--to", "urdf")
+    (tmp_path / "export").write_text("a file", encoding="utf-8")
+    assert "cannot write" in fails(capsys, 6, "export", str(lone), "--to", "yaml")

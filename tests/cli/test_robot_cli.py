@@ -1,0 +1,195 @@
+"""Robots by the command line: against a simulated one in its own process, over UDP."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from itertools import groupby
+
+import pytest
+from peer_processes import free_port, running_peer
+
+from equipoise import CalibrationSettings, RunFolder
+from equipoise.calibration.rehearsal import rehearse
+from equipoise.cli import main
+from equipoise.drivers.unitree.formats import FORMS
+from equipoise.precise.routine import PreciseSettings
+from equipoise.recording.run_log_reader import read_log
+from equipoise.terminal.platform import print_rehearsal
+
+STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
+
+
+@contextmanager
+def robot(*flags, protocol="go1"):
+    """A simulated Go1 or A1, and the flags that find it."""
+    port = free_port()
+    with running_peer("unitree_udp", "--protocol", protocol, "--port", port, *flags) as peer:
+        found = [f"robot=127.0.0.1,port={port}", f"local_port={free_port()}", "silence=5"]
+        pairs = [pair for part in found for pair in part.split(",")]
+        yield peer, ["--platform", f"unitree-{protocol}", *(flag for pair in pairs for flag in ("--set", _named(pair)))]
+
+
+def sunk():
+    """A limp robot sinks to the floor at first; a calibration begins where it lies."""
+    time.sleep(3.0)
+
+
+def _named(pair):
+    key, value = pair.split("=")
+    return f"{ {'robot': 'address'}.get(key, key) }={value}"
+
+
+@pytest.mark.parametrize(("protocol", "form"), [(robot, form) for robot, forms in FORMS.items() for form in forms])
+def test_the_doctor_looks_and_moves_nothing_whatever_form_of_packets_the_robot_speaks(protocol, form, capsys):
+    with robot("--form", form, protocol=protocol) as (peer, flags):
+        code = main(["doctor", *flags, "--duration", "1s", "--json"])
+        table = json.loads(capsys.readouterr().out)
+    assert code in (0, 1)  # a busy machine's samples come late, and the doctor says so
+    assert {finding["name"] for finding in table["findings"]} >= {"joint samples", "gravity against the stance"}
+    assert len(table["joints"]) == 12
+    assert not any(entry.get("mode") == "commanded" for entry in peer.log)
+
+
+def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
+    path = tmp_path / "logs" / "still.mcap"
+    with robot() as (peer, flags):
+        assert main(["record", *flags, "--duration", "1s", "--out", str(path), "--quiet"]) == 0
+    assert str(path) in capsys.readouterr().out
+    assert len(read_log(path).plays[0].recording.joints.time) > 100
+    assert not any(entry.get("mode") == "commanded" for entry in peer.log)
+    assert main(["record", "--duration", "1s", "--out", str(path)]) == 6
+    assert "exists; name a new file with --out" in capsys.readouterr().err
+
+
+def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, capsys):
+    for _ in range(3):  # a busy machine may stall, which the guard does not put up with
+        out = tmp_path / str(time.monotonic_ns())
+        with robot("--start", "lying") as (peer, flags):
+            sunk()
+            code = main(["calibrate", *flags, *STATIC, "--out", str(out)])
+            time.sleep(0.5)
+        told = capsys.readouterr()
+        modes = [entry["mode"] for entry in peer.log if "mode" in entry]
+        assert ("released" in modes) == ("commanded" in modes), told.err
+        if code == 0:
+            break
+        assert "this computer sent nothing" in told.err or "stood still" in told.err or "no sample" in told.err
+    else:
+        pytest.skip("this machine is too busy for real time")
+    assert "lying" not in told.out
+    assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
+    provenance = RunFolder.open(out).provenance
+    assert provenance["platform"] == "unitree-go1"
+    assert len(RunFolder.open(out).recordings()) == 1
+
+
+def test_nothing_moves_unless_the_robot_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "stdin", io.StringIO("no\n"))
+    with robot("--start", "lying") as (peer, flags):
+        code = main(["calibrate", *flags, "--method", "static", "--out", str(tmp_path / "run")])
+    told = capsys.readouterr().err
+    assert code == 2
+    assert "Type unitree_a1 to begin" in told
+    assert "not confirmed, nothing was moved" in told
+    assert not any(entry.get("mode") == "commanded" for entry in peer.log)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
+@pytest.mark.parametrize(("protocol", "form"), [("a1", "struct"), ("go1", "plain")])
+def test_a_program_that_is_killed_leaves_a_damped_robot(protocol, form, tmp_path):
+    with robot("--start", "lying", "--form", form, protocol=protocol) as (peer, flags):
+        sunk()
+        command = [sys.executable, "-m", "equipoise", "calibrate", *flags, *STATIC, "--out", str(tmp_path / "run")]
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+        with subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL) as process:
+            peer.wait_for("mode", "commanded")
+            time.sleep(1.0)
+            process.kill()
+        peer.wait_for("mode", "released")
+        modes = [entry["mode"] for entry in peer.log if "mode" in entry]
+    # A motor board may notice silence before the watchdog has connected, and in between where the machine is busy.
+    after = [mode for mode, _ in groupby(mode for mode in modes[modes.index("commanded") :] if mode != "silence")]
+    assert after[:3] == ["commanded", "damped", "released"], peer.log
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--platform", "unitree-go2", "--noise", "ideal"], "--noise is for simulators; unitree-go2 is none"),
+        (["--set", "interface=lo"], "--set is for real robots; mujoco is none"),
+        (["--repeat", "0"], "--repeat is 0; it must be 1 or more"),
+    ],
+)
+def test_flags_of_another_platform_are_refused(arguments, message, capsys):
+    assert main(["calibrate", "--quiet", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_dry_run_moves_nothing_and_tells_all(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", "--platform", "unitree-go2", "--method", "paper", "--dry-run"]) == 0
+    told = capsys.readouterr().out
+    for words in ("unitree_a1 on unitree-go2: method paper", "sway about yaw", "FL_hip_joint", "Nothing was moved."):
+        assert words in told
+    assert main(["calibrate", "--method", "paper", "--dry-run", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["schema"] == "equipoise.rehearsal/1"
+    assert table["joints"]["FL_hip_joint"]["torque"] < table["joints"]["FL_hip_joint"]["torque_limit"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
+    rehearsal = rehearse(a1, CalibrationSettings("precise", precise=PreciseSettings(budget=60)))
+    assert rehearsal.plan is not None
+    assert sum(p.times for p in rehearsal.postures if "two feet up" in p.what) == rehearsal.plan.lifts
+    print_rehearsal(rehearsal, "mujoco")
+    assert capsys.readouterr().out.count("sway about yaw") == 1
+
+
+def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["record", "--duration", "1s", "--out", "here.mcap"]) == 0
+    assert capsys.readouterr().err.startswith("recording into here.mcap for 1 s\n")
+    assert main(["record", "--duration", "1s", "--out", "there.mcap", "--quiet"]) == 0
+    assert "recording into" not in capsys.readouterr().err
+
+
+def test_repetitions_are_compared(tmp_path, capsys):
+    assert main(["calibrate", "--method", "static", "--noise", "realistic", "--quiet", "--repeat", "2", "--out",
+                 str(tmp_path / "runs")]) == 0  # fmt: skip
+    assert "2 calibrations" in capsys.readouterr().out
+    table = json.loads((tmp_path / "runs" / "repeatability.json").read_text(encoding="utf-8"))
+    assert table["repetitions"] == 2
+    assert table["parameters"]["mass"]["spread"] > 0
+    assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == [
+        "01",
+        "02",
+        "repeatability.json",
+        "report.html",
+    ]
+
+
+def test_platforms_are_listed_with_their_settings(capsys):
+    assert main(["platforms", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in table["platforms"]] == [
+        "unitree-go2",
+        "unitree-b2",
+        "ros2",
+        "unitree-a1",
+        "unitree-go1",
+    ]
+    assert main(["platforms"]) == 0
+    assert "docs/unitree-go2.md" in capsys.readouterr().out
+
+
+def test_a_simulated_robot_is_recorded_for_ten_seconds(tmp_path, capsys):
+    out = tmp_path / "log.mcap"
+    assert main(["record", "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["joint_samples"] == pytest.approx(5000, abs=5)

@@ -1,0 +1,171 @@
+"""`equipoise monte-carlo` as a user and a script meet it."""
+
+import json
+
+import pytest
+
+from equipoise.cli import main
+from equipoise.study import statistics
+
+QUICK = ["monte-carlo", "--methods", "static", "--workers", "1", "--quiet"]
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """A small study whose error sources vary, by the command line; its folder and what it printed."""
+    folder = tmp_path_factory.mktemp("studies") / "study"
+    only = ["--vary-noise", "--only", "joint_zero,torque_gain", "--seed", "2"]
+    assert main([*QUICK, *only, "--trials", "30", "--out", str(folder)]) == 0
+    return folder, only
+
+
+def fails(capsys, code, *arguments):
+    assert main(["monte-carlo", *arguments]) == code
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.err
+    (line,) = [line for line in captured.err.splitlines() if line.startswith("error: ")]
+    assert captured.out == ""
+    return line
+
+
+def no_constants(name):
+    raise AssertionError(f"{name} is no JSON")
+
+
+def test_the_help_shows_an_example(capsys):
+    assert main(["monte-carlo", "--help"]) == 0
+    assert "equipoise monte-carlo" in capsys.readouterr().out.split("Example:")[1]
+
+
+def test_pictures_and_tables_are_written(study):
+    folder, _ = study
+    for name in ("errors.png", "sources-static.png"):
+        assert (folder / name).read_bytes().startswith(PNG)
+        assert (folder / name).stat().st_size > 5000
+    page = (folder / "summary.md").read_text(encoding="utf-8")
+    for words in (
+        "# Monte Carlo study of unitree_a1", "30 trials; noise realistic, only joint_zero, torque_gain", "| static | ",
+        "| planar CoM | mm | 30 |", "| mass | % | 30 |", "## What costs static its planar accuracy", "| joint zero | ",
+        "| torque gain |", "| payload mass |",
+    ):  # fmt: skip
+        assert words in page
+    assert "nan" not in page
+    for line in page.splitlines():
+        if line.startswith("|"):
+            assert line.endswith("|")
+    assert not (folder / "failures").exists()
+
+
+def test_json_is_one_object_and_a_second_run_runs_nothing(study, capsys):
+    folder, only = study
+    parts = sorted((folder / "trials").iterdir())
+    assert main([*QUICK, *only, "--trials", "30", "--out", str(folder), "--json", "--no-pictures"]) == 0
+    captured = capsys.readouterr()
+    table = json.loads(captured.out, parse_constant=no_constants)
+    assert captured.err == ""
+    assert sorted((folder / "trials").iterdir()) == parts
+    assert json.loads((folder / "summary.json").read_text(encoding="utf-8")) == table
+    assert table["schema"] == "equipoise.study-summary/1"
+    assert table["study"]["only"] == ["joint_zero", "torque_gain"]
+    (method,) = table["methods"]
+    assert (method["method"], method["trials"], method["failures"]) == ("static", 30, {})
+    assert method["within_5_mm"]["of"] == 30
+    assert {"planar CoM", "mass", "com_x", "com_y"} <= {error["quantity"] for error in method["errors"]}
+    assert [slope["source"] for slope in table["slopes"]] == ["size_joint_zero", "size_torque_gain", "payload_mass"]
+
+
+def test_the_terminal_shows_what_the_page_says(study, capsys):
+    folder, only = study
+    assert main([*QUICK, *only, "--trials", "30", "--out", str(folder), "--no-pictures"]) == 0
+    printed = capsys.readouterr().out
+    for words in ("static: 30 trials, within 5 mm", "planar CoM", "what costs static", "saved: "):
+        assert words in printed
+
+
+def test_fewer_trials_than_there_are_is_a_summary_of_those(study, capsys):
+    folder, only = study
+    assert main([*QUICK, *only, "--trials", "3", "--out", str(folder), "--json", "--no-pictures"]) == 0
+    assert json.loads(capsys.readouterr().out)["methods"][0]["trials"] == 3
+
+
+def test_a_folder_of_another_study(study, capsys):
+    folder, only = study
+    message = fails(capsys, 2, "--methods", "static", *only[:-1], "3", "--trials", "30", "--out", str(folder))
+    assert "holds another study (it differs in seed)" in message
+
+
+def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
+    folder = tmp_path / "study"
+    assert main([*QUICK, "--payload", "100,0,0,0", "--trials", "2", "--out", str(folder)]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert "failed: 2 FallError" in captured.out
+    assert "FallError, the first in trial 0: 'unitree_a1' fell over" in captured.out
+    page = (folder / "summary.md").read_text(encoding="utf-8")
+    assert "- FallError, the first in trial 0: 'unitree_a1' fell over" in page
+    assert "nan" not in page
+    assert (folder / "errors.png").read_bytes().startswith(PNG)
+    assert main([*QUICK, "--payload", "100,0,0,0", "--trials", "2", "--out", str(folder), "--json"]) == 0
+    table = json.loads(capsys.readouterr().out, parse_constant=no_constants)
+    assert table["methods"][0]["robot_time"] is None
+    assert sorted(path.name for path in (folder / "failures").iterdir()) == [
+        "trial-000000-static",
+        "trial-000001-static",
+    ]
+
+
+def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
+    """Sizes that grow with the robots grow together: nothing tells what each one costs."""
+
+    def asked(*_):
+        raise AssertionError("slopes of sizes that vary together")
+
+    monkeypatch.setattr(statistics, "slopes", asked)
+    flags = [*QUICK, "--spread", "0.1", "--trials", "3", "--out", str(tmp_path / "study")]
+    assert main([*flags, "--json", "--no-pictures"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["slopes"] == []
+    assert table["methods"][0]["failures"] == {}
+
+
+@pytest.mark.parametrize(
+    ("code", "flags", "words"),
+    [
+        (2, ["--methods", "magic"], "method 'magic' is not known; it is one of precise, paper, static"),
+        (2, ["--methods", ","], "name a method at least"),
+        (2, ["--only", "gremlins"], "'gremlins' is no error source; those are encoder_noise"),
+        (2, ["--executor", "dask"], "go together"),
+        (2, ["--scheduler", "tcp://127.0.0.1:1"], "go together"),
+        (2, ["--executor", "dask", "--scheduler", "127.0.0.1:8786"], "looks like tcp://"),
+        (3, ["rex"], "no robot is called 'rex'"),
+        (3, ["no/such.urdf"], "does not exist"),
+        (2, ["--trials", "0"], "0 trials are none"),
+        (2, ["--trials", "-5"], "-5 trials are none"),
+        (2, ["--workers", "0"], "0 workers do nothing"),
+        (2, ["--timestep", "0"], "the time step is 0 s"),
+        (2, ["--timestep", "0.0003"], "whole number of times"),
+        (2, ["--timestep", "0.002"], "feet on the floor would be softer"),
+        (2, ["--payload", "heavy"], "MASS,X,Y,Z"),
+        (2, ["--spread", "2"], "from 0 to 0.3"),
+        (2, ["--scale-error", "5"], "0.005 for 0.5 %"),
+        (2, ["--budget", "soon"], "give it as 60s or 2min"),
+        (2, ["--tolerance", "0.9"], "leaves nothing to search"),
+    ],
+)
+def test_wrong_flags_are_one_sentence_and_leave_no_folder(code, flags, words, tmp_path, capsys):
+    if "dask" in flags:
+        pytest.importorskip("distributed")
+    assert words in fails(capsys, code, *flags, "--out", str(tmp_path / "study"))
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize("flags", [["--colour"], ["--trials", "many"], ["--noise", "loud"], ["--executor", "cloud"]])
+def test_flags_that_do_not_exist(flags, capsys):
+    assert main(["monte-carlo", *flags, "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["exit_code"] == 2
+
+
+def test_an_error_is_an_object_too_with_json(tmp_path, capsys):
+    assert main(["monte-carlo", "rex", "--json", "--out", str(tmp_path / "study")]) == 3
+    assert json.loads(capsys.readouterr().out)["error"]["type"] == "ModelError"

@@ -1,0 +1,134 @@
+"""DDS on loopback: what is sent arrives, raw samples are the type's own bytes, and no unproven version meets a robot."""
+
+import hashlib
+import time
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from cyclonedds.idl import IdlStruct
+
+from equipoise.drivers.dds.domain import DdsDomain, RawSample, configuration, raw
+from equipoise.drivers.ros2 import messages as ros2_messages
+from equipoise.drivers.unitree import messages as unitree_messages
+from equipoise.drivers.unitree.messages import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
+from equipoise.errors import CommunicationError, SettingsError
+
+DOMAIN = 87  # of these tests
+REQUEST = Request(RequestHeader(RequestIdentity(7, 1001), RequestLease(0), RequestPolicy(0, False)), "{}", [1, 2])
+
+
+@pytest.fixture
+def domain():
+    opened = DdsDomain(DOMAIN, "lo")
+    yield opened
+    opened.close()
+
+
+def arrivals(inbox, count=1, patience=5.0):
+    """The next samples; waits for them."""
+    until, arrived = time.monotonic() + patience, []
+    while len(arrived) < count and time.monotonic() < until:
+        arrived += inbox.take()
+        time.sleep(1e-3)
+    return arrived
+
+
+def test_samples_arrive_in_order_with_the_time_of_their_arrival(domain):
+    inbox, outbox = domain.inbox("order", Request), domain.outbox("order", Request)
+    before = time.monotonic()
+    for number in range(5):
+        header = RequestHeader(RequestIdentity(number, 1001), RequestLease(0), RequestPolicy(0, False))
+        outbox.send(Request(header, "", []))
+        time.sleep(2e-3)
+    arrived = arrivals(inbox, 5)
+    assert [sample.header.identity.id for _, sample in arrived] == [0, 1, 2, 3, 4]
+    times = [received for received, _ in arrived]
+    assert before < times[0] < times[-1] < time.monotonic()
+    assert times == sorted(times)
+    assert inbox.take() == []
+
+
+def test_raw_samples_are_the_types_own_bytes_and_are_understood_by_who_does_not_know_of_them(domain):
+    raw_request = raw(Request)
+    assert not issubclass(raw_request, IdlStruct)
+    assert issubclass(raw_request, RawSample)
+    outbox, inbox = domain.outbox("to_type", raw_request), domain.inbox("to_type", Request)
+    outbox.send(raw_request(bytearray(REQUEST.serialize())))
+    [(_, sample)] = arrivals(inbox)
+    assert sample.serialize() == REQUEST.serialize()
+    outbox, inbox = domain.outbox("to_raw", Request), domain.inbox("to_raw", raw_request)
+    outbox.send(REQUEST)
+    [(_, sample)] = arrivals(inbox)
+    assert bytes(sample.data[:4]) == b"\x00\x01\x00\x00"
+    unpadded = REQUEST.serialize()
+    assert bytes(sample.data)[: len(unpadded)] == unpadded
+
+
+def test_an_outbox_knows_whether_it_is_heard_and_an_inbox_whether_somebody_sends(domain):
+    outbox = domain.outbox("heard", Request)
+    assert not outbox.heard
+    assert not domain.inbox("other", Request).offered
+    inbox = domain.inbox("heard", Request)
+    until = time.monotonic() + 5
+    while not (outbox.heard and inbox.offered) and time.monotonic() < until:
+        time.sleep(1e-3)
+    assert outbox.heard
+    assert inbox.offered
+    inbox.close()
+    assert not inbox.offered
+
+
+@pytest.mark.parametrize(
+    ("messages", "digest"),
+    [
+        (unitree_messages, "27309d56bd061613"),
+        (ros2_messages, "e1891ed1afda1864"),
+    ],
+)
+def test_types_are_announced_to_the_byte_alike_by_all_versions(messages, digest):
+    """Of 0.10.2, 0.10.5 and 11.0.1. A process of 0.10 ends with a segmentation fault at a type that it does not know."""
+    types = [kind for kind in vars(messages).values() if isinstance(kind, type) and issubclass(kind, IdlStruct)]
+    announced = hashlib.sha256()
+    for kind in sorted(set(types) - {IdlStruct}, key=lambda kind: kind.__name__):
+        kind.__idl__.fill_type_data()
+        announced.update(b"".join(kind.__idl__._xt_bytedata))
+    assert announced.hexdigest()[:16] == digest
+
+
+def test_a_domain_is_open_once_a_process_and_can_be_opened_again():
+    first = DdsDomain(DOMAIN + 1, "lo")
+    outbox = first.outbox("again", Request)
+    with pytest.raises(CommunicationError, match=f"domain {DOMAIN + 1} on lo cannot be opened .* open in this process"):
+        DdsDomain(DOMAIN + 1, "lo")
+    first.close()
+    first.close()
+    with pytest.raises(CommunicationError, match="again is closed; open the link again"):
+        outbox.send(REQUEST)
+    second = DdsDomain(DOMAIN + 1, "lo")
+    inbox, outbox = second.inbox("again", Request), second.outbox("again", Request)
+    outbox.send(REQUEST)
+    assert len(arrivals(inbox)) == 1
+    second.close()
+
+
+def test_an_interface_that_is_not_there_is_named_with_those_that_are():
+    with pytest.raises(SettingsError, match=r"no network interface 'nowhere7'; there are .*lo"):
+        DdsDomain(DOMAIN, "nowhere7")
+
+
+def test_beyond_loopback_the_version_is_checked_before_anything_is_sent(monkeypatch):
+    monkeypatch.setattr("equipoise.drivers.dds.domain.VERSION", "11.0.1")
+    monkeypatch.setattr("socket.if_nameindex", lambda: [(1, "lo"), (2, "eth7")])
+    monkeypatch.setattr("equipoise.drivers.dds.domain.Domain", lambda *_: pytest.fail("the domain was opened"))
+    with pytest.raises(SettingsError, match=r"cyclonedds 11\.0\.1 is not proven"):
+        DdsDomain(0, "eth7")
+
+
+def test_only_loopback_goes_without_multicast():
+    assert "<AllowMulticast>false" in configuration("lo", (), "notes")
+    assert 'address="localhost"' in configuration("lo", (), "notes")
+    assert "AllowMulticast" not in configuration("eth0", (), "notes")
+    assert configuration("eth0", ("10.0.0.7",), "notes").count("<Peer ") == 1
+    assert 'address="10.0.0.7"' in configuration("eth0", ("10.0.0.7",), "notes")

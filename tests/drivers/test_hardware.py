@@ -1,0 +1,78 @@
+"""The deadline loop over a link, and the guard over that: in real time, with a simulated robot on the other side."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from guarded import MemoryLink, hold, is_damped
+
+from equipoise import nominal_stance, simulate
+from equipoise.drivers import hardware
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.errors import MotionError, OverrunError
+from equipoise.guard.guard import Guard
+from equipoise.platform.platform import JointCommand
+
+
+@pytest.fixture
+def link(a1):
+    return MemoryLink(a1)
+
+
+@pytest.fixture
+def platform(link):
+    with HardwarePlatform(link) as platform:
+        yield platform
+
+
+@pytest.fixture(scope="module")
+def stand(a1):
+    position = nominal_stance(a1).joint_position
+    return JointCommand(position, velocity=np.full(12, 0.5), torque=np.ones(12))
+
+
+def test_a_command_that_slept_on_its_way_is_not_sent(platform, link, stand, monkeypatch):
+    platform.step(stand)
+    sent = link.sent[-1]
+    monkeypatch.setattr(hardware, "_wait_until", lambda moment: time.sleep(0.3))
+    with pytest.raises(OverrunError, match=r"^this program stood still for \d{3} ms while the robot moved$"):
+        platform.step(replace(stand, kp=np.ones(12)))
+    assert link.sent[-1].kp is sent.kp is None
+
+
+def test_closing_releases_once_and_sends_no_more(platform, link, stand):
+    platform.step(stand)
+    platform.close()
+    platform.close()
+    assert (link.released, link.closed, len(link.sent)) == (1, 1, 1)
+    with pytest.raises(MotionError, match="a robot in memory is closed; open it again to move it"):
+        platform.step(stand)
+
+
+def test_who_only_looked_has_nothing_to_release(platform, link):
+    platform.read()
+    platform.close()
+    assert (link.released, link.closed) == (0, 1)
+
+
+def test_a_computer_that_stalls_ends_the_run_and_the_robot_lies_down(a1):
+    """What the link sees: the motion, nothing for a while, nothing that continues the motion, and the ending."""
+    link = MemoryLink(a1, simulate(a1, "realistic", seed=3).platform)
+    guard = Guard(HardwarePlatform(link), a1)
+    hold(guard, link, 0.1)
+    stall = len(link.sent) + 20
+    link.act = lambda count: time.sleep(0.4) if count == stall else None
+    with pytest.raises(OverrunError) as caught:
+        hold(guard, link, 0.5)
+    assert str(caught.value).startswith("this computer sent nothing for ")
+    assert str(caught.value).endswith(
+        " ms while the robot moved: end other programs, or give this one a core of its own"
+    )
+    report = guard.report()
+    assert report.ending == ("lying down", "damped", "released")
+    assert is_damped(link.sent[-1])
+    assert (link.released, link.closed) == (1, 1)
+    assert report.overruns >= 1
+    assert report.late_999 > 0
+    assert len(caught.value.recordings[0].commands.time) >= 20

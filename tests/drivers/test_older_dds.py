@@ -1,0 +1,144 @@
+"""The versions of cyclonedds that robots run: driver, peer and ROS 2 with them, and what pairs of versions do."""
+
+import itertools
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from older_dds import SOURCES, CannotBuildError, older_python
+from peer_processes import PATIENCE, running_peer
+
+pytest.importorskip("cyclonedds")
+
+from equipoise.drivers.catalog import open_link
+from equipoise.errors import SettingsError
+from equipoise.platform.platform import JointCommand
+
+TESTS = {  # the two differ in Python alone, where both are built against the same library
+    "0.10.2": ["test_dds.py", "test_dds_versions.py", "test_unitree_samples.py", "test_unitree_dds.py", "test_ros2_samples.py",
+               "test_ros2.py"],
+    "0.10.5": ["test_dds.py", "test_dds_versions.py", "test_unitree_samples.py", "test_ros2_samples.py"],
+}  # fmt: skip
+DOMAINS = itertools.count(2 + 10 * (os.getpid() % 22))
+STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
+# What programs on version 11 do that are not ours: they call a uint8 by its name, which crashes processes of 0.10.
+CRASHES_OTHERS = """
+import sys
+from cyclonedds.idl import types
+types.byte = types.uint8
+from equipoise.peers.unitree_dds import main
+main()
+"""
+as_robots_run = pytest.mark.parametrize("older", ["0.10.2"], indirect=True)
+COMES = """
+import sys
+from equipoise.drivers.dds.domain import VERSION, DdsDomain
+domain = DdsDomain(int(sys.argv[1]), "lo", (), VERSION)
+sys.stdin.read()
+"""
+
+
+@pytest.fixture(scope="module", params=SOURCES)
+def older(request, tmp_path_factory):
+    """A version and its Python."""
+    try:
+        return request.param, older_python(request.param, tmp_path_factory.mktemp("older") / "venv")
+    except CannotBuildError as reason:
+        pytest.skip(f"cyclonedds {request.param}, which robots run, was NOT TRIED: {reason}")
+
+
+def run(python, *arguments, patience=300):
+    done = subprocess.run([python, *arguments], capture_output=True, text=True, check=False, timeout=patience)
+    return done.returncode, done.stdout + done.stderr
+
+
+def flags(domain, *others):
+    return ["unitree_a1", "--platform", "unitree-go2", "--set", "interface=lo", "--set", f"domain={domain}", *others]
+
+
+def test_the_tests_of_dds_pass(older):
+    number, python = older
+    assert run(python, "-c", "from equipoise.drivers.dds.cyclone import VERSION; print(VERSION)") == (0, f"{number}\n")
+    files = [str(Path(__file__).parent / name) for name in TESTS[number]]
+    chosen = ["-k", "not doctor"]  # which is asked below
+    code, told = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *chosen, *files)
+    assert code == 0, told[-5000:]
+
+
+@as_robots_run
+def test_a_go2_is_calibrated(older, tmp_path):
+    _, python = older
+    for attempt in range(3):  # a busy machine may stall, which the guard does not put up with
+        domain = next(DOMAINS)
+        with running_peer("unitree_dds", "--domain", domain, python=python) as peer:
+            peer.wait_for("mode", "own stance")
+            code, told = run(
+                python, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / str(attempt)))
+            )
+        if code == 0:
+            break
+        assert any("behind" in entry for entry in peer.log), told
+    else:
+        pytest.skip(f"this machine is too busy for real time: {told.splitlines()[-1]}")
+    modes = [entry["mode"] for entry in peer.log if "mode" in entry and entry["mode"] != "silence"]
+    assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
+    assert "mass" in told
+
+
+@as_robots_run
+def test_a_mixed_pair_is_refused_by_name_unless_it_is_accepted(older, tmp_path):
+    _, python = older
+    for ours, theirs in ((sys.executable, python), (python, sys.executable)):
+        domain, own = (
+            next(DOMAINS),
+            run(ours, "-c", "import importlib.metadata as m; print(m.version('cyclonedds'))")[1],
+        )
+        with running_peer("unitree_dds", "--domain", domain, python=theirs) as peer:
+            code, told = run(
+                ours, "-m", "equipoise", "calibrate", *flags(domain, *STATIC, "--out", str(tmp_path / own))
+            )
+            assert code == 2, told
+            assert f"in domain {domain} on lo" in told
+            assert f"say so by name: accept_cyclonedds={own}" in told
+            accepted = flags(
+                domain, "--set", f"accept_cyclonedds={own.strip()}", "--set", "silence=5", "--duration", "1s"
+            )
+            code, told = run(ours, "-m", "equipoise", "doctor", *accepted)
+            assert code in (0, 1), told
+            assert "'normal' holds the motors" in told
+        assert not any(entry.get("mode") == "commanded" for entry in peer.log)
+
+
+@as_robots_run
+def test_who_refuses_a_version_that_would_crash_it_is_not_crashed(older):
+    _, python = older
+    domain = next(DOMAINS)
+    with running_peer(None, "--domain", domain, code=CRASHES_OTHERS):
+        looks = ["-m", "equipoise", "doctor", *flags(domain, "--duration", "1s")]
+        code, told = run(python, *looks)
+        assert code == 2, told
+        assert "has Cyclone DDS 11" in told
+        code, told = run(python, *looks, "--set", f"accept_cyclonedds={older[0]}")
+        assert code == -11, told  # a segmentation fault: what the refusal is for
+
+
+@as_robots_run
+@pytest.mark.parametrize("platform", ["unitree-go2", "ros2"])
+def test_a_version_that_comes_later_is_refused_before_the_first_command(older, a1, platform):
+    _, python = older
+    domain = next(DOMAINS)
+    link = open_link(platform, a1, {"interface": "lo", "domain": domain})
+    try:
+        with subprocess.Popen([python, "-c", COMES, str(domain)], stdin=subprocess.PIPE) as process:
+            until = time.monotonic() + PATIENCE
+            while not link._domain._notes.processes() and time.monotonic() < until:
+                time.sleep(0.01)
+            with pytest.raises(SettingsError, match=r"\(process \d+ on .*\) has Cyclone DDS 0\.10"):
+                link.send(JointCommand(np.zeros(12)))
+            process.communicate()
+    finally:
+        link.close()

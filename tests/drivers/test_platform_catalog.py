@@ -1,0 +1,114 @@
+"""Platforms by name, and their settings as users give them."""
+
+import dataclasses
+import re
+from typing import Literal, get_args, get_type_hints
+
+import pytest
+
+from equipoise.cli import flags
+from equipoise.drivers.catalog import (
+    DRIVERS,
+    SIMULATED,
+    given_settings,
+    open_link,
+    read_settings,
+    settings_of,
+)
+from equipoise.errors import SettingsError
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    interface: str = "eth0"
+    domain: int = 0
+    rate: float = 500.0
+    careful: bool = True
+    peers: tuple[str, ...] = ()
+    stiffness: float | None = None
+    protocol: Literal["a1", "go1"] = "a1"
+
+
+def read(**given):
+    return read_settings(Settings, given, "robot")
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"interface": "lo"}, "lo"),
+        ({"domain": "7"}, 7),
+        ({"rate": "250"}, 250.0),
+        ({"rate": 250}, 250.0),
+        ({"careful": "no"}, False),
+        ({"careful": "True"}, True),
+        ({"peers": "10.0.0.1, b"}, ("10.0.0.1", "b")),
+        ({"peers": ["a", "b"]}, ("a", "b")),
+        ({"stiffness": "80"}, 80.0),
+        ({"stiffness": "none"}, None),
+        ({"protocol": "go1"}, "go1"),
+    ],
+)
+def test_text_is_read_as_what_the_setting_is(given, expected):
+    value = getattr(read(**given), next(iter(given)))
+    assert value == expected
+    assert type(value) is type(expected)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"domain": "x"}, "setting domain is 'x'; it must be a whole number"),
+        ({"careful": "perhaps"}, "setting careful is 'perhaps'; it must be yes or no"),
+        ({"stiffness": "soft"}, "setting stiffness is 'soft'; it must be a number or none"),
+        ({"colour": "red"}, "platform 'robot' has no setting 'colour'; it has interface, domain, rate"),
+    ],
+)
+def test_what_no_setting_can_be_is_refused(given, message):
+    with pytest.raises(SettingsError, match=re.escape(message)):
+        read(**given)
+
+
+def test_pairs_win_over_the_file(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text('interface = "eth1"\ndomain = 3\n', encoding="utf-8")
+    assert given_settings(("interface=lo", "command-rate=100"), path) == {
+        "interface": "lo", "domain": 3, "command_rate": "100",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("pair", ["interface", "=lo", ""])
+def test_a_pair_needs_a_key_and_an_equals_sign(pair):
+    with pytest.raises(SettingsError, match="is no KEY=VALUE, as in interface=eth0"):
+        given_settings((pair,), None)
+
+
+def test_a_settings_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(SettingsError, match=r"the settings file '.*none.toml' cannot be read: "):
+        given_settings((), tmp_path / "none.toml")
+    (tmp_path / "bad.toml").write_text("interface = ", encoding="utf-8")
+    with pytest.raises(SettingsError, match=r"the settings file '.*bad.toml' cannot be read: "):
+        given_settings((), tmp_path / "bad.toml")
+
+
+def test_every_driver_has_settings_with_defaults_and_a_page():
+    for name, driver in DRIVERS.items():
+        assert driver.name == name
+        assert driver.page.startswith("docs/")
+        for setting, kind, default in settings_of(name):
+            assert setting
+            assert kind
+            assert default is not dataclasses.MISSING
+
+
+def test_an_unknown_platform_says_which_there_are(a1):
+    with pytest.raises(
+        SettingsError, match=r"platform .spot. is not known; robots are unitree-go2, .*simulators are mujoco"
+    ):
+        open_link("spot", a1, {})
+
+
+def test_the_flag_knows_every_platform():
+    choices = get_args(get_args(flags.PlatformName)[0])
+    assert set(choices) == {*SIMULATED, *DRIVERS}
+    assert get_type_hints(flags.connected)["platform"] is str

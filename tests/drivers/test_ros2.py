@@ -1,0 +1,314 @@
+"""The ROS 2 driver against a simulated robot in a process of its own, over DDS on loopback."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from equipoise import nominal_stance, simulate
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.ros2 import driver as ros2
+from equipoise.drivers.ros2.driver import Ros2Settings, open_link
+from equipoise.errors import CommunicationError, SettingsError
+from equipoise.peers.ros2 import Interpolation
+from equipoise.platform.platform import JointCommand, Trajectory
+from equipoise.robot.description import LEG_NAMES
+from equipoise.robot.statics import static_torques
+
+DOMAIN, EMPTY_DOMAIN = 61, 62
+STIFFNESS = 120.0  # [Nm/rad] soft: legs sag by several hundredths of a radian
+PATIENCE = 60.0  # [s] for a busy machine
+
+
+class Peer:
+    """A process, and what it has said."""
+
+    def __init__(self, *flags):
+        command = [sys.executable, "-m", "equipoise.peers.ros2", "--domain", str(DOMAIN), "--noise", "ideal", *flags]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.said = []
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
+        self.wait_for("ready")
+
+    def _listen(self):
+        for line in self.process.stdout:
+            self.said.append(json.loads(line))
+
+    def wait_for(self, key):
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until and self.process.poll() is None:
+            if found := [line for line in list(self.said) if key in line]:
+                return found[-1][key]
+            time.sleep(0.01)
+        raise AssertionError(f"the peer never said {key}: {self.said}")
+
+    def end(self):
+        self.process.kill()
+        self.process.wait(timeout=PATIENCE)
+        self._listener.join(PATIENCE)
+        self.process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def peer():
+    """Joints in an order of its own, an arm's among them, and an IMU that is slower than the joints."""
+    running = Peer("--stiffness", str(STIFFNESS), "--permute", "3", "--extra-joints", "arm_joint", "--imu-rate", "200")
+    yield running
+    running.end()
+
+
+@pytest.fixture
+def connect(peer, a1):
+    """Makes platforms, one at a time as a domain is opened once in a process, and closes them after the test."""
+    made = []
+
+    def make(robot=a1, **settings):
+        for platform in made:
+            platform.close()
+        order = tuple(peer.wait_for("controlled"))
+        known = {"domain": DOMAIN, "joint_order": order if robot is a1 else (), **settings}
+        made.append(HardwarePlatform(open_link(robot, Ros2Settings(**known))))
+        return made[-1]
+
+    yield make
+    for platform in made:
+        platform.close()
+
+
+def hold(platform, target, seconds, torque=None):
+    """Send one command for so much of the robot's time; the last state."""
+    state = platform.read()
+    begin, until = state.time, time.monotonic() + PATIENCE
+    while state.time < begin + seconds and time.monotonic() < until:
+        state = platform.step(JointCommand(target, torque=torque))
+    assert state.time >= begin + seconds
+    return state
+
+
+def test_listening_moves_nothing(peer, connect, a1):
+    """First of all tests: nothing has been commanded yet."""
+    platform = connect()
+    for _ in range(20):
+        state = platform.read()
+        time.sleep(0.01)
+    platform.close()
+    time.sleep(0.1)
+    assert not any("commanded" in line for line in peer.said)
+    assert np.abs(state.joint_position - nominal_stance(a1).joint_position).max() < 0.15
+
+
+def test_a_motion_is_what_the_direct_simulation_makes_of_it(peer, connect, a1):
+    """Before other tests move the feet."""
+    stance = nominal_stance(a1).joint_position
+    legs = np.tile([0.0, 0.1, -0.2], 4)
+    shape = (1 - np.cos(np.linspace(0, np.pi, 250)))[:, None] / 2
+    motion = Trajectory(np.vstack([stance + shape * legs, np.repeat((stance + legs)[None], 250, axis=0)]))
+    platform = connect()
+    hold(platform, stance, 0.5)
+    assert peer.wait_for("commanded")
+    platform.play(motion)
+    felt = hold(platform, stance + legs, 0.5)
+    kp, kd = a1.gains(nominal_stance(a1).hip_height)
+    gains = {"kp": np.full(12, STIFFNESS), "kd": np.full(12, kd * np.sqrt(STIFFNESS / kp))}
+    with simulate(a1, "ideal") as simulation:
+        for position in (*np.repeat(stance[None], 250, axis=0), *motion.position):
+            direct = simulation.platform.step(JointCommand(position, **gains))
+    np.testing.assert_allclose(felt.joint_position, direct.joint_position, atol=5e-3)
+    np.testing.assert_allclose(felt.joint_torque, direct.joint_torque, atol=0.7)
+    np.testing.assert_allclose(felt.acceleration, direct.acceleration, atol=0.1)
+
+
+def test_feed_forward_torque_is_folded_into_the_target_of_a_soft_controller(connect, a1):
+    """Before other tests move the feet."""
+    target = nominal_stance(a1).joint_position
+    torque = static_torques(a1, target, LEG_NAMES)
+    knees = [leg.joints[-1] for leg in a1.legs.values()]
+
+    def sag(platform):
+        return np.abs(hold(platform, target, 0.7, torque).joint_position - target)[knees].mean()
+
+    plain = connect()
+    assert plain.accepts == frozenset()
+    left_aside = sag(plain)
+    folding = connect(stiffness=STIFFNESS)
+    assert folding.accepts == {"torque"}
+    assert left_aside > 0.03
+    assert sag(folding) < 0.4 * left_aside
+
+
+def test_joints_and_imu_are_felt_in_the_models_order_and_signs(connect, a1):
+    platform = connect()
+    target = nominal_stance(a1).joint_position
+    state = hold(platform, target, 0.7)
+    assert state.joint_position.shape == (12,)
+    assert np.abs(state.joint_position - target).max() < 0.15
+    # A position controller at rest has no more than its error to make a torque of.
+    np.testing.assert_allclose(state.joint_torque, STIFFNESS * (target - state.joint_position), atol=1.5)
+    assert np.abs(state.joint_torque).max() > 3
+    assert np.abs(state.joint_velocity).max() < 0.2
+    assert state.acceleration[2] == pytest.approx(9.81, abs=0.3)
+    assert np.abs(state.angular_velocity).max() < 0.2
+    assert state.health is None or "time passes" in state.health.fault
+
+
+def test_joints_and_imu_keep_their_own_times_and_rates(connect):
+    platform = connect()
+    here = platform.read().joint_position
+    recording = platform.play(Trajectory(np.repeat(here[None], 200, axis=0)))
+    assert np.median(np.diff(recording.joints.time)) == pytest.approx(2e-3, abs=1e-9)
+    assert np.median(np.diff(recording.imu.time)) == pytest.approx(5e-3, abs=1.1e-3)
+    assert len(recording.imu.time) < 0.6 * len(recording.joints.time)
+    assert (np.diff(recording.imu.time) > 0).all()
+    assert len(recording.commands.time) == 200
+
+
+@pytest.mark.parametrize("joint", [0, 4, 8, 11])
+def test_commands_reach_the_joint_that_they_name(connect, a1, joint):
+    platform = connect()
+    target = nominal_stance(a1).joint_position.copy()
+    before = hold(platform, target, 0.4).joint_position
+    target[joint] += 0.1
+    moved = hold(platform, target, 0.04).joint_position - before
+    assert np.argmax(np.abs(moved)) == joint
+    assert moved[joint] > 0.02
+
+
+def test_trajectories_command_as_arrays_do(connect, a1):
+    platform = connect(command_type="joint_trajectory", joint_order=())
+    assert platform.control_period == pytest.approx(0.01)
+    target = nominal_stance(a1).joint_position.copy()
+    before = hold(platform, target, 0.5).joint_position
+    target[5] += 0.1
+    moved = hold(platform, target, 0.1).joint_position - before
+    assert np.argmax(np.abs(moved)) == 5
+
+
+def test_a_trajectory_controller_that_starts_where_the_joints_sag_to_holds_them_more_softly(connect, a1):
+    """Why `time_from_start` is zero unless somebody knows better."""
+    target = nominal_stance(a1).joint_position
+    knees = [leg.joints[-1] for leg in a1.legs.values()]
+
+    def sag(time_from_start):
+        platform = connect(command_type="joint_trajectory", time_from_start=time_from_start)
+        return np.abs(hold(platform, target, 0.8).joint_position - target)[knees].mean()
+
+    at_once, gradually = sag(0.0), sag(0.01)
+    print(at_once, gradually)
+    assert gradually > 1.3 * at_once
+
+
+def test_times_of_arrival_stand_in_for_stamps(connect):
+    platform = connect(stamps="arrival")
+    state = platform.read()
+    assert abs(state.time - time.monotonic()) < 5
+    assert state.received <= state.time
+
+
+def test_release_lets_the_robot_stay_where_it_is(connect, a1):
+    target = nominal_stance(a1).joint_position + 0.05 * np.tile([0, 1, -1], 4)
+    platform = connect()
+    before = hold(platform, target, 0.5).joint_position
+    platform.close()
+    platform.close()
+    time.sleep(0.5)
+    after = connect().read().joint_position
+    # A soft controller that is asked for where it sags to sags by as much again.
+    assert np.abs(after - before).max() < 0.12
+
+
+def test_other_joints_than_the_models_are_named(connect, two_jointed, monkeypatch):
+    monkeypatch.setattr(ros2, "_PATIENCE", 0.5)
+    with pytest.raises(SettingsError, match=r"/joint_states lacks the model's .*it has .*'arm_joint'"):
+        connect(two_jointed).read()
+
+
+def test_a_topic_that_nobody_publishes_is_named(connect, monkeypatch):
+    monkeypatch.setattr(ros2, "_PATIENCE", 2.0)
+    with pytest.raises(CommunicationError, match=f"nobody publishes Imu on /imu in ros2 domain {DOMAIN} on lo"):
+        connect(imu_topic="/imu").read()
+
+
+def test_an_empty_domain_is_told(a1, monkeypatch):
+    monkeypatch.setattr(ros2, "_PATIENCE", 0.3)
+    link = open_link(a1, Ros2Settings(domain=EMPTY_DOMAIN))
+    with (
+        HardwarePlatform(link) as platform,
+        pytest.raises(
+            CommunicationError, match="nobody publishes JointState on /joint_states and nobody publishes Imu on"
+        ),
+    ):
+        platform.read()
+
+
+def test_commands_that_nobody_would_hear_are_not_sent(connect, monkeypatch):
+    platform = connect(command_topic="/nobody/commands")
+    here = platform.read().joint_position
+    monkeypatch.setattr(ros2, "_PATIENCE", 0.0)
+    with pytest.raises(
+        CommunicationError, match=r"nobody listens to /nobody/commands in ros2 domain .* list_controllers"
+    ):
+        platform.step(JointCommand(here))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (
+            {"command_type": "velocity"},
+            "command_type is 'velocity'; it is one of float64_multi_array, joint_trajectory",
+        ),
+        ({"stamps": "now"}, "stamps is 'now'; it is one of header, arrival"),
+        ({"command_rate": -1.0}, r"command_rate is -1\.0; it must be a finite number, zero or more"),
+        ({"stiffness": float("nan")}, "stiffness is nan"),
+        ({"time_from_start": float("inf")}, "time_from_start is inf"),
+        ({"imu_topic": "imu"}, "imu_topic is 'imu'; ROS topics begin with '/'"),
+        ({"joint_state_topic": ""}, "joint_state_topic is ''"),
+    ],
+)
+def test_settings_are_checked(wrong, told):
+    with pytest.raises(SettingsError, match=told):
+        Ros2Settings(**wrong)
+
+
+def test_defaults_are_the_usual_controllers():
+    array, trajectory = Ros2Settings(), Ros2Settings(command_type="joint_trajectory")
+    assert (array.commands_to, array.rate) == ("/forward_position_controller/commands", 500)
+    assert (trajectory.commands_to, trajectory.rate) == ("/joint_trajectory_controller/joint_trajectory", 100)
+    assert Ros2Settings(command_topic="/x", command_rate=250.0).commands_to == "/x"
+    assert Ros2Settings(command_rate=250.0).rate == 250
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_controllers_order_holds_each_joint_once(a1, twice):
+    names = (*a1.joint_names, a1.joint_names[0]) if twice else ("knee", *a1.joint_names[1:])
+    told = "a joint is there twice" if twice else f"'{a1.joint_names[0]}', 'knee' in only one of them"
+    with pytest.raises(SettingsError, match=f"joint_order must hold each joint of the model once: {told}"):
+        open_link(a1, Ros2Settings(domain=EMPTY_DOMAIN, joint_order=names))
+
+
+def test_the_peers_trajectory_controller_goes_straight_through_the_points():
+    line = Interpolation(10.0, np.zeros(2), np.array([1.0, 2.0]), np.array([[1.0, 2.0], [1.0, 0.0]]))
+    assert line.at(10.0).tolist() == [0, 0]
+    assert line.at(10.25).tolist() == [0.25, 0.5]
+    assert line.at(11.5).tolist() == [1, 1]
+    assert line.at(99.0).tolist() == [1, 0]
+    at_once = Interpolation(10.0, np.zeros(1), np.array([0.0]), np.array([[3.0]]))
+    assert at_once.at(10.0).tolist() == [3]
+
+
+def test_a_robot_that_falls_silent_shows_by_the_age_of_its_samples(peer, connect):
+    """Last: it ends the peer."""
+    platform = connect()
+    platform.read()
+    peer.end()
+    time.sleep(0.3)
+    platform.read()
+    state = platform.read()
+    assert time.monotonic() - state.received > 0.2

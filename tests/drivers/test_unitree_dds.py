@@ -1,0 +1,368 @@
+"""A Go2's link against a simulated robot in a process of its own, over DDS on loopback."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from scipy.interpolate import interp1d
+
+pytest.importorskip("cyclonedds")
+
+from equipoise import nominal_stance, simulate
+from equipoise.cli import main
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.unitree.dds import UnitreeB2Settings, UnitreeGo2Settings, open_link
+from equipoise.drivers.unitree.samples import STATE, Message
+from equipoise.errors import CommunicationError, MotionError, SettingsError
+from equipoise.platform.platform import JointCommand, Trajectory
+
+DOMAINS = itertools.count(
+    1 + 10 * (os.getpid() % 22)
+)  # others for every process that runs these tests at the same time
+PATIENCE = 60.0  # [s] for a peer to start on a busy machine
+
+
+class Peer:
+    """A process with a simulated robot, and what it wrote."""
+
+    def __init__(self, process, path, domain):
+        self.process, self.path, self.domain = process, path, domain
+
+    def said(self, key=None):
+        """All entries, or the values under a key."""
+        entries = [json.loads(line) for line in self.path.read_text().splitlines() if line.endswith("}")]
+        return entries if key is None else [entry[key] for entry in entries if key in entry]
+
+    def wait_for(self, patience=PATIENCE, **what):
+        """Until an entry says so."""
+        until = time.monotonic() + patience
+        while not any(what.items() <= entry.items() for entry in self.said()):
+            assert self.process.poll() is None, self.path.read_text()
+            assert time.monotonic() < until, f"{what} was not said: {self.path.read_text()}"
+            time.sleep(0.02)
+
+
+@contextmanager
+def running(tmp_path_factory, *flags):
+    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", next(DOMAINS)
+    command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--domain", str(domain), "--noise", "ideal"]
+    with path.open("w") as log:
+        process = subprocess.Popen(
+            [*command, "--duration", "120", *flags], stdout=log, stderr=subprocess.STDOUT,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+    peer = Peer(process, path, domain)
+    try:
+        peer.wait_for(ready=True)
+        yield peer
+    finally:
+        process.send_signal(signal.SIGCONT)
+        process.terminate()
+        process.wait(timeout=10)
+
+
+def settings(peer, **others):
+    return UnitreeGo2Settings(interface="lo", domain=peer.domain, **others)
+
+
+@contextmanager
+def connected(peer, robot, **others):
+    with HardwarePlatform(open_link(robot, settings(peer, **others))) as platform:
+        yield platform
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory):
+    """It stands, nothing but us holds its motors, and its clock is about to begin anew."""
+    with running(tmp_path_factory, "--start", "standing", "--no-sport-mode", "--first-tick", str(2**32 - 2500)) as peer:
+        yield peer
+
+
+@pytest.fixture(scope="module")
+def linked(standing, a1):
+    with connected(standing, a1) as platform:
+        yield platform
+
+
+@pytest.fixture(scope="module")
+def target(a1):
+    return nominal_stance(a1).joint_position
+
+
+def hold(platform, position, seconds=0.3, **others):
+    """Stand for a while by the robot's clock; the last state."""
+    state = platform.read()
+    end, patience = state.time + seconds, time.monotonic() + PATIENCE
+    while state.time < end:
+        assert time.monotonic() < patience
+        state = platform.step(JointCommand(position, **others))
+    return state
+
+
+def test_what_the_standing_robot_says(linked, a1, target):
+    with simulate(a1, "ideal") as simulation:
+        direct = simulation.platform.read()
+    state = hold(linked, target)
+    assert np.allclose(state.joint_position, direct.joint_position, atol=0.01)
+    assert np.allclose(state.joint_velocity, 0, atol=0.05)
+    assert np.allclose(state.joint_torque, direct.joint_torque, atol=1.0)
+    assert np.abs(direct.joint_torque).max() > 3  # so that signs are seen
+    assert np.allclose(state.acceleration, direct.acceleration, atol=0.1)
+    assert np.linalg.norm(state.acceleration) == pytest.approx(9.81, abs=0.1)
+    assert np.allclose(state.angular_velocity, 0, atol=0.05)
+    later = hold(linked, target)
+    assert later.time > state.time
+    assert time.monotonic() > later.received > state.received
+    assert np.array_equal(state.health.motor_temperature, np.full(12, 40.0))
+    assert state.health.battery_voltage == pytest.approx(29.4)
+    assert state.health.battery_charge == pytest.approx(0.8)
+    assert state.health.fault is None
+
+
+def test_a_motion_is_the_one_of_the_direct_simulation(linked, a1):
+    motion = sway(a1)
+    here = Trajectory(np.repeat(motion.position[:1], 200, axis=0))
+    with simulate(a1, "ideal") as simulation:
+        simulation.platform.play(here)
+        direct = simulation.platform.play(motion)
+    for _ in range(5):  # a busy computer stretches a motion now and then
+        linked.play(here)
+        recording = linked.play(motion)
+        position, torque, turning, pushed = alike(recording, direct)
+        if close := position < 0.01 and torque < 1.5 and turning > 0.9 and pushed > 0.9:
+            break
+    assert close, (position, torque, turning, pushed)
+    steps = np.diff(recording.joints.time) / 2e-3
+    assert np.allclose(steps, np.round(steps), atol=1e-3)  # by its clock, whatever arrived when
+    assert np.median(steps) == pytest.approx(1)
+
+
+def sway(robot):
+    """Legs long and short in turn, so that the body rolls and pitches."""
+    at = np.arange(750) * 2e-3
+    wave = np.sin(2 * np.pi * at / 1.5) * np.sin(np.pi * at / 1.5) ** 2
+    position = np.repeat(nominal_stance(robot).joint_position[None], len(at), axis=0)
+    for leg, sign in (("FL", 1.0), ("RR", -0.3), ("FR", 0.3)):
+        _, thigh, calf = robot.legs[leg].joints
+        position[:, thigh] += 0.2 * sign * wave
+        position[:, calf] -= 0.4 * sign * wave
+    return Trajectory(position)
+
+
+def alike(linked, direct, delay=4e-3):
+    """Median differences of joint positions and torques, and correlations of the IMU's readings about and along x and y.
+
+    Moments are those when the commands were sent, and a link's delay later.
+    """
+    at = linked.commands.time + delay
+    pairs = [
+        (interp1d(stream.time, getattr(stream, name), axis=0, fill_value="extrapolate")(at), getattr(other, name))
+        for stream, other, names in (
+            (linked.joints, direct.joints, ("position", "torque")),
+            (linked.imu, direct.imu, ("angular_velocity", "acceleration")),
+        )
+        for name in names
+    ]
+    apart = [float(np.median(np.abs(one - other))) for one, other in pairs[:2]]
+    correlation = [min(np.corrcoef(one[:, axis], other[:, axis])[0, 1] for axis in (0, 1)) for one, other in pairs[2:]]
+    return *apart, *correlation
+
+
+def test_gains_and_feed_forward_arrive(standing, linked, a1, target):
+    kp, kd = a1.gains(nominal_stance(a1).hip_height)
+    ones, order = np.ones(12), np.arange(12)
+    hold(linked, target, 0.1)
+    assert [standing.said("kp")[-1], standing.said("kd")[-1]] == pytest.approx([kp, kd], abs=1e-3)
+    for pushed in ({"torque": 0.05 * kp * ones}, {"velocity": 0.05 * kp / kd * ones}):  # as a target further on
+        before = hold(linked, target).joint_position
+        moved = hold(linked, target, **pushed).joint_position - before
+        assert 0.02 < moved.mean() < 0.15
+    hold(linked, target, 0.1, kp=80 + order, kd=2.5 * ones)
+    standing.wait_for(kp=85.5, kd=2.5)
+    hold(linked, target)
+
+
+def test_damaged_commands_are_ignored(standing, linked, target):
+    hold(linked, target, 0.1)
+    link = linked._link
+    link._message.record["motor_cmd"]["q"][:12] += 0.5
+    data = link._message.encoded()
+    damaged = link._sample(data[:-1] + bytes([data[-1] ^ 1]))
+    for _ in range(30):
+        link._commands.send(damaged)
+        time.sleep(2e-3)
+    standing.wait_for(ignored="damaged")
+    assert np.allclose(linked.read().joint_position, target, atol=0.15)
+
+
+def test_a_silent_robot_is_noticed(standing, linked, target):
+    hold(linked, target, 0.1)
+    standing.process.send_signal(signal.SIGSTOP)
+    try:
+        with pytest.raises(CommunicationError, match=r"unitree-go2 on lo has been silent for 0\.\d s"):
+            hold(linked, target, 5)
+    finally:
+        standing.process.send_signal(signal.SIGCONT)
+    time.sleep(0.2)
+    assert hold(linked, target, 0.1).joint_position.shape == (12,)
+
+
+def test_commands_for_another_number_of_joints_are_refused(linked, target):
+    hold(linked, target, 0.1)
+    with pytest.raises(SettingsError, match="commands for 3 joints; unitree-go2 on lo has 12"):
+        linked.step(JointCommand(np.zeros(3)))
+
+
+def test_a_robot_that_is_not_there_is_noticed(a1):
+    elsewhere = UnitreeB2Settings(interface="lo", domain=next(DOMAINS))
+    with (
+        HardwarePlatform(open_link(a1, elsewhere), patience=0.2) as platform,
+        pytest.raises(CommunicationError, match=r"unitree-b2 on lo sent nothing for 0\.2 s"),
+    ):
+        platform.read()
+
+
+def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tmp_path_factory, a1):
+    with running(tmp_path_factory, "--damage", "0.1") as peer:
+        with connected(peer, a1) as platform:
+            lying = platform.read().joint_position
+            time.sleep(0.2)
+            assert peer.said("asked") == []  # reading asks for nothing
+            platform.step(JointCommand(lying))
+            state = hold(platform, lying, 0.3)
+            assert platform._link.damaged > 10  # and left out
+            assert np.allclose(state.joint_position, lying, atol=0.7)  # limp legs slide
+            assert platform.timing.lateness[0] == 0  # the seconds that it took are no delay
+        peer.wait_for(mode="silence")
+        assert set(peer.said("asked")) == {"release"}
+        assert peer.said("ignored") == []  # not a command came before
+        assert peer.said("sport_mode") == ["ended"]
+        assert [mode for mode in peer.said("mode") if mode != "silence"] == [
+            "own stance", "released", "commanded", "released",
+        ]  # fmt: skip
+
+
+def test_each_command_is_for_its_own_joint(tmp_path_factory, a1):
+    limp = {"kp": np.zeros(12), "kd": np.zeros(12)}
+    felt = np.zeros((12, 12))
+    with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
+        lying = platform.read().joint_position
+        for joint, push in enumerate(np.eye(12)):
+            felt[joint] = hold(platform, lying, 0.05, torque=3 * push, **limp).joint_torque
+    assert np.allclose(felt, 3 * np.eye(12), atol=0.1), felt.round(1)
+
+
+def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_path_factory, a1, target):
+    with running(tmp_path_factory, "--start", "standing") as peer:
+        with connected(peer, a1) as platform:
+            for _ in range(2):
+                with pytest.raises(MotionError, match=r"'normal' of unitree-go2 on lo holds .* does not lie"):
+                    hold(platform, target, 0.1)
+            time.sleep(0.2)
+        time.sleep(0.1)
+        assert (peer.said("ignored"), peer.said("asked"), peer.said("mode")) == ([], [], ["own stance"])
+        with connected(peer, a1, release_sport_mode=False) as platform:
+            hold(platform, target, 0.1)
+            peer.wait_for(ignored="fought")
+        with connected(peer, a1, hanging=True) as platform:
+            hold(platform, target, 0.1)
+            assert peer.said("sport_mode") == ["ended"]
+
+
+def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, target):
+    with running(tmp_path_factory, "--start", "standing", "--bare") as peer:
+        with connected(peer, a1) as platform, pytest.raises(CommunicationError, match="release_sport_mode=false"):
+            hold(platform, target, 0.1)
+        with connected(peer, a1, release_sport_mode=False) as platform:
+            state = hold(platform, target, 0.2)
+            assert state.time == state.received
+            recording = platform.play(sway(a1))
+    assert len(recording.joints.time) > 50
+    assert recording.joints.time[-1] < time.monotonic()
+
+
+@pytest.mark.parametrize(
+    ("flags", "given", "fine", "says"),
+    [
+        ([], [], True, "'normal' holds the motors; calibrate will have it let go"),
+        ([], ["release_sport_mode=false"], False, "'normal' holds the motors, and calibrate will not have it let go"),
+        (
+            ["--start", "standing"],
+            [],
+            False,
+            "'normal' holds the motors, and the robot does not lie: calibrate will refuse",
+        ),
+        (["--start", "standing"], ["hanging=true"], True, "'normal' holds the motors; calibrate will have it let go"),
+        (["--no-sport-mode"], [], True, "none holds the motors; calibrate will command them at once"),
+        (["--bare"], [], False, "was not found within 3 s; a simulator that has none needs release_sport_mode=false"),
+        (["--bare"], ["release_sport_mode=false"], None, "no answer which; calibrate will not ask"),
+    ],
+)
+def test_the_doctor_asks_who_holds_the_motors_and_has_nobody_let_go(tmp_path_factory, capsys, flags, given, fine, says):
+    with running(tmp_path_factory, *flags) as peer:
+        pairs = ["interface=lo", f"domain={peer.domain}", "silence=5", *given]
+        code = main(
+            [
+                "doctor",
+                "--platform",
+                "unitree-go2",
+                "--duration",
+                "0.5s",
+                "--json",
+                *(f"--set={pair}" for pair in pairs),
+            ]
+        )
+        time.sleep(0.2)
+        assert {*peer.said("request")} == (set() if "--bare" in flags else {1001})
+        assert (peer.said("asked"), peer.said("sport_mode"), peer.said("ignored")) == ([], [], [])
+        assert peer.said("mode") == ["own stance"]
+    findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
+    found = findings["robot's own controller"]
+    assert found["fine"] is fine
+    assert says in found["value"]
+    assert bool(found["advice"]) == (fine is False)
+    assert code in ((1,) if fine is False else (0, 1))  # a busy machine's samples come late, and the doctor says so
+
+
+def test_samples_that_are_all_damaged_are_told_apart_from_none(tmp_path_factory, a1):
+    with running(tmp_path_factory, "--damage", "1.0", "--no-sport-mode") as peer:
+        with (
+            connected(peer, a1) as platform,
+            pytest.raises(CommunicationError, match=r"all \d+ samples .* check_crc=false"),
+        ):
+            platform.read()
+        with connected(peer, a1, check_crc=False) as platform:
+            assert platform.read().joint_position.shape == (12,)
+
+
+def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
+    link = open_link(a1, UnitreeGo2Settings(interface="lo", domain=next(DOMAINS)))
+    try:
+        message = Message(STATE)
+        lost = message.record["motor_state"]["lost"]
+        lost[:12] = 1000  # since it was switched on
+        assert link._examine(message.record, 5.0).fault is None
+        lost[:12] += 1  # a few are nothing
+        lost[7] += 40  # RR_thigh's
+        assert link._examine(message.record, 5.1).fault == "messages to motors get lost: RR_thigh_joint"
+        assert link._examine(message.record, 5.2).fault is None
+    finally:
+        link.close()
+
+
+def test_a_robot_with_other_legs_is_refused(two_jointed):
+    with pytest.raises(SettingsError, match="unitree-go2 has 12 joints, three a leg"):
+        open_link(two_jointed, UnitreeGo2Settings(interface="lo"))
+
+
+@pytest.mark.parametrize("wrong", [{"domain": -1}, {"domain": 233}, {"silence": 0.0}, {"silence": 11.0}])
+def test_settings_out_of_range_are_refused(wrong):
+    with pytest.raises(SettingsError, match=f"{next(iter(wrong))} is .* must be from"):
+        UnitreeGo2Settings(**wrong)

@@ -1,0 +1,42 @@
+"""A calibration over UDP, guarded, through a network that loses, repeats and mixes up packets."""
+
+import numpy as np
+from peer_processes import free_port, in_real_time, running_peer, stalls_told
+
+from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.unitree.udp import UnitreeUdpSettings, open_link
+from equipoise.guard.guard import Guard
+from equipoise.guard.limits import Limits
+
+STATIC = CalibrationSettings("static")
+PAYLOAD, SEED = "1,0.05,0.02,0.08", 3
+FAULTS = ("--loss", 0.02, "--duplicate", 0.02, "--reorder", 0.02)
+BUSY = Limits(silence=1.0, stall=1.0)  # for a machine that has other things to do, too
+
+
+@in_real_time
+def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1):
+    """Of a robot without joint friction: what friction leaves in the torques depends on how the robot came to stand."""
+    with simulate(a1, "ideal", PAYLOAD, SEED) as simulation:
+        direct = calibrate(simulation.platform, a1, STATIC).with_truth(simulation.truth)
+    recordings, port = [], free_port()
+    robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED, "--noise", "ideal")
+    with running_peer("unitree_udp", *robot, *FAULTS) as peer:
+        link = open_link(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
+        platform = HardwarePlatform(link)
+        with stalls_told(platform, peer), Guard(platform, a1, BUSY) as guard:
+            result = calibrate(guard, a1, STATIC, keep=recordings.append)
+    composite = result.composite
+    assert abs(composite.mass - direct.composite.mass) < 0.05
+    assert np.abs(np.subtract(composite.com_in_base[:2], direct.composite.com_in_base[:2])).max() < 1e-3
+    error = result.with_truth(simulation.truth).errors()["composite"]
+    assert abs(error["mass"]) < 0.05
+    assert np.abs(error["com_in_base"][:2]).max() < 1e-3
+    arrived, counts = link.counts, guard.report().samples
+    assert sum(arrived.damaged.values()) == 0
+    assert min(counts.missing, counts.repeated, counts.out_of_order) > 10
+    times = recordings[-1].joints.time
+    taken = (times[-1] - times[0]) / 2e-3
+    assert 0.9 * taken < len(times) < 0.99 * taken
+    assert peer.end()[-1]["damaged"] == 0

@@ -1,0 +1,285 @@
+"""How far a robot may tip on two feet: the pendulum, the room that its feet leave it, and the moment to put them down."""
+
+import itertools
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import robots
+from robots import load_text, quadruped_urdf
+from scipy.integrate import solve_ivp
+from scipy.spatial import ConvexHull
+from tilting import pendulum
+
+from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance, simulate
+from equipoise.errors import MissingDependencyError, ReachError
+from equipoise.experiments import tipping
+from equipoise.experiments.lift import tipping_from
+from equipoise.experiments.motion import Target
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.experiments.tilt import line_axes
+from equipoise.experiments.tipping import SAFE, Pendulum
+from equipoise.platform.ramp import smooth_step
+from equipoise.precise import safe_lift
+from equipoise.precise import trials as precise_trials
+from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
+from equipoise.precise.trials import LiftDesign, PreciseTrials, check_lift, offset_of
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import foot_positions, inverse_kinematics
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
+
+UP = np.array([0.0, 0.0, 1.0])
+LIFT, LOWER, DELAY = 0.03, 0.2, 0.05
+
+
+@pytest.fixture(params=[*itertools.product(("a1", "skewed", "two_jointed"), DIAGONALS)], ids="-".join)
+def case(request):
+    """Robot, joint positions of a posture with the CoM beside the line, diagonal."""
+    name, diagonal = request.param
+    robot = request.getfixturevalue(name)
+    stance = nominal_stance(robot)
+    com = composite_parameters(robot, stance.joint_position).com
+    feet = feet_in_posture(stance, com, BodyPosture(crouch=0.1), diagonal, 0.01)
+    return robot, inverse_kinematics(robot, feet, stance.joint_position), diagonal
+
+
+@pytest.fixture
+def model(case):
+    robot, position, diagonal = case
+    return Pendulum.of(robot, position, UP, diagonal)
+
+
+def test_a_robot_with_locked_joints_topples_at_that_rate(case, model):
+    """x grows exponentially, by a simulation that does not know x; feet that roll slow it down by some percent."""
+    robot, position, diagonal = case
+    lift = pendulum(robot, position, diagonal, UP, rate=0.5 * model.lean * model.rate, duration=0.2)
+    left = line_axes(robot, position, UP, diagonal)[0]
+    speed = lift.angular_velocity @ np.array(robot.imu_in_base.rotation).T @ left
+    leaning = model.lean + np.cumsum(speed) * lift.step - (speed + speed[0]) / 2 * lift.step
+    x = leaning + speed / model.rate
+    np.testing.assert_allclose(x[-1] / x[0], np.exp(model.rate * 0.2), rtol=0.08)
+
+
+def test_the_lean_is_what_the_base_and_the_joints_make_of_it(case, model):
+    """The CoM over the middle of the standing feet, in the world, as base and joints turn a little."""
+    robot, position, diagonal = case
+    generator = np.random.default_rng(1)
+    _, normal, _ = line_axes(robot, position, UP, diagonal)
+    standing = [leg in DIAGONALS[diagonal] for leg in LEG_NAMES]
+
+    def ahead(turned, joints):
+        com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joints)))
+        middle = foot_positions(robot, joints)[standing].mean(axis=0)
+        radius = robot.legs[DIAGONALS[diagonal][0]].foot_radius
+        return normal @ (np.array(pin.exp3(turned)) @ (com - middle + radius * UP)) / model.height
+
+    turned, moved = 1e-4 * generator.standard_normal(3), 1e-4 * generator.standard_normal(len(position))
+    change = ahead(turned, position + moved) - ahead(np.zeros(3), position)
+    assert change == pytest.approx(turned @ model.axis_in_base + moved @ model.joints, rel=1e-2, abs=1e-8)
+    assert ahead(np.zeros(3), position) == pytest.approx(model.lean, abs=1e-9)
+
+
+def test_the_room_ends_at_the_edge_of_the_feet(case, model):
+    robot, position, diagonal = case
+    left, normal, middle = line_axes(robot, position, UP, diagonal)
+    places = np.column_stack([(foot_positions(robot, position) - middle) @ axis for axis in (left, normal)])
+    hull = ConvexHull(places)
+
+    def inside(ahead):
+        return (hull.equations @ [model.along, ahead, 1] < 0).all()
+
+    for sign, room in zip((-1, 1), model.room, strict=True):
+        assert inside(0.99 * sign * room)
+        assert not inside(1.01 * sign * room)
+    lifted = places[[leg not in DIAGONALS[diagonal] for leg in LEG_NAMES]][:, 1]
+    assert model.arm == pytest.approx((-lifted.min(), lifted.max()))
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_robot_that_is_stopped_there_is_caught_within_the_safe_share_of_its_room(case, side):
+    """From rest to the stop, on for the delay, and down while the foot is lowered: the linear pendulum, integrated."""
+    robot, position, diagonal = case
+    model = Pendulum.of(robot, position, UP, diagonal)
+    start, room, arm = 0.01, model.room[side], model.arm[side]
+    lower = 0.8 * model.height * SAFE * room / arm / model.height  # so high that it does not land by itself
+    leaning = Pendulum(**{**vars(model), "lean": start if side else -start})
+    height = max(LIFT, lower * arm)
+    stop = leaning.stop(height, LOWER, DELAY)[side]
+    assert np.isfinite(stop)
+
+    def falls(_, state):
+        return [state[1], model.rate**2 * state[0]]
+
+    time = np.arange(0, 2, 1e-4)
+    tipping_from_rest = solve_ivp(falls, (0, 2), [start, 0], t_eval=time, rtol=1e-9, atol=1e-12).y
+    x = tipping_from_rest[0] + tipping_from_rest[1] / model.rate
+    stopped = int(np.argmax(x >= stop))
+    lowering = np.concatenate([np.zeros(round(DELAY / 1e-4)), smooth_step(round(LOWER / 1e-4)), np.ones(20000)])
+    clearance = height * (1 - lowering[: len(time) - stopped]) - arm * (tipping_from_rest[0, stopped:] - start)
+    landed = stopped + int(np.argmax(clearance <= 0))
+    assert x[landed] * model.height == pytest.approx(SAFE * room, rel=0.12)
+
+
+def test_what_is_not_known_of_the_com_is_kept_clear(model):
+    sure, unsure = model.stop(1.0, LOWER, DELAY), model.stop(1.0, LOWER, DELAY, 0.01)
+    assert np.all(np.array(unsure) < np.array(sure) - 0.01 / model.height + 1e-9)
+
+
+def test_a_low_lift_of_a_broad_robot_needs_no_stop(model):
+    low = SAFE * min(model.room) / model.height * min(model.arm) / 4
+    assert max(model.landing(low)) * model.height < SAFE * min(model.room)
+    assert model.stop(low, LOWER, DELAY) == (np.inf, np.inf)
+    assert max(model.stop(1.0, LOWER, DELAY)) < np.inf
+
+
+def test_the_time_to_a_stop_is_that_of_the_pendulum(model):
+    stop = (0.2, 0.3)
+    time = model.time_until(stop)
+    assert abs(model.lean) * np.exp(model.rate * time) == pytest.approx(stop[model.lean > 0])
+
+
+# --- what is not known of the CoM
+
+
+def test_a_lift_of_the_search_tells_where_the_com_is_across_its_line(a1):
+    stance = nominal_stance(a1)
+    before, across = unknown_doubt(stance), np.array([0.6, 0.8, 0.0])
+    after = doubt_after_a_lift(stance, before, 3 * across)
+    assert across @ after @ across == pytest.approx(across @ found_doubt(stance) @ across)
+    along = np.array([0.8, -0.6, 0.0])
+    assert along @ after @ along == pytest.approx(along @ before @ along)
+    assert after[2, 2] == before[2, 2]
+
+
+def test_after_both_diagonals_only_the_height_of_a_payload_is_not_known(a1):
+    stance = nominal_stance(a1)
+    left, right = (doubt_after_a_lift(stance, np.zeros((3, 3)), np.array([0.6, y, 0.0])) for y in (0.8, -0.8))
+    assert np.trace(left + right) < 2 * np.trace(found_doubt(stance))
+    assert found_doubt(stance, 0.3)[2, 2] > 10 * found_doubt(stance)[2, 2]
+    np.testing.assert_array_equal(found_doubt(stance, 0.3)[:2, :2], found_doubt(stance)[:2, :2])
+
+
+# --- in simulation
+
+
+@pytest.fixture
+def narrow(tmp_path, monkeypatch):
+    """Feet 0.14 m apart under hips 0.3 m high."""
+    monkeypatch.setattr(robots, "HIPS", {leg: (x, 0.6 * y) for leg, (x, y) in robots.HIPS.items()})
+    text = quadruped_urdf()
+    for side in (0.08, -0.08):
+        text = text.replace(f'xyz="0.0 {side} 0.0"', f'xyz="0.0 {side / 8} 0.0"')
+    return load_text(tmp_path, text)
+
+
+def tilt_after_a_lift(robot, share, monkeypatch):
+    """Of a robot with 30 % more mass than it knows of, high up, and drives 30 % softer, its CoM well beside the line [rad]."""
+    monkeypatch.setattr(tipping, "SAFE", share)
+    monkeypatch.setattr(safe_lift, "_LEAST_UP", -np.inf)  # such a lift is not planned
+    monkeypatch.setattr(precise_trials, "_TILT_LIMIT", 0.3)
+    monkeypatch.setattr(precise_trials, "_OFFSET", 0.015)
+    stance = nominal_stance(robot)
+    with simulate(robot, "realistic", payload="4,0,0,0.15", seed=3) as simulation:
+        simulation.errors.torque_gain[:] *= 0.7
+        planted = PlantedRobot(
+            simulation.platform, robot, Target.standing(robot, stance.joint_position), stance.feet_in_base
+        )
+        trials = PreciseTrials(planted, stance, np.array(simulation.truth.composite.com))
+        trials.doubt = found_doubt(stance)
+        trials.lift(LiftDesign(BodyPosture(), "FL_RR", 1))
+        planted.play(planted.motion().hold(1.0))
+        return simulation.witness.look().tilt
+
+
+def test_a_narrow_robot_stays_on_its_feet_with_that_margin_and_not_with_twice_of_it(narrow, monkeypatch):
+    assert narrow.mass < 4 / 0.28
+    assert tilt_after_a_lift(narrow, SAFE, monkeypatch) < 0.1
+    assert tilt_after_a_lift(narrow, 2 * SAFE, monkeypatch) > 1.0
+
+
+@pytest.fixture
+def soft_trials(a1):
+    """Trials on a realistic A1 with drives 30 % softer than its model, its CoM known; the recordings that are kept."""
+    stance = nominal_stance(a1)
+    with simulate(a1, "realistic", seed=1) as simulation:
+        simulation.errors.torque_gain[:] *= 0.7
+        planted = PlantedRobot(simulation.platform, a1, Target.standing(a1, stance.joint_position), stance.feet_in_base)
+        recordings = []
+        planted.keep = recordings.append
+        trials = PreciseTrials(planted, stance, np.array(simulation.truth.composite.com))
+        trials.doubt = found_doubt(stance)
+        yield trials, recordings
+
+
+LEANING = BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12)
+
+
+def beside_the_line(trials, recording, design):
+    """How far the CoM is from where the design wants it, by the rest before the lift [m]."""
+    tipping = tipping_from(trials.planted, recording.phase("rest"), design.diagonal)
+    return tipping.ahead + offset_of(trials.stance, design.side)
+
+
+@pytest.mark.parametrize("aimed", [True, False])
+def test_the_com_is_where_it_is_wanted_also_on_legs_that_give_way(soft_trials, aimed, monkeypatch):
+    trials, _ = soft_trials
+    if not aimed:
+        monkeypatch.setattr(PreciseTrials, "_drift_of", lambda *_: np.zeros(2))
+    trials.take_posture(LEANING)
+    design = LiftDesign(LEANING, "FR_RL", 1)
+    assert (abs(beside_the_line(trials, trials.lift(design), design)) < 5e-3) == aimed
+
+
+def test_a_lift_that_could_tip_the_robot_over_is_left_out_and_told(soft_trials):
+    trials, recordings = soft_trials
+    trials.doubt = found_doubt(trials.stance, 0.7)
+    trials.take_posture(LEANING)
+    with pytest.raises(
+        ReachError, match=r"the robot could tip over: with its centre of mass \d+ mm beside the line, and perhaps"
+    ):
+        trials.lift(LiftDesign(LEANING, "FR_RL", 1))
+    assert not recordings[-1].has_phase("unload")
+    left_out = read_evidence(trials.planted.robot, trials.stance, recordings).motions[-1].left_out
+    assert left_out == "not lifted: out of reach, or the robot could have tipped over"
+    trials.take_posture(BodyPosture())
+    assert trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1)).has_phase("lower")
+
+
+def test_a_plan_leaves_out_what_could_tip_the_robot_over(narrow):
+    """Nothing is left of a robot's lifts once its CoM is not known to 5 cm."""
+    stance = nominal_stance(narrow)
+    com = composite_parameters(narrow, stance.joint_position).com
+    for side in (1, -1):
+        design = LiftDesign(BodyPosture(), "FL_RR", side)
+        check_lift(narrow, stance, com, design)
+        with pytest.raises(ReachError, match="the robot could tip over"):
+            check_lift(narrow, stance, com, design, np.diag([0.05, 0.05, 0.05]) ** 2)
+
+
+class EnoughError(Exception):
+    """So many motions have been done."""
+
+
+@pytest.mark.parametrize(("name", "seed", "motions"), [("laikago", 0, 8), ("laikago", 1, 20), ("mini_cheetah", 1, 25)])
+def test_robots_that_were_thrown_on_their_backs_stay_up(name, seed, motions):
+    """They fell in a lift in a posture leaning by 18 degrees, the sixth to the 22nd motion of `equipoise calibrate`."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            robot = load_robot(name)
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    tilts = []
+    with simulate(robot, "realistic", seed=seed) as simulation:
+
+        def keep(recording):
+            tilts.append(simulation.witness.look().tilt)
+            if len(tilts) == motions:
+                raise EnoughError
+
+        with pytest.raises(EnoughError):
+            calibrate(simulation.platform, robot, CalibrationSettings("precise"), keep)
+    assert max(tilts) < 0.4

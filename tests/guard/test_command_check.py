@@ -1,0 +1,121 @@
+"""What may be sent to a robot at all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from equipoise import nominal_stance
+from equipoise.errors import LimitError, SettingsError
+from equipoise.guard.command_check import CommandCheck
+from equipoise.guard.limits import Limits
+from equipoise.platform.platform import JointCommand
+
+PERIOD = 2e-3
+
+
+@pytest.fixture(scope="module")
+def stance(a1):
+    return nominal_stance(a1)
+
+
+@pytest.fixture(scope="module")
+def check(a1, stance):
+    check = CommandCheck(Limits(), a1, a1.gains(stance.hip_height), PERIOD)
+    return lambda command, before=stance.joint_position, here=stance.joint_position: check.check(command, before, here)
+
+
+def with_one(values, joint, value):
+    values = np.array(values)
+    values[joint] = value
+    return values
+
+
+def test_a_sound_command_passes(check, stance, a1):
+    kp, kd = a1.gains(stance.hip_height)
+    ones = np.ones(12)
+    check(JointCommand(stance.joint_position))
+    check(JointCommand(stance.joint_position, 0.5 * ones, 20 * ones, kp * ones, kd * ones))
+    check(JointCommand(stance.joint_position, kp=0 * ones, kd=0 * ones))
+
+
+@pytest.mark.parametrize(
+    ("field", "joint", "value", "message"),
+    [
+        ("position", 0, np.nan, "joint 'FL_hip_joint' was sent a position that is no number"),
+        ("position", 2, -np.inf, "joint 'FL_calf_joint' was sent a position that is no number"),
+        ("velocity", 3, np.nan, "joint 'FR_hip_joint' was sent a velocity that is no number"),
+        ("torque", 11, np.inf, "joint 'RR_calf_joint' was sent a torque that is no number"),
+        ("kp", 4, np.nan, "joint 'FR_thigh_joint' was sent a kp that is no number"),
+        ("kd", 5, np.nan, "joint 'FR_calf_joint' was sent a kd that is no number"),
+        (
+            "velocity", 3, 26.0,
+            "joint 'FR_hip_joint' was sent a velocity of 26.00 rad/s; from -25.20 to 25.20 is allowed",
+        ),
+        ("torque", 11, -50.0, "joint 'RR_calf_joint' was sent a torque of -50.00 Nm; from -38.52 to 38.52 is allowed"),
+        ("kp", 4, -1.0, "joint 'FR_thigh_joint' was sent a kp of -1.00 Nm/rad; from 0.00 to 308.75 is allowed"),
+        ("kp", 4, 500.0, "joint 'FR_thigh_joint' was sent a kp of 500.00 Nm/rad; from 0.00 to 308.75 is allowed"),
+        ("kd", 5, 10.0, "joint 'FR_calf_joint' was sent a kd of 10.00 Nm s/rad; from 0.00 to 9.26 is allowed"),
+    ],
+)  # fmt: skip
+def test_a_command_that_no_joint_should_get_is_refused(check, stance, field, joint, value, message):
+    sound = JointCommand(stance.joint_position, np.zeros(12), np.zeros(12), np.zeros(12), np.zeros(12))
+    command = replace(sound, **{field: with_one(getattr(sound, field), joint, value)})
+    with pytest.raises(LimitError) as caught:
+        check(command)
+    assert str(caught.value) == message
+
+
+def test_a_joint_is_not_sent_beyond_its_limits(check, stance):
+    target = with_one(stance.joint_position, 2, -2.8)
+    with pytest.raises(LimitError) as caught:
+        check(JointCommand(target), before=target)
+    assert str(caught.value) == ("joint 'FL_calf_joint' was sent to -2.800 rad; its limits are -2.697 to -0.916 rad")
+
+
+def test_a_joint_that_is_beyond_its_limits_by_itself_may_stay_there(check, stance):
+    target = with_one(stance.joint_position, 2, -2.8)
+    check(JointCommand(target), before=target, here=target)
+    farther = with_one(target, 2, -2.81)
+    with pytest.raises(LimitError, match=r"was sent to -2\.810 rad"):
+        check(JointCommand(farther), before=farther, here=target)
+
+
+def test_a_jump_is_refused(check, stance):
+    with pytest.raises(LimitError) as caught:
+        check(JointCommand(with_one(stance.joint_position, 1, stance.joint_position[1] + 0.1)))
+    assert str(caught.value) == (
+        "joint 'FL_thigh_joint' was sent a jump of 0.100 rad, which is 50 rad/s; its limit is 21.0 rad/s"
+    )
+
+
+@pytest.mark.parametrize("field", ["position", "velocity", "torque", "kp", "kd"])
+def test_a_command_for_another_number_of_joints_is_refused(check, stance, field):
+    command = replace(JointCommand(stance.joint_position), **{field: np.zeros(3)})
+    with pytest.raises(SettingsError, match=r"^commands for 3 joints; 'unitree_a1' has 12$"):
+        check(command)
+
+
+@given(
+    arrays(float, 12, elements=st.floats(width=64)),
+    st.sampled_from(["position", "velocity", "torque", "kp", "kd"]),
+)
+def test_whatever_passes_is_within_all_limits(check, stance, a1, values, field):
+    command = replace(JointCommand(stance.joint_position), **{field: values})
+    try:
+        check(command)
+    except LimitError:
+        return
+    kp, kd = a1.gains(stance.hip_height)
+    most = {
+        "position": np.inf, "velocity": 1.2 * a1.velocity_limit, "torque": 1.15 * a1.effort_limit, "kp": 3 * kp, "kd": 3 * kd,
+    }  # fmt: skip
+    assert (np.abs(values) <= most[field]).all()
+    assert field not in ("kp", "kd") or (values >= 0).all()
+    if field == "position":
+        assert (np.abs(values - stance.joint_position) <= a1.velocity_limit * PERIOD).all()
+        assert (values >= a1.lower_limit - 1e-3).all()
+        assert (values <= a1.upper_limit + 1e-3).all()

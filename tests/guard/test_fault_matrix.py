@@ -1,0 +1,174 @@
+"""Faults at every phase of a guarded calibration: each ends in the error that names it, or does no harm, or is named beside
+the result; and always with the robot put down and a recording that can be read."""
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from equipoise import CalibrationSettings, RunFolder, calibrate, nominal_stance, simulate
+from equipoise.errors import (
+    CommunicationError,
+    EquipoiseError,
+    FallError,
+    LimitError,
+    MotionError,
+    SensorError,
+    TrackingError,
+)
+from equipoise.guard.guard import Guard
+from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.precise.routine import PreciseSettings
+from equipoise.recording.run_log_reader import read_log
+from equipoise.simulation.faults import Fault, Faulty
+
+SETTINGS = CalibrationSettings("precise", precise=PreciseSettings(budget=32, sway=False))
+CALF, THIGH = 2, 1  # of the front left leg
+SIZES = {"delay": 0.3, "spike": 0.3, "overheat": 90.0}
+FALLS = (FallError, TrackingError, LimitError)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault, when it begins, and how the run must end: an error and words of its message."""
+
+    kind: str
+    phase: str
+    error: type | tuple
+    words: str
+    joint: int = CALF
+    push: float = 0.0
+
+    def __str__(self):
+        return f"{self.kind}{f' {self.push:g} N' if self.push else ''} in {self.phase}"
+
+
+PHASES = ("stand", "move", "rest", "unload", "lift", "watch", "lower")
+CASES = [
+    *(Case("nan", phase, SensorError, "encoder of joint 'FL_calf_joint' says what is no number") for phase in PHASES),
+    *(Case("spike", phase, SensorError, "encoder of joint 'FL_calf_joint' jumped") for phase in PHASES),
+    *(Case("kill link", phase, CommunicationError, "the link is gone") for phase in PHASES),
+    *(
+        Case("drop", phase, (CommunicationError, TrackingError), "no sample has arrived for 1|is it on")
+        for phase in PHASES
+    ),
+    *(Case("repeat", phase, SensorError, "samples repeat themselves") for phase in ("stand", "move", "watch", "lower")),
+    *(Case("delay", phase, SensorError, "out of order|repeat themselves") for phase in ("stand", "move", "watch")),
+    *(Case("overheat", phase, LimitError, "motor of joint 'FL_calf_joint' has 90 deg C") for phase in PHASES),
+    *(Case("lose torque", phase, FALLS, "FL_calf_joint|falling") for phase in ("stand", "move", "watch")),
+    *(
+        Case("freeze encoder", phase, SensorError, "encoder of joint 'FL_calf_joint' is frozen")
+        for phase in ("move", "lift")
+    ),
+    *(
+        Case("freeze imu", phase, (SensorError, FallError), "IMU is frozen|falling")
+        for phase in ("stand", "move", "lower")
+    ),
+    *(
+        Case("stick joint", phase, TrackingError, "joint 'FL_calf_joint' was sent through")
+        for phase in ("move", "lift")
+    ),
+    *(
+        Case("outside", phase, FALLS, "falling|FL|FR|RL|RR", push=400.0)
+        for phase in ("stand", "move", "watch", "lower")
+    ),
+]
+
+
+class Seen(PlatformWrapper):
+    """The robot's own side: what reached it."""
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.commands, self.closed = [], False
+
+    def step(self, command):
+        self.commands.append(command)
+        return super().step(command)
+
+    def close(self):
+        self.closed = True
+        super().close()
+
+
+def run(robot, case, folder, duration=None):
+    """A guarded calibration with a fault: its result or error, what the robot saw, and the guard's report."""
+    stance = nominal_stance(robot)
+    with simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
+        peer, act = Seen(simulation.platform), None
+        if case.push:
+            force = np.array([0.0, case.push, 0.0])
+            act = lambda begins: simulation.disturbance.push(force * begins)  # noqa: E731
+            duration = 0.3
+        elif case.kind == "outside":
+            act = lambda begins: simulation.disturbance.grease("FL", 0.05 if begins else 0.8)  # noqa: E731
+        fault = Fault(case.kind, case.phase, 0.02, duration, case.joint, SIZES.get(case.kind, 0.0), act)
+        guard = None
+        faulty = Faulty(peer, fault, lambda: guard.phase if guard else "", robot.gains(stance.hip_height))
+        with RunFolder.create(folder, robot, SETTINGS, {}) as kept:
+            guard = Guard(faulty, robot, log=kept.log)
+            try:
+                with guard:
+                    outcome = calibrate(guard, robot, SETTINGS, kept.keep)
+            except EquipoiseError as error:
+                outcome = error
+        assert faulty.begun
+        return outcome, simulation.truth.composite, peer, guard.report()
+
+
+def assert_put_down(robot, case, peer, report):
+    """The robot was released, and before that, if it could still be reached, damped with its feet down."""
+    assert peer.closed
+    assert report.ending[-1] == "released"
+    last = peer.commands[-1]
+    if case.kind == "kill link":  # nothing reaches it: its motor boards' own watchdog must do the rest
+        assert all(np.array_equal(c.position, c.position) for c in peer.commands)
+        return
+    sound = np.arange(len(robot.joint_names)) != (case.joint if case.kind in ("lose torque", "stick joint") else -1)
+    assert last.kp is not None
+    assert not last.kp[sound].any()
+    assert last.kd[sound].all()
+    targets = np.array([command.position[sound] for command in peer.commands])
+    assert np.isfinite(targets).all()
+    assert (np.abs(np.diff(targets, axis=0)) <= 1.01 * robot.velocity_limit[sound] * 2e-3).all()
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
+    outcome, _, peer, report = run(a1, case, tmp_path / "run")
+    assert isinstance(outcome, case.error), outcome
+    assert re.search(case.words, str(outcome)), outcome
+    assert_put_down(a1, case, peer, report)
+    content = read_log(tmp_path / "run" / "recording.mcap")
+    recorded = sum(len(play.recording.joints.time) for play in content.plays)
+    assert recorded > 10 or case.phase == "stand"
+
+
+HARMLESS = [
+    Case("reorder", "watch", MotionError, ""),
+    Case("outside", "rest", MotionError, "", push=12.0),
+]
+
+
+@pytest.mark.parametrize("case", HARMLESS, ids=str)
+def test_a_fault_that_does_no_harm_leaves_the_result_right(a1, case, tmp_path):
+    outcome, truth, peer, report = run(a1, case, tmp_path / "run", duration=0.3)
+    assert not isinstance(outcome, EquipoiseError), outcome
+    off = np.array(outcome.composite.com_in_base) - truth.com
+    deviations = [outcome.uncertainty["composite"].intervals[f"com_{axis}"].deviation for axis in "xyz"]
+    assert (np.abs(off) < 5 * np.array(deviations)).all()
+    assert_put_down(a1, case, peer, report)
+
+
+def test_a_foot_without_hold_is_named_beside_the_result(a1, tmp_path):
+    outcome, _, peer, report = run(a1, Case("outside", "move", MotionError, ""), tmp_path / "run")
+    if isinstance(outcome, EquipoiseError):
+        assert isinstance(outcome, FALLS)
+    else:
+        assert any("slip" in warning for warning in outcome.warnings)
+    assert_put_down(a1, replace(Case("outside", "move", MotionError, "")), peer, report)
+
+
+def test_there_are_forty_cases_and_more():
+    assert len(CASES) + len(HARMLESS) + 1 >= 40

@@ -1,0 +1,67 @@
+"""Which feet are up, by the joints alone."""
+
+import numpy as np
+import pytest
+
+from equipoise import nominal_stance
+from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.guard.footing import Footing
+from equipoise.precise.trials import LiftDesign, lift_feet, lift_settings, turned_feet
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import inverse_kinematics
+
+LEVEL = BodyPosture()
+TURNED = [BodyPosture(roll=0.15, yaw=0.2, crouch=0.1), BodyPosture(pitch=-0.15)]
+
+
+@pytest.fixture(scope="module", params=["a1", "two_jointed", "skewed"])
+def robot(request):
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="module")
+def postures(robot):
+    """Level, and turned where the legs have joints enough to keep their feet meanwhile."""
+    three_jointed = all(len(leg.joints) == 3 for leg in robot.legs.values())
+    return [LEVEL, *TURNED] if three_jointed else [LEVEL]
+
+
+@pytest.fixture(scope="module")
+def joints(robot):
+    stance = nominal_stance(robot)
+    return lambda feet: inverse_kinematics(robot, feet, stance.joint_position)
+
+
+@pytest.fixture(scope="module")
+def com(robot):
+    return composite_parameters(robot, nominal_stance(robot).joint_position).com
+
+
+def test_four_feet_on_the_floor_are_not_up_however_the_body_is_turned(robot, postures, joints, com):
+    stance = nominal_stance(robot)
+    for posture in postures:
+        lifted, up = Footing(robot, stance).look(joints(feet_in_posture(stance, com, posture)))
+        assert not lifted
+        assert np.allclose(up, posture.rotation[2], atol=1e-3)
+
+
+@pytest.mark.parametrize("diagonal", ["FL_RR", "FR_RL"])
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_two_feet_in_the_air_are_up_also_in_the_lowest_step(robot, postures, joints, com, diagonal, share):
+    stance = nominal_stance(robot)
+    footing = Footing(robot, stance)
+    for posture in postures:
+        design = LiftDesign(posture, diagonal, 1)
+        planted, raised = lift_feet(stance, com, design, share * lift_settings(stance).height)
+        lifted, up = footing.look(joints(raised))
+        assert lifted
+        assert np.allclose(up, posture.rotation[2], atol=1e-3)
+        assert not footing.lifted(joints(planted))
+
+
+def test_feet_stay_up_while_the_body_turns_over_two(a1):
+    stance = nominal_stance(a1)
+    com = composite_parameters(a1, stance.joint_position).com
+    _, raised = lift_feet(stance, com, LiftDesign(LEVEL, "FL_RR", 1), lift_settings(stance).height)
+    turned = inverse_kinematics(a1, turned_feet(raised, com, "roll", 0.05), stance.joint_position)
+    assert Footing(a1, stance).lifted(turned)

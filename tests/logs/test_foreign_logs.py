@@ -1,0 +1,459 @@
+"""Reading logs that are not ours: bags of both storages, LowState, tables; what is wrong with them is told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from foreign_logs import (
+    EPOCH,
+    Bag,
+    columns_of,
+    every,
+    nanoseconds,
+    shifted,
+    store,
+    write_bag,
+    write_csv,
+    write_parquet,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+
+from equipoise.errors import EquipoiseError, RecordingError
+from equipoise.logs.cdr_arrays import read_messages
+from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
+from equipoise.logs.message_types import known_types
+from equipoise.logs.reader import is_log, read_log
+from equipoise.logs.topics import Topics
+from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
+
+RATE, COUNT = 200, 500
+TYPES = store()
+
+
+@pytest.fixture(scope="module")
+def log(a1):
+    """Two and a half seconds of numbers: nobody looks at what they mean here."""
+    generator, time = np.random.default_rng(1), 3.0 + np.arange(COUNT) / RATE
+    middle = (np.maximum(a1.lower_limit, -2) + np.minimum(a1.upper_limit, 2)) / 2
+    joints = JointStream(time, *(middle * (k == 0) + 0.1 * generator.standard_normal((COUNT, 12)) for k in range(3)))
+    imu = ImuStream(time, generator.standard_normal((COUNT, 3)), generator.standard_normal((COUNT, 3)) + [0, 0, 9.81])
+    return Recording(a1.joint_names, joints, imu, CommandStream(time, joints.position + 0.01))
+
+
+def same(read, log, digits=12):
+    """Whether a read log holds what was written; its time begins at zero."""
+    start = min(log.joints.time[0], log.imu.time[0])
+    for mine, theirs in ((read.joints, log.joints), (read.imu, log.imu)):
+        np.testing.assert_allclose(mine.time, theirs.time - start, atol=1e-9)
+        for name in type(theirs).__dataclass_fields__:
+            if name != "time":
+                np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), rtol=0, atol=10.0**-digits)
+
+
+def messages_of(findings):
+    return " ".join(finding.message for finding in findings)
+
+
+# --- bags
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_bag_is_read_bit_by_bit_whatever_its_storage(a1, log, tmp_path, storage):
+    path = write_bag(tmp_path / "bag", log, storage)
+    (file,) = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
+    for where in (path, file):
+        assert is_log(where)
+        read = read_log(where, a1)
+        same(read.recording, log)
+        assert read.about["joints"] == "/joint_states (sensor_msgs/msg/JointState)"
+        assert read.about["stamps"] == "the messages' own stamps"
+        assert read.about["rates"] == "joints 200 Hz, IMU 200 Hz"
+        assert read.findings == ()
+
+
+def test_a_bag_whose_recorder_was_killed_has_no_metadata(a1, log, tmp_path):
+    path = write_bag(tmp_path / "bag", log, "sqlite3")
+    (path / "metadata.yaml").unlink()
+    same(read_log(path, a1).recording, log)
+
+
+def test_messages_may_name_joints_in_any_order_and_others_in_between(a1, log, tmp_path):
+    """Joints permuted, of legs and arm in turn; as several publishers on one topic do."""
+    order = np.random.default_rng(0).permutation(12)
+    names = [a1.joint_names[k] for k in order]
+    joints = JointStream(
+        log.joints.time, *(getattr(log.joints, q)[:, order] for q in ("position", "velocity", "torque"))
+    )
+    bag = Bag(tmp_path / "bag").joints("/joint_states", names, every(joints, 2)).imu("/imu/data", log.imu)
+    bag.joints("/joint_states", a1.joint_names, every(log.joints, 2, 1))
+    arm = JointStream(log.joints.time[::10] + 1e-4, np.ones((50, 2)))
+    bag.joints("/joint_states", ["arm_0", "arm_1"], arm)
+    read = read_log(bag.write(), a1)
+    same(read.recording, log)
+    assert read.joint_map.ignored == ("arm_0", "arm_1")
+    assert "50 samples are of other joints" in messages_of(read.findings)
+
+
+def test_legs_that_come_one_by_one_are_refused(a1, log, tmp_path):
+    bag = Bag(tmp_path / "bag").imu("/imu/data", log.imu)
+    for part in (slice(0, 6), slice(6, 12)):
+        bag.joints("/joint_states", a1.joint_names[part], JointStream(log.joints.time, log.joints.position[:, part]))
+    with pytest.raises(RecordingError, match="hold only some of the legs' joints"):
+        read_log(bag.write(), a1)
+
+
+def test_commands_are_found_beside_the_states(a1, log, tmp_path):
+    bag = Bag(tmp_path / "bag").joints("/joint_states", a1.joint_names, log.joints).imu("/imu/data", log.imu)
+    bag.joints("/joint_commands", a1.joint_names, JointStream(log.joints.time, log.commands.position))
+    read = read_log(bag.write(), a1)
+    np.testing.assert_array_equal(read.recording.commands.position, log.commands.position)
+    assert read.about["commands"].startswith("/joint_commands")
+
+
+def test_several_topics_are_an_error_that_names_them_and_the_flag(a1, log, tmp_path):
+    bag = Bag(tmp_path / "bag").joints("/left/states", a1.joint_names, log.joints).imu("/imu/data", log.imu)
+    bag.joints("/right/states", a1.joint_names, log.joints).imu("/camera/imu", log.imu)
+    path = bag.write()
+    with pytest.raises(
+        RecordingError, match=r"joint states: /left/states, /right/states. Say which with --joint-topic"
+    ):
+        read_log(path, a1)
+    read = read_log(path, a1, Topics(joints="/right/states"))
+    assert read.about["joints"].startswith("/right/states")
+    assert "/imu/data is taken for IMU samples, not /camera/imu" in messages_of(read.findings)
+    assert read_log(path, a1, Topics("left/states", "/camera/imu")).about["IMU"].startswith("/camera/imu")
+    with pytest.raises(RecordingError, match=r"--imu-topic /wind is not in the bag.*The bag has /camera/imu"):
+        read_log(path, a1, Topics("/left/states", "/wind"))
+    with pytest.raises(RecordingError, match="--joint-topic /imu/data is a sensor_msgs/msg/Imu"):
+        read_log(path, a1, Topics("/imu/data"))
+
+
+def test_a_bag_without_an_imu_says_what_it_has(a1, log, tmp_path):
+    path = Bag(tmp_path / "bag").joints("/joint_states", a1.joint_names, log.joints).write()
+    with pytest.raises(RecordingError, match=r"holds no IMU samples: it needs .* It has /joint_states"):
+        read_log(path, a1)
+
+
+def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
+    with pytest.raises(RecordingError, match="is no log that can be read"):
+        read_log(tmp_path, a1)
+    with pytest.raises(RecordingError, match="does not exist"):
+        read_log(tmp_path / "none.mcap", a1)
+    (tmp_path / "text.txt").write_text("hello")
+    with pytest.raises(
+        RecordingError, match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .csv, .parquet"
+    ):
+        read_log(tmp_path / "text.txt", a1)
+
+
+def test_a_file_that_was_cut_says_how_to_repair_it(a1, log, tmp_path):
+    path = write_bag(tmp_path / "bag", log)
+    file = path / "bag.mcap"
+    file.write_bytes(file.read_bytes()[:-500])
+    with pytest.raises(RecordingError, match=r"cannot be read: File end magic is invalid.*mcap recover"):
+        read_log(path, a1)
+
+
+# --- stamps
+
+
+def test_stamps_of_zero_give_way_to_receive_times(a1, log, tmp_path):
+    received = nanoseconds(log.joints.time)
+    bag = Bag(tmp_path / "bag").joints("/joint_states", a1.joint_names, log.joints, received, stamps=[0] * COUNT)
+    read = read_log(bag.imu("/imu/data", log.imu).write(), a1)
+    same(read.recording, log)
+    assert read.about["stamps"] == "receive times"
+    assert "/joint_states: its stamps are zero: receive times are used" in messages_of(read.findings)
+
+
+def test_stamps_of_different_clocks_give_way_to_receive_times(a1, log, tmp_path):
+    """A robot whose computer thinks that it is 1970."""
+    received = nanoseconds(log.imu.time)
+    early = [stamp - EPOCH + 10**9 for stamp in received]
+    bag = Bag(tmp_path / "bag").joints("/joint_states", a1.joint_names, log.joints)
+    read = read_log(bag.imu("/imu/data", log.imu, received, stamps=early).write(), a1)
+    same(read.recording, log)
+    assert "of different clocks" in messages_of(read.findings)
+
+
+def test_streams_that_do_not_overlap_are_an_error_with_both_spans(a1, log, tmp_path):
+    path = write_bag(tmp_path / "bag", replace(log, imu=shifted(log.imu, 60.0)))
+    with pytest.raises(
+        RecordingError, match=r"from 0.00 to 2.5\d s, IMU samples from 60.00 to 62.\d+ s: they share 0.00 s"
+    ):
+        read_log(path, a1)
+
+
+def test_streams_of_other_rates_and_starts_keep_their_own_times(a1, log, tmp_path):
+    other = replace(log, joints=every(log.joints, 4), imu=every(log.imu, 2, 40))
+    read = read_log(write_bag(tmp_path / "bag", other), a1)
+    same(read.recording, other)
+    assert read.recording.imu.time[0] == pytest.approx(0.2)
+    assert read.about["rates"] == "joints 50 Hz, IMU 100 Hz"
+
+
+# --- LowState
+
+
+def test_low_states_are_read_by_motor_order_on_the_robots_own_clock(a1, log, tmp_path):
+    """Received with jitter, stamped by a tick: the tick makes the times even."""
+    delay = np.random.default_rng(2).exponential(2e-3, COUNT)
+    received = nanoseconds(np.maximum.accumulate(log.joints.time + delay))
+    read = read_log(Bag(tmp_path / "bag").low_states(a1, log, received).write(), a1)
+    assert read.about["stamps"] == "receive times, made even by the robot's tick"
+    assert {match.how for match in read.joint_map.matches} == {"motor order"}
+    np.testing.assert_allclose(np.diff(read.recording.joints.time), 1 / RATE, rtol=1e-2)
+    np.testing.assert_allclose(read.recording.joints.position, log.joints.position, atol=1e-6)
+    np.testing.assert_allclose(read.recording.joints.torque, log.joints.torque, atol=1e-6)
+    np.testing.assert_allclose(read.recording.imu.acceleration, log.imu.acceleration, atol=1e-5)
+
+
+def test_low_states_without_a_tick_are_at_their_receive_times(a1, log, tmp_path):
+    read = read_log(Bag(tmp_path / "bag", "sqlite3").low_states(a1, log, ticks=False).write(), a1)
+    same(read.recording, log, digits=5)
+    assert read.about["stamps"] == "receive times"
+
+
+def test_low_states_come_first_and_the_slow_copy_last(a1, log, tmp_path):
+    bag = Bag(tmp_path / "bag").low_states(a1, log)
+    slow = replace(log, joints=every(log.joints, 10), imu=every(log.imu, 10))
+    bag.low_states(a1, slow, topic="/lf/lowstate").joints("/joint_states", a1.joint_names, log.joints)
+    read = read_log(bag.write(), a1)
+    assert read.about["joints"] == "/lowstate (unitree_go/msg/LowState)"
+    assert "not /lf/lowstate: it has by far the most messages" in messages_of(read.findings)
+
+
+def test_low_states_of_a_robot_with_other_legs_are_refused(two_jointed, a1, log, tmp_path):
+    path = Bag(tmp_path / "bag").low_states(a1, log).write()
+    with pytest.raises(RecordingError, match="three motors a leg"):
+        read_log(path, two_jointed)
+
+
+# --- many messages at once
+
+
+@given(
+    frames=st.lists(st.sampled_from(["", "base", "imu_link"]), min_size=1, max_size=5),
+    sizes=st.lists(st.tuples(*[st.integers(0, 4)] * 4), min_size=1, max_size=6),
+    seed=st.integers(0, 99),
+)
+def test_messages_are_what_rosbags_reads_one_by_one(frames, sizes, seed):
+    types, kind, generator = TYPES, "sensor_msgs/msg/JointState", np.random.default_rng(seed)
+    written = [
+        types.types[kind](
+            header=types.types["std_msgs/msg/Header"](
+                stamp=types.types["builtin_interfaces/msg/Time"](sec=index, nanosec=7),
+                frame_id=frames[index % len(frames)],
+            ),
+            name=["a", "leg_joint", "", "knee"][: size[0]],
+            **{
+                name: generator.standard_normal(count)
+                for name, count in zip(("position", "velocity", "effort"), size[1:], strict=True)
+            },
+        )
+        for index, size in enumerate(sizes)
+    ]
+    bodies = [bytes(types.serialize_cdr(message, kind)) for message in written]
+    seen = []
+    for group in read_messages(known_types(), kind, bodies):
+        for k, row in enumerate(group.rows):
+            seen.append(row)
+            expected = written[row]
+            assert group.numbers["header.stamp.sec"][k] == expected.header.stamp.sec
+            assert group.texts["header.frame_id"] == expected.header.frame_id
+            assert [group.texts[f"name.{j}"] for j in range(len(expected.name))] == expected.name
+            for name in ("position", "velocity", "effort"):
+                np.testing.assert_array_equal(group.numbers[name][k], getattr(expected, name))
+    assert sorted(seen) == list(range(len(written)))
+
+
+# --- tables
+
+
+def test_tables_are_read_bit_by_bit(a1, log, tmp_path):
+    columns = columns_of(log)
+    for path in (write_csv(tmp_path / "log.csv", columns), write_parquet(tmp_path / "log.parquet", columns)):
+        same(read_log(path, a1).recording, log)
+
+
+def test_rows_may_leave_cells_empty(a1, log, tmp_path):
+    other = replace(log, joints=every(log.joints, 3), imu=every(log.imu, 2))
+    columns = columns_of(other)
+    assert np.isnan(columns["gyro.x"]).any()
+    assert np.isnan(columns[f"position.{a1.joint_names[0]}"]).any()
+    for path in (write_csv(tmp_path / "log.csv", columns), write_parquet(tmp_path / "log.parquet", columns)):
+        same(read_log(path, a1).recording, other)
+
+
+def test_parquets_own_time_stamps_are_whole_numbers_until_the_first_is_taken_off(a1, log, tmp_path):
+    columns = columns_of(log)
+    stamps = pa.array(nanoseconds(columns["time"]), pa.timestamp("ns"))
+    table = pa.table({name: stamps if name == "time" else values for name, values in columns.items()})
+    pq.write_table(table, tmp_path / "log.parquet")
+    same(read_log(tmp_path / "log.parquet", a1).recording, log)
+
+
+def test_a_column_that_is_missing_is_named_with_its_nearest(a1, log, tmp_path):
+    columns = columns_of(log)
+    columns["gyro_x"] = columns.pop("gyro.x")
+    path = write_csv(tmp_path / "log.csv", columns)
+    with pytest.raises(RecordingError, match=r"lacks gyro.x. It has time, .*perhaps 'gyro_x' for 'gyro.x'"):
+        read_log(path, a1)
+    only = {name: values for name, values in columns.items() if not name.startswith("position")}
+    with pytest.raises(RecordingError, match=r"position\.JOINT for each joint"):
+        read_log(write_csv(tmp_path / "log.csv", only), a1)
+
+
+def test_time_in_another_unit_is_named(a1, log, tmp_path):
+    columns = columns_of(log)
+    for factor, unit in ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")):
+        path = write_csv(tmp_path / "log.csv", {**columns, "time": columns["time"] * factor})
+        with pytest.raises(RecordingError, match=f"must be in seconds \\(are they {unit}"):
+            read_log(path, a1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text.replace("\n", ",\n", 1), "line 2 of .* has 43 cells; its first line names 44"),
+        (lambda text: text.replace("\n3.005", "\n3.005 s", 1), r"'3.005 s' in column 'time', line 3"),
+        (lambda text: text.replace("gyro.y", "gyro.x"), "has the column 'gyro.x' twice"),
+        (lambda text: text.split("\n", 1)[0], "holds no samples"),
+        (lambda text: "", "holds no samples"),
+        (lambda text: "\x00" + text, "lacks time|cannot be read|is not CSV"),
+    ],
+)
+def test_a_csv_file_with_a_mistake(a1, log, tmp_path, change, message):
+    path = write_csv(tmp_path / "log.csv", columns_of(log))
+    text = path.read_text()
+    path.write_text(change(text))
+    with pytest.raises(RecordingError, match=message):
+        read_log(path, a1)
+
+
+def test_semicolons_and_a_byte_order_mark_are_no_mistake(a1, log, tmp_path):
+    path = write_csv(tmp_path / "log.csv", columns_of(log))
+    path.write_text("\ufeff" + path.read_text().replace(",", ";"), encoding="utf-8")
+    same(read_log(path, a1).recording, log)
+
+
+def test_a_parquet_file_that_is_none(a1, tmp_path):
+    (tmp_path / "log.parquet").write_text("time,position.FL_hip_joint\n")
+    with pytest.raises(RecordingError, match="cannot be read as Parquet"):
+        read_log(tmp_path / "log.parquet", a1)
+
+
+# --- samples
+
+
+def raw(log, **changes):
+    """A raw log; changes are (index, value) of a stream's array, by its name."""
+    joints, imu = log.joints, log.imu
+    return RawLog(
+        RawJoints(joints.time, log.joint_names, joints.position, joints.velocity, joints.torque),
+        RawImu(imu.time, imu.angular_velocity, imu.acceleration),
+        **changes,
+    )
+
+
+def test_a_span_is_counted_from_the_first_sample(a1, log):
+    found = assemble(a1, raw(log), span=(0.5, 2.0)).recording
+    assert found.joints.time[0] == pytest.approx(0.5)
+    assert found.joints.time[-1] == pytest.approx(2.0)
+    with pytest.raises(RecordingError, match="no joint sample within the time that was asked for"):
+        assemble(a1, raw(log), span=(100.0, None))
+
+
+def test_stamps_that_repeat_or_go_back_are_dropped_and_many_refused(a1, log):
+    time = np.array(log.joints.time)
+    time[100], time[200] = time[99], time[150]
+    found = assemble(a1, raw(replace_time(log, time)))
+    assert found.recording.joints.time.size == COUNT - 2
+    assert "2 of 500 joint samples have stamps that repeat or go back" in messages_of(found.findings)
+    time[300:] -= 1.0
+    with pytest.raises(RecordingError, match=r"joint stamps do not increase, from sample \d+ on.*several logs in one"):
+        assemble(a1, raw(replace_time(log, time)))
+
+
+def replace_time(log, time):
+    """A log that no `Recording` may be, as files have them."""
+    joints = RawJoints(time, log.joint_names, log.joints.position, log.joints.velocity, log.joints.torque)
+    return type("Log", (), {"joints": joints, "imu": log.imu, "joint_names": log.joint_names})
+
+
+def test_samples_that_are_not_numbers_are_dropped_and_many_refused(a1, log):
+    position = np.array(log.joints.position)
+    position[10, 3] = np.nan
+    joints = RawJoints(log.joints.time, log.joint_names, position, log.joints.velocity, log.joints.torque)
+    found = assemble(a1, replace(raw(log), joints=joints))
+    assert found.recording.joints.time.size == COUNT - 1
+    assert "1 of 500 joint samples are not numbers" in messages_of(found.findings)
+    rates = np.array(log.imu.angular_velocity)
+    rates[:100] = np.inf
+    with pytest.raises(RecordingError, match="20% of the IMU samples are not numbers, the first at sample 0"):
+        assemble(a1, replace(raw(log), imu=RawImu(log.imu.time, rates, log.imu.acceleration)))
+
+
+def test_velocities_and_torques_that_nobody_measures_are_none(a1, log):
+    joints = RawJoints(
+        log.joints.time, log.joint_names, log.joints.position, np.full((COUNT, 12), np.nan), np.zeros((COUNT, 12))
+    )
+    found = assemble(a1, replace(raw(log), joints=joints))
+    assert found.recording.joints.velocity is None
+    assert found.recording.joints.torque is None
+    said = messages_of(found.findings)
+    assert "joint velocities are not numbers in 100% of the samples: not used" in said
+    assert "joint torques are zero throughout: taken as not measured" in said
+
+
+def test_an_imu_that_was_written_faster_than_read_loses_its_repetitions(a1, log):
+    held = np.repeat(np.arange(0, COUNT, 4), 4)[:COUNT]
+    imu = RawImu(log.imu.time, log.imu.angular_velocity[held], log.imu.acceleration[held])
+    found = assemble(a1, replace(raw(log), imu=imu))
+    np.testing.assert_array_equal(found.recording.imu.angular_velocity, log.imu.angular_velocity[::4])
+    assert "75% of the IMU samples repeat the last one" in messages_of(found.findings)
+
+
+def test_samples_so_slow_that_nothing_can_be_said(a1, log):
+    joints = every(log.joints, 20)
+    slow = RawJoints(joints.time, log.joint_names, joints.position, joints.velocity, joints.torque)
+    with pytest.raises(RecordingError, match="joint samples come at 10 Hz"):
+        assemble(a1, replace(raw(log), joints=slow))
+
+
+def test_commands_that_do_not_fit_are_left_out_and_noted(a1, log):
+    other = RawJoints(log.joints.time, tuple(f"c{k}" for k in range(12)), log.commands.position)
+    found = assemble(a1, raw(log, commands=other))
+    assert found.recording.commands is None
+    assert "they name other joints than the joint states" in messages_of(found.findings)
+
+
+# --- damage
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3", "csv", "parquet"])
+def test_damaged_files_end_in_errors_of_ours(a1, log, tmp_path, kind):
+    """A few bytes changed or lost somewhere; what can still be read is read, and all else is told."""
+    short = replace(log, joints=every(log.joints, 2), imu=every(log.imu, 2))
+    if kind in ("mcap", "db3"):
+        path = write_bag(tmp_path / "bag", short, {"mcap": "mcap", "db3": "sqlite3"}[kind]) / f"bag.{kind}"
+    else:
+        write = {"csv": write_csv, "parquet": write_parquet}[kind]
+        path = write(tmp_path / f"log.{kind}", columns_of(short))
+    whole, generator = path.read_bytes(), np.random.default_rng(5)
+    refused = 0
+    for _ in range(60):
+        data = bytearray(whole)
+        for place in generator.integers(0, len(data), generator.integers(1, 6)):
+            data[place] = generator.integers(0, 256)
+        if generator.random() < 0.3:
+            del data[generator.integers(0, len(data)) :]
+        path.write_bytes(data)
+        try:
+            read_log(path, a1)
+        except EquipoiseError:
+            refused += 1
+    assert refused > 5

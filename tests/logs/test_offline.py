@@ -1,0 +1,272 @@
+"""Estimates from logs that are not ours: as good as from our own events, and honest about what a log cannot tell."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from foreign_logs import Bag, as_log, columns_of, every, shifted, without, write_bag, write_csv
+
+from equipoise import simulate
+from equipoise.calibration.routine import CalibrationSettings
+from equipoise.cli import main
+from equipoise.errors import LogError, RecordingError
+from equipoise.experiments.stand import stand_up
+from equipoise.logs.joint_names import map_joints
+from equipoise.logs.log import Log
+from equipoise.logs.offline import estimate_log
+from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.precise.routine import PreciseSettings
+from equipoise.recording.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def log(precise_run):
+    """All that a calibration of 40 s recorded, without its events."""
+    return as_log(precise_run.recordings)
+
+
+def estimated(robot, log, **settings):
+    read = Log(log, map_joints(robot, log.joint_names), {}, ())
+    return estimate_log(robot, read, CalibrationSettings(precise=PreciseSettings(**settings)))
+
+
+@pytest.fixture(scope="module")
+def found(a1, log):
+    return estimated(a1, log)
+
+
+def errors(result, truth):
+    """(10,) errors and (10,) standard deviations of the whole robot."""
+    off = components(result.composite.parameters()) - components(truth.composite)
+    intervals = result.uncertainty["composite"].intervals
+    return off, np.array([intervals[name].deviation for name in COMPONENTS])
+
+
+def agrees(result, truth):
+    """Nine of ten parameters within their 95 % intervals, and none far outside."""
+    off, deviations = errors(result, truth)
+    z = np.abs(off / deviations)
+    assert (z < 1.96).sum() >= 9, dict(zip(COMPONENTS, z.round(1), strict=True))
+    assert z.max() < 3.5
+    return z
+
+
+def test_a_log_gives_what_our_own_events_give(found, precise_run):
+    agrees(found.result, precise_run.truth)
+    own_off, own_deviations = errors(precise_run.result, precise_run.truth)
+    off, deviations = errors(found.result, precise_run.truth)
+    assert (deviations < 1.3 * own_deviations).all()
+    assert np.abs(off - own_off)[1:4].max() < 1e-3  # [m] of the centre of mass
+    assert found.result.trustworthy
+    used = [one for one in found.report.segments if one.kind == "lift" and one.used]
+    assert len(used) >= sum(one.trial["kind"] == "lift" for one in precise_run.recordings) - 2
+
+
+def test_the_estimates_verdict_is_on_the_segment(found):
+    for trial, one in zip(
+        found.result.trials, [one for one in found.report.segments if one.recording is not None], strict=True
+    ):
+        assert trial.note == one.why_not
+
+
+@pytest.mark.parametrize(
+    "change",
+    {
+        "rates": lambda log: replace(log, joints=every(log.joints, 5), imu=every(log.imu, 2)),
+        "late start and clock": lambda log: replace(log, imu=shifted(without(log.imu, 0, 3), 0.04)),
+        "gaps": lambda log: replace(log, imu=without(log.imu, 9, 9.8), joints=without(log.joints, 25, 25.2)),
+        "no velocities": lambda log: replace(log, joints=replace(log.joints, velocity=None)),
+    }.items(),
+    ids=lambda item: item[0],
+)
+def test_other_rates_starts_and_gaps(a1, log, precise_run, change):
+    name, make = change
+    other = estimated(a1, make(log))
+    agrees(other.result, precise_run.truth)
+    off, _ = errors(other.result, precise_run.truth)
+    assert np.abs(off[1:4]).max() < 3e-3
+    said = " ".join(finding.message for finding in other.report.findings)
+    assert ("the IMU's stamps are 4" in said and "ms late against the joints'" in said) == (
+        name == "late start and clock"
+    )
+    assert (sum(one.kind == "gap" for one in other.report.segments) == 2) == (name == "gaps")
+
+
+def test_without_lifts_torques_tell_a_little_and_the_rest_is_not_told(a1, log, found, precise_run):
+    lifts = [one for one in found.report.segments if one.kind == "lift"]
+    for one in lifts:
+        log = replace(log, imu=without(log.imu, one.start, one.end), joints=without(log.joints, one.start, one.end))
+    other = estimated(a1, log)
+    agrees(other.result, precise_run.truth)
+    verdicts = {name: interval.verdict for name, interval in other.result.uncertainty["composite"].intervals.items()}
+    assert verdicts["mass"] == "identified"
+    assert verdicts["Ixx"] == verdicts["Izz"] == "not identified"
+    assert other.report.not_told[0].startswith("There is no lift of two diagonal feet after a rest")
+    assert other.report.not_told[-2].startswith("Not told by this log: Ixx, Iyy, Izz")
+    assert not other.result.trustworthy
+
+
+def test_standing_alone_tells_the_mass(a1, precise_run):
+    with simulate(a1, "realistic", seed=precise_run.seed, payload="1.5,0.05,-0.02,0.06") as simulation:
+        planted, _ = stand_up(simulation.platform, a1, precise_run.stance)
+        planted.play(planted.motion().hold(4.0))
+        other = estimated(a1, as_log([planted.finish()]))
+    agrees(other.result, precise_run.truth)
+    assert {one.kind for one in other.report.segments} == {"rest"}
+    verdicts = {name: interval.verdict for name, interval in other.result.uncertainty["composite"].intervals.items()}
+    assert verdicts["mass"] in ("identified", "weak")
+    assert verdicts["com_z"] == verdicts["Iyy"] == "not identified"
+    assert any("no move over planted feet" in sentence for sentence in other.report.not_told)
+
+
+def test_without_torques_the_scales_mass_counts(a1, log, precise_run):
+    silent = replace(log, joints=replace(log.joints, torque=None))
+    without_scale, with_scale = estimated(a1, silent), estimated(a1, silent, mass=precise_run.truth.composite.mass)
+    agrees(with_scale.result, precise_run.truth)
+    assert any("no joint torques and no --mass" in sentence for sentence in without_scale.report.not_told)
+    assert not any("--mass" in sentence for sentence in with_scale.report.not_told)
+    spread = [one.result.uncertainty["composite"].intervals["Iyy"].deviation for one in (without_scale, with_scale)]
+    assert spread[1] < 0.7 * spread[0]
+
+
+def test_a_log_without_anything_usable_shows_what_it_holds(a1, log, found):
+    lift = next(one for one in found.report.segments if one.kind == "lift")
+    moving = log.between(lift.start + 0.3, lift.end - 0.1)
+    with pytest.raises(LogError, match=r"nothing in the log can be used. It holds motion: no rest in it") as told:
+        estimated(a1, moving)
+    assert [one.kind for one in told.value.report.segments] == ["motion"]
+    assert told.value.details["log"]["segments"][0]["used"] is False
+    assert told.value.exit_code == RecordingError.exit_code
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda log: with_joints(log, position=np.degrees), "are joint positions in degrees"),
+        (lambda log: with_joints(log, velocity=np.degrees), "is it in degrees per second"),
+        (lambda log: with_imu(log, angular_velocity=np.degrees), r"gyroscope.*\(is it in degrees per second\?\)"),
+        (lambda log: with_imu(log, acceleration=lambda values: values / 9.81), "is it in units of g"),
+        (lambda log: with_imu(log, angular_velocity=np.zeros_like), "gyroscope reads the same throughout"),
+        (lambda log: with_joints(log, torque=np.negative), "have they the wrong sign"),
+        (lambda log: with_joints(log, torque=lambda values: 1000 * values), "are they those of the joints, in Nm"),
+        (
+            lambda log: with_joints(log, position=first_thigh, velocity=first_thigh),
+            "'FL_thigh_joint' seems to have the wrong",
+        ),
+    ],
+)
+def test_wrong_units_and_signs_are_named(a1, log, change, message):
+    with pytest.raises(RecordingError, match=message):
+        estimated(a1, change(log))
+
+
+def with_joints(log, **changes):
+    return replace(log, joints=replace(log.joints, **{k: f(getattr(log.joints, k)) for k, f in changes.items()}))
+
+
+def with_imu(log, **changes):
+    return replace(log, imu=replace(log.imu, **{k: f(getattr(log.imu, k)) for k, f in changes.items()}))
+
+
+def first_thigh(values):
+    return values * np.where(np.arange(12) == 1, -1, 1)
+
+
+def test_a_log_of_another_robot_does_not_pass(skewed, a1, log):
+    """Other legs under the same names."""
+    renamed = Recording(skewed.joint_names, log.joints, log.imu)
+    with pytest.raises(RecordingError):
+        estimated(skewed, renamed)
+
+
+# --- the command line
+
+
+@pytest.fixture(scope="module")
+def bag(log, tmp_path_factory):
+    """As somebody else's driver writes it: joints permuted and renamed, an arm, another rate and start of the IMU."""
+    order = np.random.default_rng(3).permutation(12)
+    name = {"FL": "lf", "FR": "rf", "RL": "lh", "RR": "rh", "hip": "haa", "thigh": "hfe", "calf": "kfe"}
+    names = ["_".join(name[word] for word in log.joint_names[k].split("_")[:2]) for k in order]
+    joints, imu = every(log.joints, 2), every(log.imu, 3, 400)
+    joints = replace(
+        joints, **{quantity: np.pad(getattr(joints, quantity)[:, order], ((0, 0), (0, 1))) for quantity in QUANTITIES}
+    )
+    path = tmp_path_factory.mktemp("bags") / "wiggle"
+    return Bag(path, "sqlite3").joints("/joint_states", [*names, "arm"], joints).imu("/imu/data", imu).write()
+
+
+QUANTITIES = ("position", "velocity", "torque")
+
+
+def test_a_bag_of_somebody_else_from_the_command_line(bag, precise_run, tmp_path, capsys):
+    out = tmp_path / "found.json"
+    assert main(["estimate", str(bag), "--robot", "unitree_a1", "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    for part in (
+        "joints: /joint_states (sensor_msgs/msg/JointState)", "rates: joints 250 Hz, IMU 167 Hz", "FL_hip_joint", "lf_haa",
+        "leg and place", "other joints, not used: arm", "lifts", "move", "method precise", "identified", "saved: ",
+    ):  # fmt: skip
+        assert part in shown, part
+    assert f"see {tmp_path / 'found.html'}" in shown
+    assert "In space" in (tmp_path / "found.html").read_text(encoding="utf-8")
+    saved = json.loads(out.read_text())
+    assert saved["provenance"]["log"] == str(bag)
+    truth = precise_run.truth.composite
+    np.testing.assert_allclose(saved["composite"]["com_in_base"], truth.com, atol=2e-3)
+
+
+def test_json_is_one_object_with_the_logs_section(log, a1, tmp_path, capsys):
+    table = write_csv(
+        tmp_path / "log.csv", columns_of(replace(log, joints=every(log.joints, 5), imu=every(log.imu, 5)))
+    )
+    arguments = ["estimate", str(table), "--robot", "unitree_a1", "--json", "--mass", "13.9"]
+    assert main([*arguments, "--from", "2s", "--until", "30s"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["composite"]["mass"] == pytest.approx(13.9, abs=0.3)
+    assert result["log"]["joints"]["FL_hip_joint"] == {"log": "FL_hip_joint", "how": "same name"}
+    assert {"start", "end", "kind", "what", "used", "why_not"} == set(result["log"]["segments"][0])
+    assert result["log"]["segments"][-1]["end"] < 30.1
+
+
+def test_an_error_of_a_log_is_an_object_with_its_pieces(log, found, tmp_path, capsys):
+    lift = next(one for one in found.report.segments if one.kind == "lift")
+    path = write_bag(tmp_path / "bag", log.between(lift.start + 0.3, lift.end - 0.1))
+    assert main(["estimate", str(path), "--robot", "unitree_a1", "--json"]) == 5
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert error["type"] == "LogError"
+    assert error["log"]["segments"][0]["why_not"].startswith("no rest in it")
+    assert main(["estimate", str(path), "--robot", "unitree_a1"]) == 5
+    shown = capsys.readouterr()
+    assert "no rest in it" in shown.out
+    assert shown.err.startswith("error: nothing in the log can be used")
+
+
+def test_flags_of_logs_and_of_runs_are_not_mixed(bag, tmp_path, capsys):
+    assert main(["estimate", str(bag)]) == 5
+    assert "say whose with --robot" in capsys.readouterr().err
+    assert main(["estimate", str(bag), "--imu-topic", "/imu/data"]) == 2
+    assert "give --robot too" in capsys.readouterr().err.replace("\n", " ")
+    assert main(["estimate", str(bag), "--robot", "unitree_a1", "--feet", "measured"]) == 2
+    assert "--feet belongs to runs of --method paper" in capsys.readouterr().err
+
+
+def test_a_joint_map_from_the_command_line(bag, tmp_path, capsys):
+    (tmp_path / "map.toml").write_text('FL_hip_joint = "elbow"\n')
+    arguments = ["estimate", str(bag), "--robot", "unitree_a1", "--joint-map", str(tmp_path / "map.toml")]
+    assert main(arguments) == 2
+    assert "says 'elbow' for FL_hip_joint; the log's joints are" in capsys.readouterr().err
+
+
+def test_a_run_of_ours_is_read_as_before(precise_run, a1, tmp_path, capsys):
+    from equipoise.calibration.run_folder import RunFolder  # noqa: PLC0415
+
+    settings = CalibrationSettings(precise=precise_run.settings)
+    with RunFolder.create(tmp_path / "run", a1, settings, {}) as folder:
+        for recording in precise_run.recordings:
+            folder.keep(recording)
+    assert main(["estimate", str(folder.path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert "log" not in result
+    assert result["composite"]["mass"] == pytest.approx(precise_run.result.composite.mass)

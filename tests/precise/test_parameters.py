@@ -1,0 +1,158 @@
+"""What is unknown, in which units, and what is believed of it."""
+
+import dataclasses
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from equipoise import nominal_stance
+from equipoise.errors import SettingsError
+from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, base_vector, components, log_cholesky
+from equipoise.robot.inertial import (
+    InertialParameters,
+    base_parameters,
+    composite_parameters,
+    stance_effective_parameters,
+)
+
+ROBOTS = ("a1", "skewed", "two_jointed")
+BODIES = {
+    "robot_body": composite_parameters,
+    "base_body": lambda robot, position: base_parameters(robot),
+    "stance_effective_body": stance_effective_parameters,
+}
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def unknowns(request):
+    robot = request.getfixturevalue(request.param)
+    return Unknowns(robot, nominal_stance(robot), Priors())
+
+
+def somewhere(unknowns, seed=0):
+    """Near the model, with everything off."""
+    return unknowns.start() + 0.3 * np.random.default_rng(seed).standard_normal(unknowns.size)
+
+
+def random_body(seed):
+    """Of a few masses at random points."""
+    generator = np.random.default_rng(seed)
+    masses, points = generator.uniform(0.1, 2, 7), 0.2 * generator.standard_normal((7, 3)) + [0.1, -0.2, 0.05]
+    com = masses @ points / masses.sum()
+    arms = points - com
+    inertia = sum(m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(masses, arms, strict=True))
+    return InertialParameters(masses.sum(), com, inertia)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_log_cholesky_parameters_are_pinocchios_there_and_back(seed):
+    body = random_body(seed)
+    parameters = log_cholesky(body)
+    np.testing.assert_allclose(
+        base_vector(parameters), body.to_pinocchio().toDynamicParameters(), rtol=1e-9, atol=1e-12
+    )
+    again = InertialParameters.from_pinocchio(pin.Inertia.FromDynamicParameters(base_vector(parameters)))
+    np.testing.assert_allclose(log_cholesky(again), parameters, atol=1e-9)
+
+
+@given(hnp.arrays(float, 10, elements=st.floats(-2, 2)))
+def test_every_vector_is_a_body_that_can_be(parameters):
+    body = InertialParameters.from_pinocchio(pin.Inertia.FromDynamicParameters(base_vector(parameters)))
+    assert body.physical_defect() is None
+
+
+def test_components_are_in_the_order_of_their_names():
+    body = InertialParameters(7.0, [1.0, 2.0, 3.0], [[4.0, 7.0, 8.0], [7.0, 5.0, 9.0], [8.0, 9.0, 6.0]])
+    values = {"mass": 7, "com_x": 1, "com_y": 2, "com_z": 3, "Ixx": 4, "Iyy": 5, "Izz": 6, "Ixy": 7, "Ixz": 8, "Iyz": 9}
+    assert dict(zip(COMPONENTS, components(body), strict=True)) == values
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_at_the_start_bodies_are_the_models(unknowns, body):
+    robot, position = unknowns.robot, unknowns.stance.joint_position
+    expected = components(BODIES[body](robot, position))
+    np.testing.assert_allclose(components(getattr(unknowns, body)(unknowns.start())), expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_elsewhere_bodies_are_those_of_a_robot_with_other_links(unknowns, body):
+    robot, x = unknowns.robot, somewhere(unknowns)
+    other = robot.with_base(pin.Inertia.FromDynamicParameters(unknowns.inertial(x)[:10]))
+    joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
+    for joint, factor in zip(joints, unknowns.inertial(x)[10:], strict=True):
+        link = robot.pinocchio.inertias[joint]
+        other.pinocchio.inertias[joint] = pin.Inertia(factor * link.mass, link.lever, factor * link.inertia)
+    other.mass = float(pin.computeTotalMass(other.pinocchio))
+    expected = components(BODIES[body](other, unknowns.stance.joint_position))
+    np.testing.assert_allclose(components(getattr(unknowns, body)(x)), expected, rtol=1e-9, atol=1e-12)
+    assert np.abs(expected[0] - components(BODIES[body](robot, unknowns.stance.joint_position))[0]) > 0.1
+
+
+def test_the_jacobian_of_the_inertial_parameters_is_that_of_differences(unknowns):
+    x = somewhere(unknowns)
+    jacobian = unknowns.inertial_jacobian(x)
+    assert jacobian.shape == (10 + len(unknowns.robot.joint_names), unknowns.size)
+    for column, unit in enumerate(1e-6 * np.eye(unknowns.size)):
+        difference = (unknowns.inertial(x + unit) - unknowns.inertial(x - unit)) / 2e-6
+        np.testing.assert_allclose(jacobian[:, column], difference, rtol=1e-6, atol=1e-8)
+
+
+def test_every_unknown_has_one_place(unknowns):
+    joints = len(unknowns.robot.joint_names)
+    sizes = {
+        "base": 10, "links": joints, "joint_zero": joints, "imu_tilt": 3, "accelerometer_bias": 3, "clock_offset": 1,
+        "foot_radius": 1, "floor_slope": 2, "floor_warp": 1, "torque_gain": joints, "coulomb": 1, "viscous": 1,
+        "armature": 1,
+    }  # fmt: skip
+    places = np.concatenate([np.arange(unknowns.size)[unknowns[name]] for name in sizes])
+    assert sorted(places) == list(range(unknowns.size))
+    assert all(unknowns[name].stop - unknowns[name].start == size for name, size in sizes.items())
+    biases = (
+        "joint_zero",
+        "imu_tilt",
+        "accelerometer_bias",
+        "clock_offset",
+        "foot_radius",
+        "floor_slope",
+        "floor_warp",
+    )
+    inside = np.concatenate([np.arange(unknowns.size)[unknowns[name]] for name in biases])
+    assert list(inside) == list(np.arange(unknowns.size)[unknowns.biases])
+
+
+def test_one_unit_is_one_standard_deviation_of_the_prior(a1):
+    priors = Priors(joint_zero=0.01, imu_tilt=0.02, accelerometer_bias=0.3, clock_offset=0.004, foot_radius=0.05,
+                    floor_slope=0.006, floor_warp=0.007, torque_gain=0.08, coulomb=0.9, leg_mass=0.1)  # fmt: skip
+    stance = nominal_stance(a1)
+    unknowns = Unknowns(a1, stance, priors)
+    ones = np.ones(unknowns.size)
+    biases = unknowns.sensor_biases(ones)
+    np.testing.assert_allclose(biases.joint_zero, 0.01)
+    np.testing.assert_allclose(biases.imu_tilt, 0.02)
+    np.testing.assert_allclose(biases.accelerometer_bias, 0.3)
+    np.testing.assert_allclose(biases.floor_slope, 0.006)
+    assert (biases.clock_offset, biases.foot_radius) == pytest.approx((0.004, 1.05))
+    assert unknowns.value(ones, "floor_warp") == pytest.approx([0.007 * stance.hip_height])
+    assert unknowns.value(ones, "torque_gain") == pytest.approx([0.08] * 12)
+    assert unknowns.value(ones, "coulomb") == pytest.approx([0.9 * a1.mass * 9.81 * stance.hip_height / 38.0])
+    np.testing.assert_allclose(unknowns.inertial(ones)[10:], 1.1)
+
+
+def test_nothing_is_wrong_at_the_start(unknowns):
+    biases = unknowns.sensor_biases(unknowns.start())
+    assert biases.foot_radius == 1
+    assert biases.clock_offset == 0
+    assert not any(
+        np.any(x) for x in (biases.joint_zero, biases.imu_tilt, biases.accelerometer_bias, biases.floor_slope)
+    )
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Priors)])
+def test_a_prior_must_leave_room(name, value):
+    with pytest.raises(SettingsError, match=f"the prior of {name} is {value}; it must be above zero"):
+        Priors(**{name: value})

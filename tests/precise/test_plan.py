@@ -1,0 +1,281 @@
+"""Plans of the precise method, and the motions they expect."""
+
+import dataclasses
+import itertools
+import json
+import warnings
+
+import numpy as np
+import pytest
+from robots import load_text, quadruped_urdf
+
+from equipoise import nominal_stance
+from equipoise.errors import ReachError, SettingsError
+from equipoise.experiments.posture import BodyPosture
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.parameters import COMPONENTS, Priors, components
+from equipoise.precise.plan import Candidates, Durations, Goals, describe, make_plan, name_components
+from equipoise.precise.posterior import estimate_posterior
+from equipoise.precise.predict import Predictor
+from equipoise.precise.trials import LiftDesign
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import DIAGONALS, LEG_NAMES
+
+BUDGETS = (30.0, 45.0, 60.0, 90.0, 120.0)
+
+
+def candidates_of(robot, aside=0.0):
+    """With the CoM that far to the left of the model's [m]."""
+    stance = nominal_stance(robot)
+    com = composite_parameters(robot, stance.joint_position).com + [0, aside, 0]
+    return Candidates.of(robot, stance, com, Priors())
+
+
+@pytest.fixture(scope="module")
+def candidates(a1):
+    return candidates_of(a1)
+
+
+@pytest.fixture(scope="module")
+def plans(candidates):
+    return {budget: make_plan(candidates, budget) for budget in BUDGETS}
+
+
+@pytest.fixture(scope="module")
+def solo_like(tmp_path_factory):
+    """Legs of two joints and a CoM in the middle."""
+    text = quadruped_urdf(joints_per_leg=2)
+    assert 'xyz="0.01 0.002 0.005"' in text
+    return load_text(tmp_path_factory.mktemp("solo"), text.replace('xyz="0.01 0.002 0.005"', 'xyz="0.01 0 0.005"'))
+
+
+def worth(plan, stance):
+    """Sum of variances over goals: what plans make small."""
+    return float(np.sum((plan.deviation / Goals().vector(plan.body, stance)) ** 2))
+
+
+# --- what a plan promises
+
+
+def test_a_larger_budget_never_predicts_worse(plans, candidates):
+    worths = [worth(plans[budget], candidates.predictor.stance) for budget in BUDGETS]
+    assert all(more < 0.99 * less for less, more in itertools.pairwise(worths))
+    for less, more in itertools.pairwise(BUDGETS[1:]):
+        assert (plans[more].deviation <= 1.05 * plans[less].deviation).all()
+
+
+def test_a_plan_fits_its_budget_and_uses_it(plans, candidates):
+    durations = Durations.of(candidates.predictor.stance)
+    for budget, plan in plans.items():
+        assert budget - durations.lift - durations.posture - durations.replant < plan.robot_time <= budget
+        doing = len(plan.visits) * durations.posture + plan.lifts * durations.lift + durations.search + durations.end
+        replanting = durations.replant * sum(bool(visit.lifts) for visit in plan.visits)
+        assert doing - 1e-9 < plan.robot_time < doing + replanting + 1e-9
+
+
+@pytest.mark.parametrize("budget", [5.0, 12.0])
+def test_too_small_a_budget_is_refused_with_what_it_takes(candidates, budget):
+    with pytest.raises(
+        SettingsError, match=rf"{budget:.0f} s \(the sway not counted\) allow no lift after the search; it takes \d+ s"
+    ):
+        make_plan(candidates, budget)
+
+
+def test_the_least_budget_that_is_named_is_enough(candidates):
+    with pytest.raises(SettingsError) as error:
+        make_plan(candidates, 10.0)
+    least = float(str(error.value).split("it takes ")[1].split(" s")[0])
+    assert make_plan(candidates, least + 1).lifts >= 1
+
+
+def test_lifts_are_sure_to_tell_what_the_model_cannot(plans):
+    plan = plans[120.0]
+    assert (plan.deviation < plan.prior_deviation).all()
+    told = dict(zip(COMPONENTS, plan.deviation / plan.prior_deviation, strict=True))
+    assert max(told[name] for name in ("com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz")) < 0.1
+    # Mass shows in no lift: it is taken from a scale.
+    assert plan.deviation[0] == pytest.approx(0.005 * plan.body[0], rel=0.2)
+
+
+def test_no_lift_is_planned_twice_and_done_ones_never_again(candidates, plans):
+    lifts = [lift for visit in plans[120.0].visits for lift in visit.lifts]
+    assert len(lifts) == len(set(lifts)) == plans[120.0].lifts
+    assert all(lift.posture == visit.posture for visit in plans[120.0].visits for lift in visit.lifts)
+    again = make_plan(candidates, 60.0, used=lifts)
+    assert not {lift for visit in again.visits for lift in visit.lifts} & set(lifts)
+
+
+def test_few_possible_lifts_are_done_more_than_once(candidates):
+    few = dataclasses.replace(
+        candidates,
+        lifts=candidates.lifts[:2],
+        information=[*candidates.information[:2], *candidates.information[len(candidates.lifts) :]],
+    )
+    lifts = [lift for visit in make_plan(few, 60.0).visits for lift in visit.lifts]
+    assert [lifts.count(lift) for lift in few.lifts] == [5, 5]
+    left = [lift for visit in make_plan(few, 60.0, used=lifts[:8]).visits for lift in visit.lifts]
+    assert sorted(map(repr, left + lifts[:8])) == sorted(map(repr, lifts))
+
+
+def test_visits_with_lifts_come_first(plans):
+    has_lifts = [bool(visit.lifts) for visit in plans[120.0].visits]
+    assert has_lifts == sorted(has_lifts, reverse=True)
+    assert not all(has_lifts)  # moves over planted feet are worth their time too
+
+
+def test_plans_seek_what_their_goals_are_about(candidates):
+    """The CoM alone, or the moments of inertia alone: each plan is the better one for its own."""
+    centre = make_plan(candidates, 60.0, Goals(com_planar=1e-4, com_height=1e-4, mass=1e3, inertia=1e3, products=1e3))
+    moments = make_plan(candidates, 60.0, Goals(com_planar=1.0, com_height=1.0, mass=1e3, inertia=1e-3, products=1e3))
+    assert np.linalg.norm(centre.deviation[1:4]) < 0.95 * np.linalg.norm(moments.deviation[1:4])
+    whole = centre.body[4:7]
+    assert np.linalg.norm(moments.deviation[4:7] / whole) < 0.95 * np.linalg.norm(centre.deviation[4:7] / whole)
+
+
+def test_what_is_known_already_counts(candidates, plans):
+    after = make_plan(candidates, 30.0, known=1e12 * np.eye(candidates.unknowns.size), searched=True)
+    assert (after.deviation < 1e-3 * plans[30.0].deviation).all()
+
+
+def test_a_replan_without_time_is_empty_and_no_error(candidates):
+    known = np.eye(candidates.unknowns.size)
+    assert make_plan(candidates, 1.0, known=known, searched=True).visits == ()
+
+
+def test_the_plan_is_json(plans):
+    table = json.loads(json.dumps(plans[60.0].to_dict()))
+    assert table["lifts"] == plans[60.0].lifts == sum(len(visit["lifts"]) for visit in table["visits"])
+    assert list(table["predicted_deviation"]) == list(COMPONENTS)
+    assert table["predicted_deviation"] == name_components(plans[60.0].deviation)
+
+
+def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates):
+    """The run's own lifts and moves, predicted: within a factor of two for what lifts tell."""
+    lifts = [
+        LiftDesign(BodyPosture(**about["posture"]), about["diagonal"], about["side"], about["turn"])
+        for about in (recording.trial for recording in precise_run.recordings)
+        if about["kind"] == "lift"
+    ]
+    postures = [
+        BodyPosture(**{name: about[name] for name in BodyPosture.__dataclass_fields__})
+        for about in (recording.trial for recording in precise_run.recordings)
+        if about["kind"] == "posture"
+    ]
+    moves = list(itertools.pairwise([BodyPosture(), *postures]))
+    evidence = candidates.predictor.evidence(lifts, moves)
+    expected = estimate_posterior(a1, precise_run.stance, evidence, mass=(a1.mass, 0.3), rounds=0).robot_covariance
+    intervals = precise_run.result.uncertainty["composite"].intervals
+    found = np.array([intervals[name].deviation for name in COMPONENTS])
+    ratio = found / np.sqrt(np.diag(expected))
+    assert (ratio[1:7] > 0.4).all()
+    assert (ratio[1:7] < 2.5).all()
+
+
+# --- goals, durations and words
+
+
+def test_goals_scale_with_the_robot(a1, candidates, tmp_path):
+    body = components(composite_parameters(a1, candidates.predictor.stance.joint_position))
+    vector = Goals().vector(body, candidates.predictor.stance)
+    large = load_text(
+        tmp_path, quadruped_urdf().replace('0 0 -0.2"', '0 0 -0.4"').replace("0.0 0.0 -0.2", "0.0 0.0 -0.4")
+    )
+    tall = nominal_stance(large)
+    ratio = tall.hip_height / candidates.predictor.stance.hip_height
+    assert ratio > 1.9
+    assert Goals().vector(body, tall)[1:4] == pytest.approx(ratio * vector[1:4])
+    assert np.delete(Goals().vector(body, tall), [1, 2, 3]) == pytest.approx(np.delete(vector, [1, 2, 3]))
+    doubled = Goals().vector(2 * body, candidates.predictor.stance)
+    assert doubled[[0, 4, 5, 6, 7]] == pytest.approx(2 * vector[[0, 4, 5, 6, 7]])
+    assert doubled[1:4] == pytest.approx(vector[1:4])
+    assert vector[4:7] == pytest.approx(0.01 * body[4:7])
+    assert vector[7:] == pytest.approx([0.01 * body[4]] * 3)
+    slower = Durations.of(tall).lift / Durations.of(candidates.predictor.stance).lift
+    assert slower == pytest.approx(np.sqrt(ratio), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("posture", "words"),
+    [
+        (BodyPosture(), "nominal"),
+        (BodyPosture(roll=0.2, crouch=0.1), "roll +11 deg, crouch +0.10"),
+        (BodyPosture(yaw=-0.3, aside=-0.1), "yaw -17 deg, aside -0.10"),
+    ],
+)
+def test_postures_in_words(posture, words):
+    assert describe(posture) == words
+
+
+# --- robots that cannot do everything
+
+
+def test_legs_of_two_joints_get_a_plan_without_roll_and_yaw(solo_like):
+    candidates = candidates_of(solo_like)
+    plan = make_plan(candidates, 60.0)
+    assert plan.lifts > 4
+    for visit in plan.visits:
+        assert (visit.posture.roll, visit.posture.yaw, visit.posture.aside) == (0, 0, 0)
+        assert all(lift.turn in (None, "pitch") for lift in visit.lifts)
+    assert any(visit.posture.pitch for visit in plan.visits)
+    assert any(text.startswith("roll +13 deg") and "foot misses its place" in text for text in plan.left_out)
+    told = dict(zip(COMPONENTS, plan.deviation / plan.prior_deviation, strict=True))
+    assert max(told[name] for name in ("com_x", "com_y", "com_z", "Iyy")) < 0.3
+
+
+def test_legs_of_two_joints_get_a_plan_with_the_com_aside_too(solo_like):
+    assert make_plan(candidates_of(solo_like, aside=3e-3), 60.0).lifts > 4
+
+
+def test_a_robot_that_can_lift_nothing_is_told_why(tmp_path):
+    heavy = load_text(tmp_path, quadruped_urdf(trunk_mass=90.0))
+    with pytest.raises(
+        ReachError, match=r"no lift of the precise method is within reach: nominal: joint .* torque limit"
+    ):
+        candidates_of(heavy)
+
+
+def test_postures_beyond_reach_are_tried_smaller(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = load_text(tmp_path, quadruped_urdf().replace('lower="-0.9" upper="0.9"', 'lower="-0.2" upper="0.2"'))
+    rolls = {abs(lift.posture.roll) for lift in candidates_of(robot).lifts}
+    assert 0 < max(rolls) < 0.22
+
+
+# --- predicted motions
+
+
+@pytest.mark.parametrize("turn", [None, "roll", "pitch", "yaw"])
+@pytest.mark.parametrize("name", ["a1", "skewed"])
+def test_a_predicted_lift_keeps_its_stance_feet_where_they_are(request, name, turn):
+    """In the world, by the attitude that the gyroscope would tell; feet roll by a few millimetres at most."""
+    robot = request.getfixturevalue(name)
+    stance = nominal_stance(robot)
+    predictor = Predictor(robot, stance, composite_parameters(robot, stance.joint_position).com)
+    posture = BodyPosture(roll=0.1, yaw=0.1, crouch=0.1)
+    lift = predictor.lift(LiftDesign(posture, "FL_RR", 1, turn))
+    mounting = np.array(robot.imu_in_base.rotation)
+    to_rest = mounting @ lift.rotation_to_rest @ mounting.T
+    feet = np.einsum("nij,nlj->nli", to_rest, LegChains(robot).feet(lift.joint_position))
+    left, right = lift.stance_feet
+    line = feet[:, left] - feet[:, right]
+    assert np.abs(line - line[0]).max() < 4e-3
+    in_air = [leg not in DIAGONALS["FL_RR"] for leg in LEG_NAMES]
+    first = foot_positions(robot, lift.joint_position[0])
+    above = (first[in_air] @ posture.rotation[2]).min() - (first[~np.array(in_air)] @ posture.rotation[2]).max()
+    assert above > 0.015
+    np.testing.assert_allclose(lift.joint_velocity, np.gradient(lift.joint_position, lift.step, axis=0), atol=1e-9)
+    up = mounting @ lift.rest_acceleration
+    np.testing.assert_allclose(up, 9.81 * posture.rotation[2], atol=1e-12)
+    assert (np.abs(lift.joint_velocity).max() > 0.3) == (turn is not None)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_predicted_robot_tips_to_where_its_com_is(a1, side):
+    """Side 1: the line is ahead, so the robot tips backward; an A1 leans away by Mgh over I."""
+    stance = nominal_stance(a1)
+    predictor = Predictor(a1, stance, composite_parameters(a1, stance.joint_position).com)
+    lift = predictor.lift(LiftDesign(BodyPosture(), "FL_RR", side))
+    assert np.sign(lift.angular_velocity[-1, 1]) == -side  # pitch
+    assert np.abs(lift.angular_velocity[-1]).max() > 0.05

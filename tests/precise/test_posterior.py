@@ -1,0 +1,391 @@
+"""The estimate of everything at once, on a short run of a realistic simulated robot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tilting import moving_robot
+
+from equipoise import nominal_stance
+from equipoise.errors import RecordingError
+from equipoise.precise.measurements.evidence import Evidence, read_evidence
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, components
+from equipoise.precise.posterior import body_jacobian, estimate_posterior, prior_rows
+from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TorqueBlock, tilt_noise
+from equipoise.precise.sensor_findings import sensor_findings
+from equipoise.recording.recording import JointStream
+from equipoise.simulation.sensors import PRESETS, DrawnErrors
+
+SURE = 5.0  # standard deviations: a fixed seed of a test that may fail once in a million
+
+
+@pytest.fixture(scope="module")
+def evidence(a1, precise_run):
+    return read_evidence(a1, precise_run.stance, precise_run.recordings)
+
+
+@pytest.fixture(scope="module")
+def posterior(a1, precise_run, evidence):
+    return estimate_posterior(a1, precise_run.stance, evidence)
+
+
+@pytest.fixture(scope="module")
+def drawn(a1, precise_run):
+    """The simulated robot's own errors."""
+    sizes = PRESETS["realistic"].scaled_to(a1.mass * 9.81 * precise_run.stance.hip_height)
+    return DrawnErrors.draw(sizes, 12, precise_run.seed)
+
+
+def blocks_of(a1, unknowns, evidence):
+    legs, rotation = LegChains(a1), np.array(a1.imu_in_base.rotation)
+    lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
+    moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
+    torques = [(motion.index, torque) for motion in evidence.motions for torque in motion.torques]
+    return {
+        "tilt": TiltBlock(unknowns, legs, rotation, lifts),
+        "planted": PlantedBlock(unknowns, legs, rotation, moves),
+        "torque": TorqueBlock(unknowns, torques),
+    }
+
+
+# --- derivatives
+
+
+@pytest.fixture(scope="module")
+def blocks(a1, posterior, evidence):
+    return blocks_of(a1, posterior.unknowns, evidence)
+
+
+@pytest.mark.parametrize("name", ["tilt", "planted", "torque"])
+def test_jacobians_are_those_of_central_differences(blocks, posterior, name):
+    """Away from the estimate, where residuals are not small. The biases' own columns are differences already."""
+    block, unknowns = blocks[name], posterior.unknowns
+    x = posterior.x + 0.1 * np.random.default_rng(1).standard_normal(unknowns.size) * np.sqrt(
+        np.diag(posterior.covariance)
+    )
+    block.prepare(x)
+    block.differentiate(x)
+    jacobian = block.jacobian(x)
+    biases = range(unknowns.biases.start, unknowns.biases.stop)
+    assert jacobian.shape == (len(block.residual(x)), unknowns.size)
+    for column in range(unknowns.size):
+        if name == "torque" and column in biases:
+            continue  # held at the last round's
+        step = (1e-2 if column in biases else 1e-4) * np.eye(unknowns.size)[column]
+        difference = (block.residual(x + step) - block.residual(x - step)) / (2 * step[column])
+        scale = np.abs(difference).max()
+        close = 0.02 if column in biases else 1e-5
+        np.testing.assert_allclose(jacobian[:, column], difference, atol=close * scale + 1e-6, err_msg=str(column))
+
+
+@pytest.mark.parametrize("mass", [None, (13.0, 0.1)])
+def test_priors_pull_to_the_model_and_their_jacobian_is_that_of_differences(posterior, mass):
+    unknowns, x = posterior.unknowns, posterior.x
+    _, jacobian = prior_rows(unknowns, x, mass)
+    for column, unit in enumerate(1e-6 * np.eye(unknowns.size)):
+        ahead, behind = (prior_rows(unknowns, x + sign * unit, mass)[0] for sign in (1, -1))
+        np.testing.assert_allclose(jacobian[:, column], (ahead - behind) / 2e-6, rtol=1e-5, atol=1e-6)
+    residual, _ = prior_rows(unknowns, unknowns.start(), mass)
+    assert np.count_nonzero(np.abs(residual) > 1e-9) == (mass is not None)
+
+
+def test_bodies_jacobians_are_those_of_larger_differences(posterior):
+    unknowns, x = posterior.unknowns, posterior.x
+    jacobian = body_jacobian(unknowns, x, unknowns.robot_body)
+    direction = np.random.default_rng(2).standard_normal(unknowns.size)
+    ahead, behind = (components(unknowns.robot_body(x + sign * 1e-3 * direction)) for sign in (1, -1))
+    np.testing.assert_allclose(jacobian @ direction, (ahead - behind) / 2e-3, rtol=1e-3, atol=1e-5)
+    assert not jacobian[:, unknowns["joint_zero"].start :].any()
+
+
+# --- the torques of a robot whose motors and friction are known
+
+
+def test_known_gains_friction_and_armature_leave_no_torque(a1):
+    """Signs and units of every torque-like unknown, in one balance."""
+    generator, unknowns = np.random.default_rng(3), Unknowns(a1, nominal_stance(a1), Priors())
+    samples = moving_robot(a1, 5)
+    x = unknowns.start()
+    for name in ("torque_gain", "coulomb", "viscous", "armature"):
+        x[unknowns[name]] = generator.uniform(0.3, 1.5, len(x[unknowns[name]]))
+    value = {name: unknowns.value(x, name) for name in ("torque_gain", "coulomb", "viscous", "armature")}
+    lost = value["coulomb"] * np.tanh(samples.joint_velocity / 0.03)
+    lost += value["viscous"] * samples.joint_velocity + value["armature"] * samples.joint_acceleration
+    reported = (samples.joint_torque + lost) / (1 + value["torque_gain"])
+    block = TorqueBlock(unknowns, [(0, replace(samples, joint_torque=reported))])
+    block.prepare(x)
+    assert np.abs(block.residual(x)).max() < 1e-8
+    for name in value:
+        other = x.copy()
+        other[unknowns[name]] = 0
+        assert np.abs(block.residual(other)).max() > 1e-3
+
+
+def test_rows_of_several_motions_belong_to_their_motions(a1):
+    unknowns = Unknowns(a1, nominal_stance(a1), Priors())
+    block = TorqueBlock(unknowns, [(4, moving_robot(a1, 5)), (7, moving_robot(a1, 6)), (7, moving_robot(a1, 7))])
+    block.prepare(unknowns.start())
+    assert block.motions == [(4, slice(0, 24)), (7, slice(24, 72))]
+
+
+# --- the estimate against the truth
+
+
+def step_left(posterior):
+    """The largest change that a Gauss-Newton step would still make, in standard deviations."""
+    residual, rows = prior_rows(posterior.unknowns, posterior.x, None)
+    gradient = rows.T @ residual + sum(posterior.gradient.values())
+    return np.abs(posterior.covariance @ gradient / np.sqrt(np.diag(posterior.covariance))).max()
+
+
+@pytest.mark.parametrize("body", ["composite", "base", "stance_effective"])
+def test_the_estimate_is_within_what_it_says_of_itself(precise_run, body):
+    truth = components(getattr(precise_run.truth, body))
+    intervals = precise_run.result.uncertainty[body].intervals
+    estimate = components(getattr(precise_run.result, body).parameters())
+    off = (estimate - truth) / [intervals[name].deviation for name in COMPONENTS]
+    assert np.abs(off).max() < SURE, dict(zip(COMPONENTS, off, strict=True))
+
+
+def test_the_estimate_is_good(precise_run):
+    off = components(precise_run.result.composite.parameters()) - components(precise_run.truth.composite)
+    assert np.abs(off[1:3]).max() < 2e-3
+    assert abs(off[3]) < 5e-3
+    assert abs(off[0]) < 0.05 * precise_run.truth.composite.mass
+
+
+def test_sensors_are_calibrated_on_the_way(posterior, drawn, precise_run):
+    truths = {
+        "joint_zero": drawn.joint_zero,
+        "imu_tilt": drawn.imu_tilt,
+        "accelerometer_bias": drawn.accelerometer_bias,
+        "clock_offset": np.array([0.5e-3]),
+        "links": drawn.leg_mass_scale - 1,
+        "torque_gain": drawn.torque_gain - 1,
+    }
+    for name, truth in truths.items():
+        found, deviation = posterior.unknowns.value(posterior.x, name), posterior.deviation(name)
+        if name not in {"links", "torque_gain"}:
+            assert np.abs((found - truth) / deviation).max() < SURE, name
+        prior = posterior.unknowns.scale[posterior.unknowns[name]]
+        assert (deviation <= prior * (1 + 1e-9)).all(), name
+    found = posterior.unknowns.value(posterior.x, "joint_zero")
+    assert np.linalg.norm(found - drawn.joint_zero) < 0.9 * np.linalg.norm(drawn.joint_zero)
+
+
+def test_every_body_can_exist(posterior):
+    for body in (posterior.base_body, posterior.robot_body, posterior.stance_effective_body):
+        assert body.physical_defect() is None
+
+
+def test_the_estimate_has_converged_and_its_covariance_is_the_informations_inverse(posterior):
+    _, rows = prior_rows(posterior.unknowns, posterior.x, None)
+    information = rows.T @ rows + sum(posterior.information.values())
+    np.testing.assert_allclose(posterior.covariance @ information, np.eye(len(information)), atol=1e-6)
+    assert step_left(posterior) < 0.1
+    for covariance in (posterior.robot_covariance, posterior.base_covariance, posterior.stance_effective_covariance):
+        np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+        assert (np.linalg.eigvalsh(covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))) > 0).all()
+
+
+def test_evidence_narrows_what_was_believed(posterior):
+    deviation = np.sqrt(np.diag(posterior.robot_covariance))
+    assert (deviation < posterior.prior_deviation).all()
+    assert (deviation[1:4] < 0.1 * posterior.prior_deviation[1:4]).all()
+
+
+def test_every_motion_that_was_read_is_judged(posterior, evidence):
+    assert [misfit.motion for misfit in posterior.lifts] == [m.index for m in evidence.motions if m.lift is not None]
+    assert [misfit.motion for misfit in posterior.moves] == [m.index for m in evidence.motions if m.move is not None]
+    assert all(misfit.used and 0 < misfit.chi < 4 for misfit in (*posterior.lifts, *posterior.moves))
+    assert set(posterior.information) == set(posterior.gradient) <= {motion.index for motion in evidence.motions}
+
+
+# --- what is given, and what is missing
+
+
+def test_a_scales_mass_is_reproduced(a1, precise_run, evidence):
+    mass = precise_run.truth.composite.mass
+    weighed = estimate_posterior(a1, precise_run.stance, evidence, mass=(mass, 1e-4), rounds=1)
+    assert weighed.robot_body.mass == pytest.approx(mass, abs=5e-4)
+    posterior = estimate_posterior(a1, precise_run.stance, evidence, rounds=1)
+    sds = (np.sqrt(p.robot_covariance[0, 0]) for p in (weighed, posterior))
+    assert next(sds) < 1.1e-4 < 0.01 * next(sds)
+    assert weighed.robot_covariance[4, 4] < posterior.robot_covariance[4, 4]
+
+
+def without_torques(recording):
+    joints = recording.joints
+    return replace(recording, joints=JointStream(joints.time, joints.position, joints.velocity))
+
+
+def test_without_torques_it_works_and_the_mass_is_less_sure(a1, precise_run, posterior):
+    bare = read_evidence(a1, precise_run.stance, [without_torques(recording) for recording in precise_run.recordings])
+    assert not any(motion.torques for motion in bare.motions)
+    found = estimate_posterior(a1, precise_run.stance, bare)
+    assert found.torque_chi is None
+    assert posterior.torque_chi is not None
+    assert found.robot_covariance[0, 0] > 4 * posterior.robot_covariance[0, 0]
+    off = found.robot_body.com - precise_run.truth.composite.com
+    assert np.abs(off / np.sqrt(np.diag(found.robot_covariance))[1:4]).max() < SURE
+    assert not any("torque gain" in finding.name for finding in sensor_findings(a1, found))
+
+
+@pytest.mark.parametrize("size", [0.1, 0.3])
+def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, posterior, size):
+    """Somebody touches the robot in one lift: it turns as no free robot does [rad/s]."""
+    number = max(index for index, motion in enumerate(evidence.motions) if motion.lift is not None)
+    lift = evidence.motions[number].lift
+    pushed = lift.angular_velocity + size * np.sin(np.linspace(0, 9, len(lift.angular_velocity)))[:, None]
+    motions = list(evidence.motions)
+    motions[number] = replace(motions[number], lift=replace(lift, angular_velocity=pushed))
+    found = estimate_posterior(a1, precise_run.stance, Evidence(tuple(motions)))
+    assert [misfit.motion for misfit in found.lifts if not misfit.used] == [evidence.motions[number].index]
+    moved = components(found.robot_body) - components(posterior.robot_body)
+    assert np.abs(moved / np.sqrt(np.diag(found.robot_covariance))).max() < 1
+    assert step_left(found) < 0.5
+
+
+def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evidence, posterior):
+    fitting = min((misfit for misfit in posterior.lifts if misfit.used), key=lambda misfit: abs(misfit.chi - 1))
+    number = next(index for index, motion in enumerate(evidence.motions) if motion.index == fitting.motion)
+    lift = evidence.motions[number].lift
+    pushed = lift.angular_velocity + 0.01 * np.sin(np.linspace(0, 9, len(lift.angular_velocity)))[:, None]
+    motions = list(evidence.motions)
+    motions[number] = replace(motions[number], lift=replace(lift, angular_velocity=pushed))
+    found = estimate_posterior(a1, precise_run.stance, Evidence(tuple(motions)))
+    before, after = (
+        next(misfit for misfit in p.lifts if misfit.motion == evidence.motions[number].index)
+        for p in (posterior, found)
+    )
+    assert after.used
+    assert after.chi > 1.3 * before.chi
+    assert np.trace(found.information[after.motion]) < 0.6 * np.trace(posterior.information[after.motion])
+
+
+def test_without_a_lift_the_reasons_are_told(a1, precise_run, evidence):
+    motions = tuple(replace(motion, lift=None, left_out="the wind blew") for motion in evidence.motions)
+    with pytest.raises(RecordingError, match="no lift trial can be used: the wind blew"):
+        estimate_posterior(a1, precise_run.stance, Evidence(motions))
+
+
+@pytest.mark.parametrize("count", [1, 5, 7, 10])
+def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_run, evidence, count):
+    few = Evidence(evidence.motions[:count])
+    found = estimate_posterior(a1, precise_run.stance, few)
+    assert found.robot_body.physical_defect() is None
+    assert step_left(found) < 0.5
+
+
+# --- noise of a lift
+
+
+def test_a_lifts_noise_is_that_of_many_draws(evidence):
+    """White gyroscope noise, integrated to an attitude, which topples the robot: y wanders by growth times that."""
+    lift = next(motion.lift for motion in evidence.motions if motion.lift is not None)
+    count, step, growth = len(lift.joint_position), lift.step, 50.0
+    noisy = replace(lift, gyro_density=1e-3, turning_noise=np.zeros((count, count)), rest_attitude_noise=0.0)
+    plain = replace(noisy, gyro_density=0.0)
+    found = tilt_noise(noisy, 0.0, growth) - tilt_noise(plain, 0.0, growth)
+    drift = (
+        1e-3
+        / np.sqrt(60.0)
+        * (1 + growth * (step * np.arange(count) * lift.since_rest + (step * np.arange(count)) ** 2 / 2))
+    )
+    found -= np.outer(drift, drift)
+    fine, generator, draws = 10, np.random.default_rng(4), 3000
+    before = round(lift.since_rest / step * fine)
+    white = generator.standard_normal((draws, before + count * fine)) * 1e-3 / np.sqrt(step / fine)
+    attitude = np.cumsum(white, axis=1)[:, before:] * step / fine
+    wandered = growth * np.cumsum(attitude, axis=1)[:, ::fine] * step / fine
+    late = slice(count // 2, count)
+    ratio = np.sqrt(np.diag(found)[late] / wandered.var(axis=0)[late])
+    assert (ratio > 0.8).all()
+    assert (ratio < 1.25).all()
+
+
+def test_a_lifts_noise_grows_with_each_of_its_causes(evidence):
+    lift = next(motion.lift for motion in evidence.motions if motion.lift is not None)
+    least = tilt_noise(lift, 0.1, 30.0)
+    np.linalg.cholesky(least)
+    worse = (
+        tilt_noise(lift, 0.5, 30.0),
+        tilt_noise(lift, 0.1, 60.0),
+        tilt_noise(replace(lift, rest_attitude_noise=5e-3), 0.1, 30.0),
+        tilt_noise(replace(lift, gyro_density=10 * lift.gyro_density), 0.1, 30.0),
+        tilt_noise(replace(lift, since_rest=lift.since_rest + 1.0), 0.1, 30.0),
+    )
+    assert all(np.trace(noise) > 1.02 * np.trace(least) for noise in worse)
+
+
+# --- what is said of the sensors
+
+
+def test_findings_name_every_sensor_and_the_surest_first(a1, posterior):
+    findings = sensor_findings(a1, posterior)
+    names = [finding.name for finding in findings]
+    assert len(names) == len(set(names)) == 12 + 3 + 3 + 1 + 1 + 2 + 12 + 3
+    surety = [abs(finding.value) / finding.deviation for finding in findings]
+    assert surety == sorted(surety, reverse=True)
+    zero = next(finding for finding in findings if finding.name == "FL_thigh_joint zero")
+    index = a1.joint_names.index("FL_thigh_joint")
+    assert zero.value == pytest.approx(posterior.unknowns.value(posterior.x, "joint_zero")[index])
+    assert zero.deviation == pytest.approx(posterior.deviation("joint_zero")[index])
+
+
+def off_by(posterior, name, index, value):
+    unknowns, x = posterior.unknowns, posterior.x.copy()
+    x[unknowns[name].start + index] = value / unknowns.scale[unknowns[name]][index]
+    return replace(posterior, x=x)
+
+
+@pytest.mark.parametrize(
+    ("block", "index", "value", "name", "words"),
+    [
+        ("joint_zero", 4, 0.05, "FR_thigh_joint zero", "FR_thigh_joint: the encoder's zero is off by +2.86 deg (sd 0."),
+        ("imu_tilt", 1, -0.04, "IMU pitched", "the IMU is pitched by -2.29 deg (sd 0."),
+        (
+            "accelerometer_bias",
+            2,
+            0.5,
+            "accelerometer bias z",
+            "the accelerometer's z reads +0.500 m/s2 too much (sd 0.",
+        ),
+        (
+            "clock_offset",
+            0,
+            4e-3,
+            "clock offset",
+            "IMU samples are 4.00 ms younger than joint samples of the same stamp",
+        ),
+        (
+            "clock_offset",
+            0,
+            -4e-3,
+            "clock offset",
+            "IMU samples are 4.00 ms older than joint samples of the same stamp",
+        ),
+        ("foot_radius", 0, -0.3, "foot radius", "the feet roll as if their radius were -30.0% off the model's"),
+        ("floor_slope", 1, 0.05, "floor slope y", "the floor leans along y by +2.86 deg (sd 0."),
+        (
+            "torque_gain",
+            0,
+            0.5,
+            "FL_hip_joint torque gain",
+            "FL_hip_joint: the true torque is +50.0% off the reported one",
+        ),
+    ],
+)
+def test_what_is_far_off_is_said_in_words_and_notable(a1, posterior, block, index, value, name, words):
+    found = next(f for f in sensor_findings(a1, off_by(posterior, block, index, value)) if f.name == name)
+    assert found.sentence.startswith(words)
+    assert found.notable
+    assert found.value == pytest.approx(value)
+
+
+def test_what_is_small_or_unsure_is_not_notable(a1, posterior):
+    tiny = replace(off_by(posterior, "joint_zero", 4, 3e-3), covariance=1e-6 * posterior.covariance)
+    unsure = replace(off_by(posterior, "joint_zero", 4, 0.05), covariance=1e6 * posterior.covariance)
+    for changed in (tiny, unsure):
+        assert not next(f for f in sensor_findings(a1, changed) if f.name == "FR_thigh_joint zero").notable

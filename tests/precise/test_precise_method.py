@@ -1,0 +1,129 @@
+"""The precise method as users meet it: the result, the terminal, the picture, the plan."""
+
+import json
+
+import numpy as np
+import pytest
+
+from equipoise import Calibration, CalibrationSettings, calibrate, estimate, simulate
+from equipoise.cli import main
+from equipoise.cli.flags import seconds
+from equipoise.errors import RecordingError, SettingsError
+from equipoise.pictures.precise import draw_precise
+from equipoise.precise import routine as precise_routine
+from equipoise.precise.parameters import COMPONENTS
+from equipoise.precise.plan import make_plan
+from equipoise.precise.routine import PreciseRoutine, PreciseSettings
+from equipoise.terminal.calibration import print_calibration
+
+
+def test_every_parameter_has_an_interval_a_covariance_and_a_verdict(precise_run):
+    result = precise_run.result
+    for body in ("composite", "base", "stance_effective"):
+        uncertainty = result.uncertainty[body]
+        assert tuple(uncertainty.intervals) == COMPONENTS
+        covariance = np.array(uncertainty.covariance)
+        assert np.linalg.eigvalsh(covariance).min() > -1e-12
+        for variance, interval in zip(np.diag(covariance), uncertainty.intervals.values(), strict=True):
+            assert interval.deviation == pytest.approx(np.sqrt(variance))
+            assert interval.upper - interval.lower == pytest.approx(2 * 1.96 * interval.deviation)
+            assert interval.verdict in ("identified", "weak", "not identified")
+
+
+def test_the_json_form_comes_back_whole(precise_run, tmp_path):
+    precise_run.result.save(tmp_path / "a1.json")
+    assert Calibration.load(tmp_path / "a1.json").to_dict() == precise_run.result.to_dict()
+
+
+def test_the_result_gives_a_pinocchio_model_with_the_base_found(precise_run):
+    model = precise_run.result.to_pinocchio()
+    assert model.inertias[1].mass == pytest.approx(precise_run.result.base.mass)
+
+
+def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, monkeypatch):
+    """Moves over planted feet may teach more per second, and are no result."""
+    recordings, replanned = [], []
+
+    def replan(routine, posterior, done):
+        replanned.append(len(done))
+        candidates = routine._candidates()
+        return make_plan(candidates, 1.0, known=np.eye(candidates.unknowns.size), searched=True)
+
+    monkeypatch.setattr(PreciseRoutine, "_replan", replan)
+    monkeypatch.setattr(precise_routine, "_REPLAN_AT", 0.1)
+    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=35, sway=False))
+    with simulate(a1, "realistic") as simulation:
+        assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
+    assert replanned[0] < 4
+    searched = 4
+    assert sum(recording.trial["kind"] == "lift" for recording in recordings) >= searched + 4
+
+
+def test_estimating_again_gives_the_same_numbers(a1, precise_run):
+    again = estimate(a1, precise_run.recordings, CalibrationSettings("precise", precise=precise_run.settings))
+    assert again.composite == precise_run.result.composite
+
+
+def test_recordings_of_another_method_are_refused(a1, precise_run):
+    moves = [recording for recording in precise_run.recordings if recording.trial.get("kind") == "posture"]
+    with pytest.raises(RecordingError, match="no lift trial can be used"):
+        estimate(a1, moves)
+
+
+def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
+    heavy = PreciseSettings(budget=40, mass=1.3 * a1.mass, mass_sd=0.01, sway=False)
+    result = estimate(a1, precise_run.recordings, CalibrationSettings("precise", precise=heavy))
+    assert not result.trustworthy
+    print_calibration(result, [])
+    shown = capsys.readouterr().out
+    assert shown.index("check failed") < shown.index("CoM x")
+
+
+def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
+    print_calibration(precise_run.result.with_truth(precise_run.truth), [], verbose=True)
+    shown = capsys.readouterr().out
+    for words in ("95 % +-", "truth", "identified", "estimate: ", "Base link alone"):
+        assert words in shown
+
+
+def test_the_picture_shows_every_motion_and_the_truth(precise_run):
+    figure = draw_precise(precise_run.result.with_truth(precise_run.truth))
+    intervals, misfits = figure.axes[:3], figure.axes[3]
+    assert all("truth" in axes.get_legend_handles_labels()[1] for axes in intervals)
+    read = [trial for trial in precise_run.result.trials if trial.misfit is not None]
+    assert len(misfits.patches) == len(read)
+
+
+@pytest.mark.parametrize(("text", "expected"), [("60", 60), ("60s", 60), ("1.5min", 90), ("2m", 120), (None, None)])
+def test_times_are_read(text, expected):
+    assert seconds(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "soon", "-5s", "1h"])
+def test_what_is_no_time_is_refused(text):
+    with pytest.raises(SettingsError, match="is no time"):
+        seconds(text)
+
+
+def test_the_plan_is_printed_without_moving_anything(capsys):
+    assert main(["plan", "unitree_a1", "--budget", "60s"]) == 0
+    assert "Predicted" in capsys.readouterr().out
+    assert main(["plan", "unitree_a1", "--budget", "60s", "--json"]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["robot_time"] <= 60
+    assert set(table["predicted_deviation"]) == set(COMPONENTS)
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--method", "paper", "--budget", "60s"], "--budget belongs to --method precise"),
+        (["--tolerance", "0.001"], "--tolerance belongs to --method paper"),
+        (["--budget", "25s"], "allow no lift after the search"),
+        (["--mass-sd", "0.1"], "give its mass too"),
+    ],
+)
+def test_flags_that_do_not_belong_are_refused(flags, message, capsys, tmp_path):
+    assert main(["calibrate", *flags, "--out", str(tmp_path / "run")]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,69 @@
+"""Splines through samples whose course, or whose noise, is known."""
+
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+
+from equipoise.precise.measurements.smoothing import fit_spline
+
+TIME = np.linspace(0.3, 0.7, 201)
+BETWEEN = np.linspace(0.3, 0.7, 77)
+QUINTICS = [Polynomial([0.2, -1, 3, 5, -20, 40]), Polynomial([-0.5, 2, 0, -4, 6, -30])]
+
+
+def at(polynomials, time, derivative=0):
+    return np.column_stack([p.deriv(derivative)(time) if derivative else p(time) for p in polynomials])
+
+
+@pytest.mark.parametrize("with_rates", [False, True])
+def test_quintics_are_reproduced_with_their_derivatives(with_rates):
+    rates = at(QUINTICS, TIME, 1) if with_rates else None
+    spline = fit_spline(TIME, at(QUINTICS, TIME), 0.05, rates, 0.01 if with_rates else 0.0).spline
+    for derivative, tolerance in enumerate((1e-8, 1e-6, 1e-4)):
+        found = spline.derivative(derivative)(BETWEEN) if derivative else spline(BETWEEN)
+        np.testing.assert_allclose(found, at(QUINTICS, BETWEEN, derivative), atol=tolerance)
+
+
+def test_what_a_quintic_cannot_follow_is_followed_by_narrower_knots():
+    wave = np.sin(2 * np.pi * 12 * TIME)[:, None]
+    misses = [np.abs(fit_spline(TIME, wave, knot).spline(TIME) - wave).max() for knot in (0.4, 0.01)]
+    assert misses[0] > 0.3
+    assert misses[1] < 1e-4
+
+
+def test_rates_count_by_their_weight():
+    """Positions that stand still and rates of one: what wins is what weighs more."""
+    still, rates = np.zeros((len(TIME), 1)), np.ones((len(TIME), 1))
+    light, heavy = (fit_spline(TIME, still, 0.05, rates, w).spline.derivative()(BETWEEN) for w in (1e-4, 1e2))
+    assert np.abs(light).max() < 1e-2
+    assert np.abs(heavy - 1).max() < 1e-2
+
+
+@pytest.mark.parametrize("derivative", [0, 1])
+@pytest.mark.parametrize("with_rates", [False, True])
+def test_noise_is_that_of_many_draws(derivative, with_rates):
+    generator = np.random.default_rng(3)
+    draws, sd, rate_sd, few = 6000, 0.3, 4.0, TIME[:60]
+    values = sd * generator.standard_normal((len(few), draws))
+    rates = rate_sd * generator.standard_normal((len(few), draws)) if with_rates else None
+    fit = fit_spline(few, values, 0.03, rates, sd / rate_sd if with_rates else 0.0)
+    time = few[0] + (few[-1] - few[0]) * np.linspace(0.05, 0.95, 9)
+    drawn = fit.spline.derivative(derivative)(time) if derivative else fit.spline(time)
+    expected = sd**2 * fit.noise(time, derivative)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(np.cov(drawn) / scale, expected / scale, atol=0.07)
+
+
+def test_rates_make_velocities_surer():
+    blank = np.zeros((len(TIME), 1))
+    without, with_rates = fit_spline(TIME, blank, 0.02), fit_spline(TIME, blank, 0.02, blank, 0.01)
+    assert (np.diag(with_rates.noise(BETWEEN, 1)) < 0.5 * np.diag(without.noise(BETWEEN, 1))).all()
+
+
+def test_a_gap_wider_than_the_knots_stays_finite():
+    kept = (TIME < 0.45) | (TIME > 0.52)
+    fit = fit_spline(TIME[kept], at(QUINTICS, TIME[kept]), 0.02)
+    assert np.isfinite(fit.spline(BETWEEN)).all()
+    assert np.isfinite(fit.noise(BETWEEN)).all()
+    outside = (BETWEEN < 0.44) | (BETWEEN > 0.53)
+    np.testing.assert_allclose(fit.spline(BETWEEN[outside]), at(QUINTICS, BETWEEN[outside]), atol=1e-4)

@@ -1,0 +1,319 @@
+"""The tilt equation against Pinocchio's momenta, and on motions that obey Newton's and Euler's laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+from tilting import GRAVITY, lift_samples, pendulum, sides, wandering
+
+from equipoise import nominal_stance
+from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.support_planes import centre_shift
+from equipoise.precise.measurements.tilt_equation import SensorBiases, TiltEquation
+from equipoise.robot.inertial import base_parameters, composite_parameters
+from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.model import LEG_NAMES
+
+STEP = 0.01
+DIAGONALS = ("FL_RR", "FR_RL")
+
+
+@pytest.fixture(scope="module", params=["a1", "skewed", "two_jointed"])
+def robot(request):
+    return request.getfixturevalue(request.param)
+
+
+def parameters(robot):
+    """Of the tilt equation, by the model."""
+    vector = base_parameters(robot).to_pinocchio().toDynamicParameters()
+    return np.concatenate([vector, np.ones(len(robot.joint_names))])
+
+
+def equation_of(robot, *lifts):
+    return TiltEquation(LegChains(robot), np.array(robot.imu_in_base.rotation), lifts)
+
+
+def nothing_wrong(robot):
+    return SensorBiases.none(len(robot.joint_names))
+
+
+def rows_of(robot, *lifts, biases=None):
+    return equation_of(robot, *lifts).rows(nothing_wrong(robot) if biases is None else biases)[0]
+
+
+def random_state(robot, seed):
+    """Joint positions and velocities, angular velocity, and up."""
+    generator, joints = np.random.default_rng(seed), len(robot.joint_names)
+    position = np.array(nominal_stance(robot).joint_position) + 0.2 * generator.standard_normal(joints)
+    up = np.array([0, 0, 1]) + 0.2 * generator.standard_normal(3)
+    return position, 2 * generator.standard_normal(joints), generator.standard_normal(3), up / np.linalg.norm(up)
+
+
+def frozen_lift(robot, diagonal, state):
+    """Three samples alike. Where the integral begins y is the momentum, and one step on it lacks a step of the rate."""
+    position, velocity, turning, up = state
+    acceleration = GRAVITY * np.array(robot.imu_in_base.rotation).T @ up
+    return lift_samples(
+        robot, diagonal, *(np.tile(vector, (3, 1)) for vector in (position, velocity, turning)),
+        rest_acceleration=acceleration, step=STEP,
+    )  # fmt: skip
+
+
+class Moving:
+    """Pinocchio's account of a robot whose two stance feet roll on the floor as spheres."""
+
+    def __init__(self, robot, diagonal, state, normal=None):
+        position, velocity, turning, self.up = state
+        normal = self.up if normal is None else normal
+        model = robot.pinocchio
+        self.data, self.mass = model.createData(), pin.computeTotalMass(model)
+        q, v = robot.configuration(position), np.concatenate([np.zeros(3), turning, velocity])
+        pin.forwardKinematics(model, self.data, q, v)
+        pin.updateFramePlacements(model, self.data)
+        self.contacts, self.speeds, base = [], [], []
+        for foot in sides(diagonal):
+            leg = robot.legs[LEG_NAMES[foot]]
+            speed = pin.getFrameVelocity(model, self.data, leg.foot_frame_id, pin.LOCAL_WORLD_ALIGNED)
+            to_centre = leg.foot_radius * normal
+            self.contacts.append(self.data.oMf[leg.foot_frame_id].translation - to_centre)
+            self.speeds.append(np.cross(speed.angular, to_centre))
+            base.append(self.speeds[-1] - speed.linear)
+        v[:3] = np.mean(base, axis=0)
+        pin.centerOfMass(model, self.data, q, v)
+        pin.computeCentroidalMomentum(model, self.data, q, v)
+        self.left, self.point = self.direction(0), self.contacts[1]
+
+    def direction(self, time):
+        a, b = (place + time * speed for place, speed in zip(self.contacts, self.speeds, strict=True))
+        return (a - b) / np.linalg.norm(a - b)
+
+    @property
+    def about_point(self):
+        return self.data.hg.angular + np.cross(self.data.com[0] - self.point, self.data.hg.linear)
+
+    @property
+    def momentum(self):
+        return self.left @ self.about_point
+
+    @property
+    def rate(self):
+        """The right side of the tilt equation."""
+        weight = -GRAVITY * self.mass * self.up
+        rate = self.left @ np.cross(self.data.com[0] - self.point, weight)
+        rate -= self.left @ np.cross(self.speeds[1], self.data.hg.linear)
+        return rate + (self.direction(1e-6) - self.direction(-1e-6)) / 2e-6 @ self.about_point
+
+
+def with_other_links(robot, generator):
+    """The robot with another base and other leg masses, and its parameters; the chains' own masses stay the model's."""
+    factors = generator.uniform(0.5, 1.5, len(robot.joint_names))
+    base = pin.Inertia(generator.uniform(3, 9), 0.1 * generator.standard_normal(3), pin.Inertia.Random().inertia)
+    other = robot.with_base(base)
+    joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
+    for joint, factor in zip(joints, factors, strict=True):
+        link = robot.pinocchio.inertias[joint]
+        other.pinocchio.inertias[joint] = pin.Inertia(link.mass * factor, link.lever, link.inertia * factor)
+    return other, np.concatenate([base.toDynamicParameters(), factors])
+
+
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+def test_columns_are_pinocchios_momentum_about_the_line_and_its_rate(robot, diagonal):
+    """For as many bodies as there are columns: each column is right, and y is linear in them."""
+    pin.seed(5)
+    generator = np.random.default_rng(5)
+    state = random_state(robot, 5)
+    rows = rows_of(robot, frozen_lift(robot, diagonal, state))
+    momentum, rate = rows[0], (rows[0] - rows[1]) / STEP
+    for _ in range(rows.shape[1] + 3):
+        other, vector = with_other_links(robot, generator)
+        moving = Moving(other, diagonal, state)
+        assert momentum @ vector == pytest.approx(moving.momentum, rel=1e-9, abs=1e-11)
+        assert rate @ vector == pytest.approx(moving.rate, rel=1e-7, abs=1e-7)
+
+
+def test_a_sloping_floor_and_worn_feet_change_where_feet_touch(robot):
+    state, slope = random_state(robot, 6), np.array([0.02, -0.03])
+    biases = replace(nothing_wrong(robot), floor_slope=slope, foot_radius=0.9)
+    rows = rows_of(robot, frozen_lift(robot, "FL_RR", state), biases=biases)
+    normal = 0.9 * (state[3] + [*slope, 0]) / np.linalg.norm(state[3] + [*slope, 0])
+    moving = Moving(robot, "FL_RR", state, normal)
+    assert rows[0] @ parameters(robot) == pytest.approx(moving.momentum, rel=1e-9)
+    assert (rows[0] - rows[1]) / STEP @ parameters(robot) == pytest.approx(moving.rate, rel=1e-7)
+
+
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+def test_the_inertia_about_the_line_is_the_composites_with_its_parallel_axis(robot, diagonal):
+    state = random_state(robot, 7)
+    lift = frozen_lift(robot, diagonal, state)
+    _, inertia = equation_of(robot, lift).rows(nothing_wrong(robot))
+    moving, body = Moving(robot, diagonal, state), composite_parameters(robot, state[0])
+    arm = np.cross(moving.left, body.com - moving.point)
+    expected = moving.left @ body.inertia @ moving.left + body.mass * arm @ arm
+    assert inertia.shape == (1, 10 + len(robot.joint_names))
+    assert inertia[0] @ parameters(robot) == pytest.approx(expected, rel=1e-9)
+
+
+def test_noise_of_joint_velocities_reaches_y_as_pinocchio_says(robot):
+    position, velocity, turning, up = random_state(robot, 8)
+    state = (position, velocity, 0 * turning, up)
+    expected = [
+        Moving(robot, "FR_RL", (position, unit, 0 * turning, up)).momentum for unit in np.eye(len(robot.joint_names))
+    ]
+    found = equation_of(robot, frozen_lift(robot, "FR_RL", state)).velocity_sensitivity(
+        nothing_wrong(robot), parameters(robot)
+    )
+    assert found == pytest.approx([np.linalg.norm(expected)], rel=1e-9)
+
+
+# --- motions that obey the laws of mechanics
+
+
+def toppling(robot, diagonal="FL_RR", posture=None, **kind):
+    """A pendulum with the CoM 6 mm off its line, in a posture."""
+    stance = nominal_stance(robot)
+    com = composite_parameters(robot, stance.joint_position).com
+    posture = posture or BodyPosture()
+    feet = feet_in_posture(stance, com, posture, diagonal, 0.006)
+    position = inverse_kinematics(robot, feet, stance.joint_position, tolerance=1e-4)
+    return pendulum(robot, position, diagonal, posture.rotation[2], **kind)
+
+
+def residual(robot, lift, shift=(0.0, 0.0, 0.0), biases=None):
+    """How y wanders, over the moment of inertia about the line [rad/s].
+
+    Args:
+        shift: of the whole robot's CoM from the model's [m].
+    """
+    rows, inertia = equation_of(robot, lift).rows(biases or nothing_wrong(robot))
+    vector = parameters(robot)
+    vector[1:4] += robot.mass * np.asarray(shift)
+    return wandering(rows @ vector) / float(inertia[0] @ parameters(robot))
+
+
+POSTURES = {
+    "nominal": BodyPosture(),
+    "rolled": BodyPosture(roll=0.2, crouch=0.1),
+    "pitched and yawed": BodyPosture(pitch=-0.2, yaw=0.2, crouch=0.1),
+}
+
+
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+@pytest.mark.parametrize("posture", POSTURES.values(), ids=POSTURES)
+@pytest.mark.parametrize("name", ["a1", "skewed"])
+def test_y_is_constant_while_a_robot_topples_on_rolling_feet_and_not_for_another_com(request, name, posture, diagonal):
+    robot = request.getfixturevalue(name)
+    lift = toppling(robot, diagonal, posture)
+    assert Rotation.from_matrix(lift.rotation_to_rest[-1]).magnitude() > 0.02  # it did topple
+    exact = residual(robot, lift)
+    assert exact < 1e-6
+    left, right = (nominal_stance(robot).feet_in_base[foot] for foot in sides(diagonal))
+    normal = np.cross(left - right, posture.rotation[2])
+    assert residual(robot, lift, 2e-3 * normal / np.linalg.norm(normal)) > 5e-3
+
+
+def test_y_is_constant_on_feet_of_no_size_too_and_the_size_tells(a1):
+    without = toppling(a1, radius=0.0)
+    assert residual(a1, without, biases=replace(nothing_wrong(a1), foot_radius=0.0)) < 1e-6
+    assert residual(a1, without) > 1e-3
+
+
+def test_y_is_constant_for_legs_of_two_joints(two_jointed):
+    assert residual(two_jointed, toppling(two_jointed)) < 1e-6
+
+
+def test_the_height_of_the_com_shows_in_a_tilted_posture(a1):
+    """What a level line cannot see: 5 mm up or down."""
+    level, rolled = (toppling(a1, posture=POSTURES[name]) for name in ("nominal", "rolled"))
+    up = [0, 0, 5e-3]
+    assert residual(a1, rolled, up) > 5 * residual(a1, level, up)
+
+
+def test_a_simulated_lift_with_the_body_turning_agrees_with_the_truth_and_not_with_another_com(a1, ideal_motions):
+    evidence = read_evidence(a1, ideal_motions.stance, [ideal_motions.lift])
+    lift = evidence.motions[0].lift
+    assert np.abs(lift.joint_velocity).max() > 0.5  # the legs are moving
+    exact = residual(a1, lift)
+    assert exact < 6e-3  # [rad/s]: contacts that give
+    assert residual(a1, lift, [2e-3, 0, 0]) > 3 * exact
+    assert residual(a1, lift, [-2e-3, 0, 0]) > 3 * exact
+
+
+# --- sensors that are off
+
+
+def seen_by(robot, lift, biases):
+    """The lift as sensors with these biases record it (their clock apart)."""
+    tilt = Rotation.from_rotvec(biases.imu_tilt).as_matrix()
+    return replace(
+        lift,
+        joint_position=lift.joint_position + biases.joint_zero,
+        angular_velocity=lift.angular_velocity @ tilt,
+        angular_acceleration=lift.angular_acceleration @ tilt,
+        rotation_to_rest=tilt.T @ lift.rotation_to_rest @ tilt,
+        rest_acceleration=tilt.T @ lift.rest_acceleration + biases.accelerometer_bias,
+    )
+
+
+@pytest.mark.parametrize("name", ["a1", "skewed"])
+def test_known_biases_of_sensors_are_taken_off(request, name):
+    robot, generator = request.getfixturevalue(name), np.random.default_rng(4)
+    biases = replace(
+        nothing_wrong(robot),
+        joint_zero=5e-3 * generator.standard_normal(len(robot.joint_names)),
+        imu_tilt=0.02 * generator.standard_normal(3),
+        accelerometer_bias=0.1 * generator.standard_normal(3),
+    )
+    lift = toppling(robot, posture=POSTURES["rolled"])
+    biased = seen_by(robot, lift, biases)
+    expected, found = rows_of(robot, lift), rows_of(robot, biased, biases=biases)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert np.abs(rows_of(robot, biased) - expected).max() > 1e-3
+
+
+def test_a_known_offset_of_the_clocks_is_taken_off(a1):
+    late = 2e-3
+    lift, younger = toppling(a1), toppling(a1, late=late)
+    expected = rows_of(a1, lift) @ parameters(a1)
+
+    def miss(offset):
+        rows = rows_of(a1, younger, biases=replace(nothing_wrong(a1), clock_offset=offset))
+        return np.abs(rows @ parameters(a1) - expected).max()
+
+    missed, found = miss(0.0), miss(late)
+    assert missed > 1e-3
+    assert found < 0.05 * missed
+
+
+def test_trials_are_kept_apart(a1):
+    lifts = [toppling(a1, diagonal, step=0.01) for diagonal in DIAGONALS]
+    equation = equation_of(a1, *lifts)
+    rows, inertia = equation.rows(nothing_wrong(a1))
+    for number, (trial, lift) in enumerate(zip(equation.trials, lifts, strict=True)):
+        alone, alone_inertia = equation_of(a1, lift).rows(nothing_wrong(a1))
+        np.testing.assert_allclose(rows[trial], alone, atol=1e-14)
+        np.testing.assert_allclose(inertia[number], alone_inertia[0], atol=1e-14)
+
+
+# --- one lift alone: how far the CoM is from where it is thought to be
+
+
+@pytest.mark.parametrize("diagonal", DIAGONALS)
+@pytest.mark.parametrize("distance", [-0.012, 0.0, 0.004])
+def test_the_distance_of_the_com_from_where_it_is_thought_to_be_is_found(a1, diagonal, distance):
+    stance = nominal_stance(a1)
+    left, right = (stance.feet_in_base[foot] for foot in sides(diagonal))
+    normal = np.cross(left - right, [0, 0, 1])
+    normal /= np.linalg.norm(normal)
+    base = a1.pinocchio.inertias[1]
+    moved = base.toDynamicParameters()
+    moved[1:4] += a1.mass * distance * normal
+    lever = moved[1:4] / base.mass
+    truth = a1.with_base(pin.Inertia(base.mass, lever, base.inertia))
+    found = centre_shift(a1, pendulum(truth, np.array(stance.joint_position), diagonal, np.array([0.0, 0, 1])))
+    assert found.normal == pytest.approx(normal, abs=1e-3)
+    assert found.normal[0] > 0
+    assert found.distance == pytest.approx(distance, abs=0.05 * abs(distance) + 1e-4)

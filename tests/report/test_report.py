@@ -1,0 +1,341 @@
+"""What the report says, and the file that says it."""
+
+import dataclasses
+import html
+import json
+import re
+import zipfile
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plotly.offline import get_plotlyjs
+
+from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
+from equipoise.errors import OutputError, SettingsError
+from equipoise.experiments.tilt import SupportPlane, tilt_curve
+from equipoise.precise.parameters import COMPONENTS
+from equipoise.report.advice import outlook
+from equipoise.report.blocks import short
+from equipoise.report.comparison import comparison_contents
+from equipoise.report.contents import run_contents
+from equipoise.report.numbers import bar, numbers, tell
+from equipoise.report.page import page, save_comparison, save_report
+from equipoise.report.planes import support_planes
+from equipoise.report.progress import deviations_by_motion
+from equipoise.report.top_view import cut, ellipse
+from equipoise.report.trials import narrowing
+
+ROOT = Path(__file__).parents[2]
+LARGEST = 8_000_000  # [B]
+
+
+@pytest.fixture(scope="module")
+def precise(precise_run):
+    return precise_run.result.with_truth(precise_run.truth)
+
+
+@pytest.fixture(scope="module")
+def paper():
+    robot = load_robot("unitree_a1")
+    with simulate(robot, "ideal") as simulation:
+        return calibrate(simulation.platform, robot, CalibrationSettings("paper")).with_truth(simulation.truth)
+
+
+@pytest.fixture(scope="module")
+def static():
+    robot = load_robot("unitree_a1")
+    with simulate(robot, "ideal") as simulation:
+        return calibrate(simulation.platform, robot, CalibrationSettings("static"))
+
+
+def blocks(contents, kind):
+    """All blocks of a kind, those within others too."""
+    found = [block for section in contents["sections"] for block in section["blocks"]]
+    found += [figure for block in found for figure in block.get("figures", [])]
+    return [block for block in found if block["type"] == kind]
+
+
+def titles(contents):
+    return [section["title"] for section in contents["sections"]]
+
+
+def stored(text):
+    """The contents as a page holds them."""
+    return json.loads(re.search(r'id="contents">(.*?)</script>', text, re.DOTALL).group(1))
+
+
+# --- what is on it
+
+
+def test_a_precise_run_shows_all_parts(precise):
+    contents = run_contents(precise)
+    assert titles(contents) == [
+        "Trials", "In space", "Sways", "Residuals", "Sensors", "What would help", "Other bodies", "Checks", "Provenance",
+    ]  # fmt: skip
+    figures = [figure["title"] for figure in blocks(contents, "figure")]
+    for title in ("Lifts on FL_RR", "Lifts on FR_RL", "Misfit of each motion", "Support planes and centre of mass"):
+        assert title in figures
+    assert len(contents["numbers"]["rows"]) == 10
+
+
+def test_the_papers_method_shows_its_search(paper):
+    contents = run_contents(paper)
+    figures = [figure["title"] for figure in blocks(contents, "figure")]
+    for title in ("The search closes in", "Error by iteration", "Sway about yaw: joint torques", "Tilt by offset"):
+        assert title in figures
+    assert "does not find the whole robot's mass, CoM z, Ixx" in contents["lead"]
+    assert "gives no intervals" in blocks(contents, "text")[0]["text"]
+
+
+def test_the_last_error_by_iteration_is_that_of_the_result(paper):
+    (figure,) = (f for f in blocks(run_contents(paper), "figure") if f["title"] == "Error by iteration")
+    error = 1000 * np.hypot(*(np.array(paper.composite.com_in_base[:2]) - paper.truth.composite.com[:2]))
+    assert figure["data"][0]["y"][-1] == pytest.approx(error, rel=1e-3)
+
+
+def test_the_static_method_leaves_out_what_it_does_not_know(static):
+    contents = run_contents(static)
+    assert titles(contents) == ["Trials", "In space", "What would help", "Provenance"]
+    assert [row[0] for row in contents["numbers"]["rows"]] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
+    assert len(contents["top_view"]["feet"]) == 4
+
+
+def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
+    precise.save(tmp_path / "result.json")
+    contents = run_contents(Calibration.load(tmp_path / "result.json"))
+    assert titles(contents) == ["Trials", "Sways", "Residuals", "Sensors", "Other bodies", "Checks", "Provenance"]
+    assert contents["numbers"] == run_contents(precise)["numbers"]
+    assert "feet" not in contents["top_view"]
+
+
+def test_the_lead_says_the_change_against_the_model(precise):
+    change = precise.composite.mass - precise.nominal.composite.mass
+    assert f"{change:.2f} kg more than its model file says" in run_contents(precise)["lead"]
+    same = dataclasses.replace(precise, nominal=precise.truth)
+    assert "as its model file says, within the interval" in run_contents(same)["lead"]
+
+
+def test_failed_checks_are_alerts_and_warnings_where_there_are_no_checks(precise, paper):
+    failed = dataclasses.replace(precise.checks[0], passed=False)
+    contents = run_contents(dataclasses.replace(precise, checks=(failed,), warnings=("unused",)))
+    assert contents["alerts"] == [{"name": f"Check failed: {failed.name}", "message": failed.message}]
+    contents = run_contents(dataclasses.replace(paper, warnings=("the legs sag",)))
+    assert contents["alerts"] == [{"name": "Warning", "message": "the legs sag"}]
+
+
+# --- the numbers
+
+
+def test_numbers_are_the_results_in_the_terminals_units(precise):
+    mass, com_x, *_ = numbers(precise)
+    interval = precise.uncertainty["composite"].intervals["com_x"]
+    assert (com_x.label, com_x.verdict) == ("CoM x [mm]", interval.verdict)
+    assert com_x.half == pytest.approx(1960 * interval.deviation)
+    assert com_x.error == pytest.approx(1000 * (precise.composite.com_in_base[0] - precise.truth.composite.com[0]))
+    assert mass.change == pytest.approx(precise.composite.mass - precise.nominal.composite.mass)
+
+
+def test_a_bar_keeps_the_order_of_what_it_shows(precise):
+    for one in numbers(precise):
+        drawn = bar(one)
+        assert 0 <= drawn["low"] < drawn["value"] < drawn["high"] <= 1
+        for kind, place in drawn["marks"].items():
+            assert 0 <= place <= 1
+            assert (place < drawn["value"]) == (getattr(one, kind) < one.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "said"),
+    [
+        (None, ".2f", "–"),
+        (-0.001, ".2f", "0.00"),
+        (-0.001, "+.2f", "+0.00"),
+        (-1.5, ".1f", "−1.5"),
+        (2.0, "+.1f", "+2.0"),
+    ],
+)
+def test_numbers_are_told_with_a_true_minus_and_no_minus_zero(value, form, said):
+    assert tell(value, form) == said
+
+
+def test_curves_are_rounded_and_gaps_are_none():
+    assert short([1.234567, np.nan, np.inf, 0.0]) == [1.235, None, None, 0.0]
+
+
+# --- geometry
+
+
+def test_the_ellipse_holds_95_percent():
+    covariance = np.array([[2.0, 1.2], [1.2, 1.5]])
+    drawn = ellipse(covariance)
+    points = np.random.default_rng(1).multivariate_normal([0, 0], covariance, 40_000)
+    angle = np.radians(drawn["angle"])
+    along = points @ [np.cos(angle), np.sin(angle)]
+    across = points @ [-np.sin(angle), np.cos(angle)]
+    inside = (along / drawn["major"]) ** 2 + (across / drawn["minor"]) ** 2 <= 1
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.005)
+
+
+def test_a_cut_lies_in_its_plane():
+    normal = np.array([0.8, 0.5, 0.3]) / np.linalg.norm([0.8, 0.5, 0.3])
+    plane = SupportPlane(np.array([0.01, -0.02, -0.3]), normal)
+    line = cut(plane, 0.02)
+    for reach in (-100, 0, 100):
+        x, y = (np.array(line["at"]) + reach * np.array(line["along"])) / 1000
+        assert plane.distance_to(np.array([x, y, 0.02])) == pytest.approx(0, abs=1e-5)
+
+
+def test_the_planes_of_the_lifts_pass_near_the_com(precise):
+    planes = support_planes(precise)
+    assert len(planes) == sum(motion.lift is not None for motion in precise.evidence.motions)
+    com = np.array(precise.composite.com_in_base)
+    assert np.median([abs(plane.distance_to(com)) for _, plane in planes]) < 3e-3
+
+
+# --- trials
+
+
+def test_bounds_narrow_to_those_of_the_support_line(paper):
+    for diagonal, line in paper.support_lines.items():
+        lifts = [trial for trial in paper.trials if trial.about == diagonal]
+        lower, upper = narrowing(lifts, (-0.06, 0.06))
+        assert np.all(np.diff(lower) >= 0)
+        assert np.all(np.diff(upper) <= 0)
+        if lifts[-1].verdict != "balanced":
+            assert (lower[-1], upper[-1]) == (line.lower, line.upper)
+
+
+def test_a_tilt_curve_ends_where_the_trial_was_judged(paper):
+    lifts = [r for r in paper.evidence.recordings if r.trial["kind"] == "lift" and r.has_phase("lower")]
+    for recording, trial in zip(lifts, (t for t in paper.trials if t.kind == "lift"), strict=True):
+        time, angle = tilt_curve(paper.robot_model, recording, trial.about, 40)
+        assert len(time) == len(angle) <= 40
+        assert time[0] == 0.0
+        assert angle[-1] == pytest.approx(trial.tilt, abs=0.1 * abs(trial.tilt) + 2e-3)
+
+
+def test_intervals_narrow_motion_by_motion_to_what_was_found(precise):
+    posterior = precise.evidence.posterior
+    path = deviations_by_motion(posterior, [motion.index for motion in precise.evidence.motions])
+    assert np.all(np.diff(path, axis=0) <= 1e-9 * path[0])
+    np.testing.assert_allclose(path[-1], np.sqrt(np.diag(posterior.robot_covariance)), rtol=1e-6)
+
+
+# --- what would help
+
+
+def test_more_evidence_never_widens_an_interval(precise):
+    seen = outlook(precise, precise.robot_model, precise.evidence.posterior)
+    now, with_scale, more, both = seen.intervals.values()
+    assert np.all(with_scale <= now)
+    assert np.all(more <= now)
+    assert np.all(both <= np.minimum(with_scale, more) * (1 + 0.3))  # another plan may choose otherwise
+    assert with_scale[0] <= 1.96 * 0.005 * precise.composite.mass
+    np.testing.assert_allclose(
+        now, [1.96 * precise.uncertainty["composite"].intervals[n].deviation for n in COMPONENTS]
+    )
+    assert seen.motions
+
+
+def test_a_robot_that_was_weighed_is_not_told_to_be(precise):
+    settings = {**precise.settings, "precise": {**precise.settings["precise"], "mass": 13.9}}
+    seen = outlook(dataclasses.replace(precise, settings=settings), precise.robot_model, precise.evidence.posterior)
+    assert len(seen.intervals) == 2
+
+
+# --- the file
+
+
+def test_the_page_is_one_small_file_that_names_no_other(precise, tmp_path):
+    path = save_report(precise, tmp_path)
+    text = path.read_text(encoding="utf-8")
+    assert path == tmp_path / "report.html"
+    assert path.stat().st_size < LARGEST
+    assert text.count(get_plotlyjs()) == 1
+    ours = text.replace(get_plotlyjs(), "")
+    assert set(re.findall(r"https?://[^\s\"'<>]+", ours)) == {"http://www.w3.org/2000/svg"}  # a name, not an address
+    assert not re.search(r"<(link|img|iframe)\b|\bsrc=|@import|url\((?!#)", ours)
+    assert "default-src 'none'" in ours
+
+
+def test_what_the_page_holds_is_what_was_said(precise):
+    contents = run_contents(precise)
+    assert stored(page(contents)) == contents
+
+
+def test_no_name_ends_the_script_that_holds_it(static):
+    name = "</script><script>alert(1)</script> {{plotly}} \u2028"
+    contents = run_contents(dataclasses.replace(static, robot=name))
+    text = page(contents)
+    assert text.count("<script") == page(run_contents(static)).count("<script")
+    assert f"<title>{html.escape(name)}: equipoise</title>" in text
+    assert stored(text)["title"] == name
+
+
+@pytest.mark.parametrize("path", ["file/report.html", "file/inside/report.html"])
+def test_a_report_that_cannot_be_written_is_an_output_error(static, tmp_path, path):
+    (tmp_path / "file").write_text("in the way", encoding="utf-8")
+    with pytest.raises(OutputError, match="cannot write the report"):
+        save_report(static, tmp_path / path)
+
+
+def test_the_package_that_is_built_has_the_page(tmp_path):
+    from hatchling.builders.wheel import WheelBuilder  # noqa: PLC0415 - a build tool
+
+    (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    packed = {name for name in zipfile.ZipFile(wheel).namelist() if "report/page/" in name}
+    there = {f"equipoise/report/page/{file.name}" for file in files("equipoise.report").joinpath("page").iterdir()}
+    assert packed == there
+    assert {Path(name).suffix for name in packed} == {".html", ".css", ".js"}
+
+
+# --- comparing
+
+
+def test_ellipses_beside_each_other_are_seen_whole(precise):
+    known = precise.uncertainty["composite"]
+    wide = dataclasses.replace(known, covariance=tuple(tuple(16 * v for v in row) for row in known.covariance))
+    before = dataclasses.replace(precise, uncertainty={**precise.uncertainty, "composite": wide})
+    x, y, z = precise.composite.com_in_base
+    there = (x + 2e-3 * ellipse(1e6 * np.array(wide.covariance)[1:3, 1:3])["major"], y, z)
+    after = dataclasses.replace(before, composite=dataclasses.replace(precise.composite, com_in_base=there))
+    seen = comparison_contents({"before": before, "after": after})["top_view"]
+    for mark in seen["marks"]:
+        away = np.abs(np.array(mark["at"]) - seen["zoom"]["centre"]).max()
+        assert away + mark["ellipse"]["major"] < seen["zoom"]["half"]
+
+
+def test_a_difference_has_the_combined_interval(precise, static):
+    other = dataclasses.replace(precise, composite=precise.composite)
+    contents = comparison_contents({"before": precise, "after": other})
+    table = next(block for block in blocks(contents, "table") if block["caption"] == "after less before")
+    half = numbers(precise)[0].half
+    assert table["rows"][0] == [
+        "mass [kg]", {"text": "+0.000", "tone": ""}, f"± {np.sqrt(2) * half:.3f}", "within the interval",
+    ]  # fmt: skip
+    assert len(contents["top_view"]["marks"]) == 2
+    mixed = comparison_contents({"precise": precise, "static": static})
+    table = next(block for block in blocks(mixed, "table") if block["caption"] == "static less precise")
+    assert [row[0] for row in table["rows"]] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
+    assert table["rows"][0][2:] == ["", ""]
+
+
+def test_what_differs_in_provenance_stands_out(precise):
+    other = precise.with_provenance(seed=9)
+    contents = comparison_contents({"a": precise.with_provenance(seed=8), "b": other})
+    (table,) = (block for block in blocks(contents, "table") if block["caption"].startswith("Where"))
+    rows = {row[0]: row[1:] for row in table["rows"]}
+    assert rows["seed"] == [{"text": "8", "tone": "strong"}, {"text": "9", "tone": "strong"}]
+    assert all(cell["tone"] == "" for cell in rows["method"])
+
+
+def test_different_robots_are_called_so(precise):
+    contents = comparison_contents({"a": precise, "b": dataclasses.replace(precise, robot="other")})
+    assert contents["lead"].startswith("These are 2 different robots")
+
+
+def test_one_run_is_no_comparison(precise, tmp_path):
+    with pytest.raises(SettingsError, match="1 runs cannot be compared; give at least two"):
+        save_comparison({"alone": precise}, tmp_path / "comparison.html")

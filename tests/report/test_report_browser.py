@@ -1,0 +1,164 @@
+"""The report in a real browser: drawn whole, without a request or an error, in both themes, on paper and on a telephone."""
+
+import dataclasses
+
+import pytest
+from browser import open_browser
+
+from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise.report.page import save_comparison, save_report
+
+DRAW_ALL = "() => drawAll().then(() => null)"
+DRAWN = """() => figures.map((figure) => Boolean(
+    figure.plot.querySelector(figure.block.webgl ? 'canvas' : '.cartesianlayer .trace path')))"""
+KINDS = ("precise", "paper", "comparison")
+FIGURES = {"precise": 8, "paper": 12, "comparison": 2}  # at least
+
+
+@pytest.fixture(scope="module")
+def browser():
+    yield from open_browser()
+
+
+@pytest.fixture(scope="module")
+def results(a1, precise_run):
+    with simulate(a1, "realistic", seed=4) as simulation:
+        paper = calibrate(simulation.platform, a1, CalibrationSettings("paper")).with_truth(simulation.truth)
+    return {"precise": precise_run.result.with_truth(precise_run.truth), "paper": paper}
+
+
+@pytest.fixture(scope="module")
+def pages(results, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reports")
+    files = {name: save_report(result, folder / f"{name}.html") for name, result in results.items()}
+    return {**files, "comparison": save_comparison(results, folder / "comparison.html")}
+
+
+@pytest.fixture
+def visit(browser):
+    """Opens a file and collects what goes wrong in it; checked when the test is over."""
+    contexts, problems, requests = [], [], []
+
+    def open_page(path, width=1280, height=800, init=None, **options):
+        context = browser.new_context(viewport={"width": width, "height": height}, offline=True, **options)
+        contexts.append(context)
+        page = context.new_page()
+        if init is not None:
+            page.add_init_script(init)
+        page.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.on("requestfailed", lambda request: problems.append(request.url))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(path.as_uri())
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert problems == []
+    assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_figure_is_drawn(visit, pages, kind):
+    page = visit(pages[kind])
+    page.evaluate(DRAW_ALL)
+    page.wait_for_timeout(300)
+    drawn = page.evaluate(DRAWN)
+    assert len(drawn) >= FIGURES[kind]
+    assert all(drawn)
+    assert page.locator("#top-view svg ellipse").count() == {"precise": 1, "paper": 0, "comparison": 1}[kind]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_first_screen_holds_the_numbers_and_the_picture(visit, pages, kind):
+    page = visit(pages[kind])
+    for part in ("#numbers tbody tr >> nth=0", "#numbers tbody tr >> nth=-1", "#top-view .panels"):
+        box = page.locator(part).bounding_box()
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= 800, part
+        assert box["x"] + box["width"] <= 1280, part
+    assert page.evaluate(
+        "document.querySelector('#numbers .scroll').scrollWidth <= document.querySelector('#numbers').clientWidth"
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_telephone_scrolls_one_way(visit, pages, kind):
+    page = visit(pages[kind], width=400)
+    page.evaluate(DRAW_ALL)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+
+
+def test_the_theme_is_the_systems_until_the_button_says_otherwise(visit, pages):
+    page = visit(pages["paper"], color_scheme="dark")
+    background = "getComputedStyle(document.body).backgroundColor"
+    button = page.locator("#theme")
+    assert button.get_attribute("aria-pressed") == "true"
+    dark = page.evaluate(background)
+    page.evaluate(DRAW_ALL)
+    ink = "figures[0].plot._fullLayout.font.color"
+    ink_in_dark = page.evaluate(ink)
+    button.focus()
+    page.keyboard.press("Enter")
+    assert button.get_attribute("aria-pressed") == "false"
+    assert page.evaluate(background) == "rgb(255, 255, 255)" != dark
+    assert page.evaluate(ink) != ink_in_dark
+
+
+def test_paper_gets_every_figure_unasked(visit, pages):
+    page = visit(pages["precise"], color_scheme="dark")
+    page.pdf(path=pages["precise"].with_suffix(".pdf"), format="A4")
+    assert pages["precise"].with_suffix(".pdf").read_bytes().startswith(b"%PDF")
+    assert all(page.evaluate(DRAWN))
+    assert page.evaluate("figures.find((figure) => figure.block.webgl).printed.src").startswith("data:image/png")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"  # again
+
+
+def test_figures_below_are_drawn_when_they_come_near(visit, pages):
+    page = visit(pages["precise"])
+    page.wait_for_timeout(200)
+    assert not page.evaluate("figures.at(-1).drawn")
+    page.evaluate("figures.at(-1).plot.scrollIntoView()")
+    page.wait_for_function("figures.at(-1).drawn")
+
+
+def test_the_scene_looks_at_the_robot_or_at_the_com(visit, pages):
+    page = visit(pages["precise"])
+    page.evaluate(DRAW_ALL)
+    width = "(() => { const [a, b] = figures.find((f) => f.block.webgl).plot._fullLayout.scene.xaxis.range; return b - a; })()"
+    far = page.evaluate(width)
+    page.get_by_role("button", name="around the CoM").click()
+    page.wait_for_timeout(300)
+    assert page.evaluate(width) < far / 5
+
+
+def test_without_webgl_a_sentence_stands_in_for_the_scene(visit, pages):
+    no_webgl = """const own = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+          return kind.includes('webgl') ? null : own.call(this, kind, ...more); };"""
+    page = visit(pages["precise"], init=no_webgl)
+    page.evaluate(DRAW_ALL)
+    assert "no WebGL" in page.locator("#scene").inner_text()
+
+
+def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
+    name = "</script><script>window.hurt = 1</script><img src=x onerror='window.hurt = 1'>"
+    result = dataclasses.replace(results["precise"], robot=name)
+    for path in (
+        save_report(result, tmp_path / "one.html"),
+        save_comparison({name: result, "<b>other": results["precise"]}, tmp_path / "two.html"),
+    ):
+        page = visit(path)
+        page.evaluate("figures.filter((figure) => !figure.block.webgl).forEach((figure) => draw(figure))")
+        assert page.evaluate("window.hurt") is None
+        assert name in page.locator("main").inner_text()
+
+
+def test_failed_checks_come_first(visit, results, tmp_path):
+    checks = [dataclasses.replace(check, passed=False) for check in results["precise"].checks[:2]]
+    page = visit(save_report(dataclasses.replace(results["precise"], checks=tuple(checks)), tmp_path / "failed.html"))
+    alerts, numbers = page.locator("#alerts"), page.locator("#numbers table")
+    assert alerts.inner_text().count("Check failed:") == 2
+    assert alerts.bounding_box()["y"] < numbers.bounding_box()["y"]
+    assert numbers.bounding_box()["y"] + numbers.bounding_box()["height"] < 800

@@ -1,0 +1,271 @@
+"""The result: its JSON form, its errors against a truth, and the model with what was found."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from robots import load_text, quadruped_urdf
+
+from equipoise import (
+    Calibration,
+    CalibrationSettings,
+    ComSearchSettings,
+    InertialParameters,
+    RobotDescription,
+    SwaySettings,
+    calibrate,
+    nominal_stance,
+    simulate,
+)
+from equipoise.errors import NotEstimatedError, OutputError, RecordingError
+from equipoise.result.calibration import BodyEstimate, inertia_from_dict, inertia_to_dict
+from equipoise.robot.inertial import nominal_inertia
+
+SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+BASE = InertialParameters(
+    6.2, np.array([0.02, -0.003, 0.03]), np.array([[0.03, 1e-3, 2e-3], [1e-3, 0.07, -1e-3], [2e-3, -1e-3, 0.08]])
+)
+
+
+@pytest.fixture(scope="module")
+def without_truth(a1):
+    with simulate(a1, "ideal") as simulation:
+        return calibrate(simulation.platform, a1, SETTINGS).with_provenance(seed=0), simulation.truth
+
+
+@pytest.fixture(scope="module")
+def calibration(without_truth):
+    return without_truth[0].with_truth(without_truth[1])
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "calibration.json"
+
+
+# --- JSON
+
+
+def test_what_is_loaded_is_what_was_saved(calibration, path):
+    calibration.save(path)
+    assert Calibration.load(path).to_dict() == calibration.to_dict()
+    assert Calibration.load(path).to_json() == calibration.to_json() == path.read_text()
+
+
+def test_a_result_without_a_truth_is_kept_too(without_truth, path):
+    without_truth[0].save(path)
+    table = json.loads(path.read_text())
+    assert table["truth"] is table["errors"] is None
+    assert Calibration.load(path).to_dict() == table
+
+
+def test_the_json_keys_are_those_that_others_rely_on(calibration):
+    table = json.loads(calibration.to_json())
+    assert list(table) == [
+        "schema", "robot", "method", "feet", "model", "stance", "composite", "base", "stance_effective", "uncertainty",
+        "sensors", "checks", "sways", "support_lines", "trials",
+        "settings", "provenance", "warnings", "nominal", "truth", "errors",
+    ]  # fmt: skip
+    assert table["schema"] == "equipoise.calibration/2"
+    assert table["robot"] == "unitree_a1"
+    assert table["method"] == "paper"
+    assert list(table["model"]) == ["format", "sha256", "base_link"]
+    body = ["mass", "com_in_base", "inertia"]
+    for name in ("composite", "base"):
+        assert list(table[name]) == list(table["errors"][name]) == body
+    for name in ("nominal", "truth"):
+        assert list(table[name]) == ["composite", "base", "stance_effective"]
+        assert all(list(each) == body for each in table[name].values())
+    assert list(table["sways"]) == ["roll", "pitch", "yaw"]
+    assert list(table["sways"]["yaw"]) == ["moment", "damping", "frequency", "amplitude", "note"]
+    assert list(table["support_lines"]) == ["FL_RR", "FR_RL"]
+    assert list(table["support_lines"]["FL_RR"]) == ["offset", "lower", "upper", "point", "normal"]
+    trial = ["kind", "about", "offset", "lift_height", "tilt", "verdict", "duration", "misfit", "note"]
+    assert all(list(each) == trial for each in table["trials"])
+
+
+def test_the_stance_is_told_by_joint_name(calibration, a1):
+    told = json.loads(calibration.to_json())["stance"]["joint_position"]
+    assert list(told) == list(a1.joint_names)
+    assert list(told.values()) == nominal_stance(a1).joint_position.tolist()
+
+
+def test_what_the_paper_does_not_estimate_is_null(calibration):
+    table = json.loads(calibration.to_json())
+    x, y, z = table["composite"]["com_in_base"]
+    assert isinstance(x, float)
+    assert isinstance(y, float)
+    assert z is table["composite"]["mass"] is table["composite"]["inertia"] is None
+    assert table["base"] == {"mass": None, "com_in_base": [None, None, None], "inertia": None}
+    assert table["errors"]["composite"]["com_in_base"][2] is None
+    assert table["errors"]["composite"]["inertia"] is None
+
+
+def test_the_json_is_strict(calibration):
+    json.dumps(calibration.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is not JSON"),
+        (b"{", "is not JSON"),
+        (b"\xff\xfe\x00", "is not JSON"),
+        (b"[]", "has the schema 'list'; this version reads 'equipoise.calibration/2'"),
+        (b"{}", "has the schema None; this version reads"),
+        (b'{"schema": "equipoise.calibration/1"}', "has the schema 'equipoise.calibration/1'; this version reads"),
+        (b'{"schema": "equipoise.calibration/2"}', "is damaged: KeyError"),
+    ],
+)
+def test_another_file_is_no_result(path, content, message):
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=rf"the result '.*calibration.json' {message}"):
+        Calibration.load(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("sways", []), ("sways", {"roll": {"moment": 1.0}}), ("sways", {"roll": {"colour": 1}}), ("trials", [{}]),
+        ("trials", None), ("composite", None), ("composite", {"mass": 1, "com_in_base": [1, 2], "inertia": None}),
+        ("support_lines", {"FL_RR": 3}), ("support_lines", [1]), ("stance", {}), ("stance", []), ("truth", {}),
+        ("nominal", None), ("nominal", {"composite": []}), ("warnings", None),
+    ],
+)  # fmt: skip
+def test_a_damaged_result_is_told(calibration, path, key, value):
+    path.write_text(json.dumps({**calibration.to_dict(), key: value}))
+    with pytest.raises(RecordingError, match=r"the result '.*calibration.json' is damaged: "):
+        Calibration.load(path)
+
+
+@pytest.mark.parametrize("key", ["robot", "method", "feet", "model", "settings", "provenance", "base"])
+def test_a_result_that_lacks_a_key_is_damaged(calibration, path, key):
+    path.write_text(json.dumps({name: value for name, value in calibration.to_dict().items() if name != key}))
+    with pytest.raises(RecordingError, match=f"is damaged: KeyError\\('{key}'\\)"):
+        Calibration.load(path)
+
+
+def test_a_place_that_cannot_be_written_or_read_is_named(calibration, tmp_path):
+    with pytest.raises(OutputError, match=r"cannot write '.*missing/calibration.json': No such file or directory"):
+        calibration.save(tmp_path / "missing" / "calibration.json")
+    with pytest.raises(RecordingError, match=r"cannot read the result '.*missing.json': No such file or directory"):
+        Calibration.load(tmp_path / "missing.json")
+
+
+# --- against the truth
+
+
+def test_errors_are_estimate_less_truth(calibration, without_truth):
+    _, truth = without_truth
+    errors = calibration.errors()
+    found = np.array(calibration.composite.com_in_base[:2])
+    assert errors["composite"]["com_in_base"][:2] == pytest.approx(found - truth.composite.com[:2])
+    for index, axis in enumerate(("roll", "pitch", "yaw")):
+        moment, errors_of_axis = calibration.sways[axis].moment, errors["moments_relative"][axis]
+        assert errors_of_axis == pytest.approx({
+            "against_stance_effective": moment / truth.stance_effective.inertia[index, index] - 1,
+            "against_composite": moment / truth.composite.inertia[index, index] - 1,
+        })  # fmt: skip
+
+
+def test_an_axis_without_an_estimate_has_no_error(calibration):
+    skipped = dataclasses.replace(calibration.sways["yaw"], moment=None, damping=None, note="skipped")
+    partial = dataclasses.replace(calibration, sways={**calibration.sways, "yaw": skipped})
+    assert list(partial.moment_errors()) == ["roll", "pitch"]
+
+
+def test_there_are_no_errors_without_a_truth(without_truth):
+    assert without_truth[0].errors() is None
+    assert without_truth[0].moment_errors() == {}
+
+
+def test_joining_facts_leaves_the_result_as_it_was(without_truth):
+    result, truth = without_truth
+    joined = result.with_truth(truth).with_provenance(payload=[1.0])
+    assert result.truth is None
+    assert "payload" not in result.provenance
+    assert joined.provenance == {**result.provenance, "payload": [1.0]}
+
+
+# --- one body
+
+
+def test_a_known_body_goes_there_and_back():
+    estimate = BodyEstimate.known(BASE)
+    again = BodyEstimate.from_dict(json.loads(json.dumps(estimate.to_dict())))
+    assert again == estimate
+    assert again.parameters().mass == BASE.mass
+    assert np.array_equal(again.parameters().com, BASE.com)
+    assert np.array_equal(again.parameters().inertia, BASE.inertia)
+
+
+@pytest.mark.parametrize(
+    ("estimate", "missing"),
+    [
+        (BodyEstimate(), "mass, inertia, com_in_base.x, com_in_base.y, com_in_base.z"),
+        (BodyEstimate(1.0, (0.0, 0.0, None), ((1, 0, 0), (0, 1, 0), (0, 0, 1))), "com_in_base.z"),
+        (BodyEstimate(None, (0.0, 0.0, 0.0), ((1, 0, 0), (0, 1, 0), (0, 0, 1))), "mass"),
+    ],
+)
+def test_a_body_that_is_not_known_names_what_is_missing(estimate, missing):
+    with pytest.raises(NotEstimatedError) as caught:
+        estimate.parameters()
+    assert str(caught.value) == f"this calibration does not know {missing}; its method does not estimate it"
+
+
+def test_the_difference_of_two_bodies_is_of_what_both_know():
+    known = BodyEstimate.known(BASE)
+    partial = BodyEstimate(6.0, (0.01, None, None))
+    assert partial.minus(known).to_dict() == {
+        "mass": pytest.approx(-0.2), "com_in_base": [pytest.approx(-0.01), None, None], "inertia": None,
+    }  # fmt: skip
+    assert not np.array(known.minus(known).inertia).any()
+
+
+def test_the_three_bodies_go_there_and_back(a1):
+    bodies = nominal_inertia(a1, nominal_stance(a1).joint_position)
+    again = inertia_from_dict(json.loads(json.dumps(inertia_to_dict(bodies))))
+    for field in dataclasses.fields(bodies):
+        assert np.array_equal(getattr(again, field.name).inertia, getattr(bodies, field.name).inertia)
+
+
+# --- the model with what was found
+
+
+def test_the_papers_method_gives_no_model(calibration):
+    with pytest.raises(NotEstimatedError, match=r"this calibration does not know mass, inertia, com_in_base\.x"):
+        calibration.to_pinocchio()
+
+
+def test_a_result_from_json_has_no_model_at_hand(calibration, path):
+    calibration.save(path)
+    with pytest.raises(NotEstimatedError, match="the robot model is not at hand: open the run folder instead"):
+        Calibration.load(path).to_pinocchio()
+
+
+def test_a_known_base_is_put_into_the_robots_own_model(calibration, a1):
+    before = [pin.Inertia(inertia) for inertia in a1.full_pinocchio.inertias]
+    model = dataclasses.replace(calibration, base=BodyEstimate.known(BASE)).to_pinocchio()
+    assert model.inertias[1].isApprox(BASE.to_pinocchio())
+    assert list(model.names) == list(a1.full_pinocchio.names)
+    for after, unchanged in list(zip(model.inertias, before, strict=True))[2:]:
+        assert after == unchanged
+    assert all(now == then for now, then in zip(a1.full_pinocchio.inertias, before, strict=True))
+
+
+def test_the_base_found_includes_the_arm_that_was_held_and_the_model_has_both(calibration, tmp_path):
+    held = {"arm_0": 0.7, "arm_1": -0.4}
+    robot = load_text(tmp_path, quadruped_urdf(arm_joints=2), RobotDescription(held=held))
+    result = dataclasses.replace(calibration, robot_model=robot, base=BodyEstimate.known(BASE))
+    model = result.to_pinocchio()
+    assert list(model.names) == list(robot.full_pinocchio.names)
+    for name in (*held, "FL_0"):
+        joint = model.getJointId(name)
+        assert model.inertias[joint] == robot.full_pinocchio.inertias[joint]
+    configuration = pin.neutral(model)
+    for name, position in held.items():
+        configuration[model.joints[model.getJointId(name)].idx_q] = position
+    locked = pin.buildReducedModel(model, [model.getJointId(name) for name in held], configuration)
+    assert locked.inertias[1].isApprox(BASE.to_pinocchio(), 1e-9)

@@ -1,0 +1,456 @@
+"""Sensor and actuator errors: their sizes, how they are drawn, and what of them a platform shows."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise.errors import SettingsError
+from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.model import A1_TORQUE_SCALE
+from equipoise.simulation.mujoco import MujocoPlatform
+from equipoise.simulation.sensors import IDEAL, PRESETS, REALISTIC, DrawnErrors
+
+JOINTS = 12
+PERIOD = 2e-3
+SEED = 5
+TORQUE_LIKE = {"torque_noise", "coulomb_friction", "viscous_friction", "armature"}
+
+
+def drawn(seed=SEED, joints=JOINTS, **sizes):
+    return DrawnErrors.draw(SensorErrors(**sizes), joints, seed)
+
+
+# --- sizes
+
+
+def test_realistic_is_the_table_of_an_a1():
+    assert dataclasses.asdict(REALISTIC) == {
+        "encoder_noise": 0.0003,  # rad
+        "joint_zero": 0.005,  # rad
+        "joint_velocity_noise": 0.03,  # rad/s
+        "gyro_noise": 0.003,  # rad/s
+        "gyro_bias": 0.002,  # rad/s
+        "accelerometer_noise": 0.05,  # m/s2
+        "accelerometer_bias": 0.03,  # m/s2
+        "imu_tilt": 0.005,  # rad
+        "torque_noise": 0.2,  # Nm
+        "coulomb_friction": 0.3,  # Nm
+        "viscous_friction": 0.05,  # Nm s/rad
+        "armature": 0.01,  # kg m2
+        "torque_gain": 0.03,
+        "leg_mass": 0.03,
+        "command_delay": 0.002,  # s
+        "sensor_delay": 0.002,  # s
+        "imu_clock_offset": 0.0005,  # s
+        "floor_friction": 0.8,
+        "floor_slope": 0.005,  # rad
+    }
+
+
+def test_ideal_has_no_error_at_all():
+    sizes = dataclasses.asdict(IDEAL)
+    assert sizes.pop("floor_friction") == 1.0
+    assert set(sizes.values()) == {0.0}
+    assert PRESETS == {"ideal": IDEAL, "realistic": REALISTIC}
+
+
+def test_torque_like_errors_scale_with_the_robot_and_nothing_else_does():
+    scaled = dataclasses.asdict(REALISTIC.scaled_to(3 * A1_TORQUE_SCALE))
+    for name, value in dataclasses.asdict(REALISTIC).items():
+        assert scaled[name] == pytest.approx(value * (3 if name in TORQUE_LIKE else 1))
+
+
+def test_the_reference_is_the_a1(a1):
+    assert a1.mass * 9.81 * nominal_stance(a1).hip_height == pytest.approx(A1_TORQUE_SCALE, rel=0.05)
+
+
+def test_a_preset_is_scaled_to_the_robot_and_errors_of_ones_own_are_not(a1):
+    scale = a1.mass * 9.81 * nominal_stance(a1).hip_height
+    sizes = simulate(a1, "realistic").platform._simulated.errors.sizes
+    assert sizes == REALISTIC.scaled_to(scale)
+    own = SensorErrors(torque_noise=0.7)
+    assert simulate(a1, own).platform._simulated.errors.sizes is own
+
+
+@pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(SensorErrors)])
+@pytest.mark.parametrize("value", [-1e-6, np.nan, np.inf])
+def test_negative_or_infinite_sizes_are_refused(name, value):
+    if name == "imu_clock_offset" and value == -1e-6:
+        assert SensorErrors(imu_clock_offset=value).imu_clock_offset == value  # IMU samples may be the older ones
+        return
+    with pytest.raises(SettingsError) as caught:
+        SensorErrors(**{name: value})
+    assert str(caught.value) == f"{name} is {value}; it must be a finite number, zero or more"
+
+
+def test_no_imu_sample_is_younger_than_its_reading():
+    assert SensorErrors(imu_clock_offset=1e-3, sensor_delay=1e-3)
+    with pytest.raises(
+        SettingsError, match=r"imu_clock_offset is 0.001 s and sensor_delay 0.0005 s: IMU samples would be"
+    ):
+        SensorErrors(imu_clock_offset=1e-3, sensor_delay=0.5e-3)
+
+
+# --- drawing
+
+
+def test_constants_are_drawn_once_per_seed():
+    first, again, other = (DrawnErrors.draw(REALISTIC, JOINTS, seed) for seed in (SEED, SEED, SEED + 1))
+    for field in dataclasses.fields(DrawnErrors):
+        if field.name not in ("sizes", "seed"):
+            value = getattr(first, field.name)
+            assert np.array_equal(value, getattr(again, field.name))
+            assert not np.allclose(value, getattr(other, field.name), rtol=1e-6, atol=1e-9)
+
+
+def test_constants_have_the_sizes_asked_for():
+    many = drawn(joints=20000, joint_zero=5e-3, torque_gain=0.03, leg_mass=0.02)
+    for value, mean, size in (
+        (many.joint_zero, 0, 5e-3), (many.torque_gain, 1, 0.03), (many.leg_mass_scale, 1, 0.02),
+    ):  # fmt: skip
+        assert value.mean() == pytest.approx(mean, abs=5 * size / np.sqrt(20000))
+        assert value.std() == pytest.approx(size, rel=0.03)
+    imu = [DrawnErrors.draw(REALISTIC, 1, seed) for seed in range(500)]
+    for name in ("gyro_bias", "accelerometer_bias", "imu_tilt"):
+        values = np.array([getattr(errors, name) for errors in imu])
+        assert values.shape == (500, 3)
+        assert values.std() == pytest.approx(getattr(REALISTIC, name), rel=0.1)
+
+
+def test_one_error_does_not_change_how_another_is_drawn():
+    alone, among = drawn(imu_tilt=5e-3), drawn(imu_tilt=5e-3, joint_zero=5e-3, gyro_bias=1e-3, floor_slope=0.1)
+    assert np.array_equal(alone.imu_tilt, among.imu_tilt)
+
+
+def test_the_slope_is_exact_and_its_direction_drawn():
+    directions = np.array([drawn(seed, floor_slope=0.1).gravity_direction for seed in range(200)])
+    assert np.allclose(np.linalg.norm(directions, axis=1), 1)
+    assert np.allclose(np.arccos(-directions[:, 2]), 0.1)
+    assert np.abs(directions[:, :2].mean(axis=0)).max() < 0.02
+    assert np.array_equal(drawn().gravity_direction, [0, 0, -1])
+
+
+def test_a_negative_seed_is_refused(a1):
+    with pytest.raises(SettingsError, match="the seed is -1; it must be zero or more"):
+        simulate(a1, "ideal", seed=-1)
+
+
+# --- noise
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    first=st.integers(0, 5000),
+    pieces=st.lists(st.integers(1, 1500), min_size=1, max_size=6),
+    seed=st.integers(0, 2**32),
+)
+def test_noise_does_not_depend_on_the_pieces_in_which_it_is_asked_for(first, pieces, seed):
+    errors = DrawnErrors.draw(REALISTIC, 4, seed)
+    whole = errors.noise(first, sum(pieces))
+    starts = first + np.cumsum([0, *pieces[:-1]])
+    parts = [errors.noise(int(start), count) for start, count in zip(starts, pieces, strict=True)]
+    assert np.array_equal(np.concatenate(parts), whole)
+
+
+def test_noise_has_the_sizes_asked_for_and_no_correlation():
+    errors = DrawnErrors.draw(REALISTIC, 4, SEED)
+    noise = errors.noise(0, 20000)
+    sizes = np.repeat([0.3e-3, 0.03, 0.2, 3e-3, 0.05], [4, 4, 4, 3, 3])
+    assert np.allclose(noise.std(axis=0), sizes, rtol=0.03)
+    unit = noise / sizes
+    assert np.abs(unit.mean(axis=0)).max() < 0.04
+    assert np.abs(unit.T @ unit / 20000 - np.eye(18)).max() < 0.04
+    assert np.abs((unit[:-1] * unit[1:]).mean(axis=0)).max() < 0.04
+
+
+def test_seeds_have_their_own_noise():
+    one, other = (DrawnErrors.draw(REALISTIC, 4, seed).noise(0, 10) for seed in (0, 1))
+    assert not np.isclose(one, other).any()
+
+
+def test_no_noise_is_none():
+    assert not drawn(joint_zero=1.0).noise(7, 30).any()
+    assert drawn(encoder_noise=1.0).noise(0, 0).shape == (0, 3 * JOINTS + 6)
+
+
+# --- what a platform shows of them
+
+
+def squat(robot, duration=0.6, depth=0.03):
+    """Down and up again, smoothly: joint targets."""
+    stance = nominal_stance(robot)
+    time = np.arange(round(duration / PERIOD)) * PERIOD
+    position, solved = stance.joint_position, []
+    for drop in depth * (1 - np.cos(2 * np.pi * time / duration)) / 2:
+        position = inverse_kinematics(robot, stance.feet_in_base + np.array([0, 0, drop]), position)
+        solved.append(position)
+    return Trajectory(np.array(solved))
+
+
+@pytest.fixture(scope="module")
+def motion(a1):
+    return squat(a1)
+
+
+@pytest.fixture(scope="module")
+def moved(a1, motion):
+    """Records the motion on a robot with some errors."""
+
+    def play(**sizes):
+        with simulate(a1, SensorErrors(**sizes), seed=SEED) as simulation:
+            return simulation.platform.play(motion)
+
+    return play
+
+
+@pytest.fixture(scope="module")
+def ideal(moved):
+    return moved()
+
+
+@pytest.fixture(scope="module")
+def resting(a1):
+    """Reads at rest from a robot with some errors."""
+
+    def read(**sizes):
+        with simulate(a1, SensorErrors(**sizes), seed=SEED) as simulation:
+            return simulation.platform.read()
+
+    return read
+
+
+@pytest.fixture
+def at_every_engine_step(a1):
+    """A platform whose control period is one engine step, and how many of them one usual control period takes.
+
+    Joints shake a little at each new command: read but once per command, positions do not say how fast joints are.
+    """
+    made = []
+
+    def make(**sizes):
+        usual = simulate(a1, SensorErrors(**sizes), seed=SEED).platform
+        step = usual._model.opt.timestep
+        made.extend([usual, MujocoPlatform(a1, usual._simulated, nominal_stance(a1), control_period=step)])
+        return made[-1], round(usual.control_period / step)
+
+    yield make
+    for platform in made:
+        platform.close()
+
+
+def lag_of(value, rate):
+    """By how much a rate comes after the derivative of the value that it belongs to [s]."""
+    time = PERIOD * np.arange(len(value))
+    slope = np.gradient(rate, PERIOD, axis=0)[5:-5]
+    return float(np.sum((CubicSpline(time, value)(time, 1) - rate)[5:-5] * slope) / np.sum(slope**2))
+
+
+def off_derivative(position, velocity, step):
+    """How far velocities are off the derivative of positions, and how far the engine's own, half a step late, are."""
+    off = (position[2:] - position[:-2]) / (2 * step) - velocity[1:-1]
+    return off, np.abs(np.diff(velocity, axis=0)).max() / 2
+
+
+def test_velocity_is_the_derivative_of_position_without_a_lag(at_every_engine_step, motion, ideal):
+    platform, steps = at_every_engine_step()
+    joints = platform.play(Trajectory(np.repeat(motion.position, steps, axis=0))).joints
+    off, half_step = off_derivative(joints.position, joints.velocity, platform.control_period)
+    assert half_step > 1e-3
+    assert np.abs(off).max() < 1e-9
+    assert np.allclose(ideal.joints.position, joints.position[::steps], atol=1e-9)
+    assert np.allclose(ideal.joints.velocity, joints.velocity[::steps], atol=1e-9)
+
+
+@pytest.mark.parametrize("delay", [0.0, 2e-3])
+def test_stepping_feels_velocities_without_a_lag_too(at_every_engine_step, motion, delay):
+    platform, steps = at_every_engine_step(command_delay=delay)
+    states = [platform.step(motion.command(index // steps)) for index in range(steps * len(motion.position))]
+    position, velocity = (np.array([getattr(s, f"joint_{name}") for s in states]) for name in ("position", "velocity"))
+    off, half_step = off_derivative(position, velocity, platform.control_period)
+    # Without any delay a new command that is about to act is not known to a reading; on average that is worth 0.06 ms.
+    surprised = (np.arange(1, len(states) - 1) + 1) % steps == 0 if delay == 0 else np.zeros(len(off), dtype=bool)
+    slope = np.gradient(velocity, platform.control_period, axis=0)[1:-1]
+    assert half_step > 1e-3
+    assert np.abs(off[~surprised]).max() < 1e-9
+    assert abs(np.sum((off * slope)[surprised])) <= 0.1e-3 * np.sum(slope[surprised] ** 2)
+
+
+def test_the_gyroscope_is_the_derivative_of_the_attitude_without_a_lag(a1):
+    stance = nominal_stance(a1)
+    drop = 0.007 * (1 - np.cos(4 * np.pi * np.arange(250) / 250))[:, None] * np.sign(stance.feet_in_base[:, 1])
+    position, attitude, gyro = stance.joint_position, [], []
+    with simulate(a1, SensorErrors(command_delay=2e-3)) as simulation:
+        platform = simulation.platform
+        for heights in drop:
+            position = inverse_kinematics(a1, stance.feet_in_base + heights[:, None] * [0, 0, 1], position)
+            state = platform.step(JointCommand(position))
+            attitude.append(platform._data.qpos[3:7].copy())
+            gyro.append(state.angular_velocity)
+    roll = 2 * np.array(attitude)[:, 1]
+    assert np.ptp(roll) > 0.03
+    assert abs(lag_of(roll[:, None], np.array(gyro)[:, :1])) < 0.05e-3
+
+
+def assert_streams_equal(one, other, streams, late=0, tolerance=1e-9):
+    """One recording is another, some samples later."""
+    for stream, name in streams:
+        values, before = getattr(getattr(one, stream), name), getattr(getattr(other, stream), name)
+        assert np.allclose(values[late:], before[: len(before) - late], rtol=0, atol=tolerance), name
+
+
+JOINT_STREAMS = (("joints", "position"), ("joints", "velocity"), ("joints", "torque"))
+IMU_STREAMS = (("imu", "angular_velocity"), ("imu", "acceleration"))
+
+
+@pytest.mark.parametrize("late", [1, 2, 5])
+def test_a_sensor_delay_makes_every_sample_old(moved, ideal, late):
+    delayed = moved(sensor_delay=late * PERIOD)
+    assert np.array_equal(delayed.joints.time, ideal.joints.time)
+    assert_streams_equal(delayed, ideal, JOINT_STREAMS + IMU_STREAMS, late)
+
+
+@pytest.mark.parametrize("delay", [0.3e-3, 1e-3, 2.5e-3])
+def test_a_sensor_delay_may_be_a_fraction_of_a_period(moved, ideal, delay):
+    expected = CubicSpline(ideal.joints.time, ideal.joints.position)(ideal.joints.time - delay)
+    off = moved(sensor_delay=delay).joints.position - expected
+    assert np.abs(off)[5:].max() < 0.02 * np.abs(ideal.joints.position - expected)[5:].max()
+
+
+@pytest.mark.parametrize("late", [1, 3])
+def test_a_command_delay_makes_the_robot_late(moved, ideal, late):
+    delayed = moved(command_delay=late * PERIOD)
+    assert np.array_equal(delayed.commands.position, ideal.commands.position)
+    # The robot still settled by some micrometres when it was asked to move.
+    assert_streams_equal(delayed, ideal, (("joints", "position"),), late, tolerance=5e-5)
+    assert np.abs(delayed.joints.position - ideal.joints.position).max() > 1e-3 * late
+
+
+@pytest.mark.parametrize("offset", [0.5e-3, 1.5e-3, -1e-3])
+def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
+    apart = moved(sensor_delay=2e-3, imu_clock_offset=offset)
+    assert np.array_equal(apart.imu.time, apart.joints.time)
+    assert_streams_equal(apart, moved(sensor_delay=2e-3), JOINT_STREAMS)
+    assert_streams_equal(apart, moved(sensor_delay=2e-3 - offset), IMU_STREAMS)
+    late = moved(sensor_delay=2e-3).imu.angular_velocity - apart.imu.angular_velocity
+    assert np.abs(late).max() > 1e-4
+
+
+def test_the_loop_closes_on_the_encoder_and_the_joint_goes_elsewhere(a1):
+    zero = drawn(joint_zero=5e-3).joint_zero
+    target, (kp, _) = nominal_stance(a1).joint_position, a1.gains(nominal_stance(a1).hip_height)
+    with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
+        state = simulation.platform.read()
+        true = simulation.platform._data.qpos[simulation.platform._simulated.qpos].copy()
+    with simulate(a1, "ideal") as simulation:
+        without = simulation.platform.read()
+    assert np.allclose(state.joint_torque, kp * (target - state.joint_position), atol=0.05)
+    moved_by = true - without.joint_position
+    assert np.corrcoef(moved_by, -zero)[0, 1] > 0.5
+    assert np.abs(moved_by).max() > 3e-3
+
+
+def test_an_encoder_reads_off_by_its_zero_however_the_joint_moves(a1):
+    zero = drawn(joint_zero=5e-3).joint_zero
+    with simulate(a1, SensorErrors(joint_zero=5e-3), seed=SEED) as simulation:
+        platform = simulation.platform
+        recording = platform.play(squat(a1))
+        true = platform._data.qpos[platform._simulated.qpos]
+        assert np.allclose(platform.read().joint_position - true, zero, atol=1e-12)
+        assert recording.joints.position.std(axis=0).max() > 0.02
+
+
+def test_a_torque_gain_is_between_the_true_and_the_reported_torque(a1):
+    gain = drawn(torque_gain=0.1).torque_gain
+    with simulate(a1, SensorErrors(torque_gain=0.1), seed=SEED) as simulation:
+        platform = simulation.platform
+        target = nominal_stance(a1).joint_position
+        state = platform.read()
+        true = platform._data.qfrc_actuator[platform._simulated.dof]
+        kp, _ = a1.gains(nominal_stance(a1).hip_height)
+    assert np.abs(gain - 1).max() > 0.1
+    assert np.allclose(state.joint_torque * gain, true, atol=0.02)
+    # The motor's own loop is wrong by the same factor: what it reports is what it means to do.
+    assert np.allclose(state.joint_torque, kp * (target - state.joint_position), atol=0.05)
+
+
+def test_a_gyroscope_bias_shows_at_rest(resting):
+    bias = drawn(gyro_bias=2e-3).gyro_bias
+    assert np.allclose(resting(gyro_bias=2e-3).angular_velocity - resting().angular_velocity, bias, atol=1e-12)
+    assert np.abs(resting().angular_velocity).max() < 2e-3
+
+
+def test_an_accelerometer_bias_shows_at_rest(resting):
+    bias = drawn(accelerometer_bias=0.03).accelerometer_bias
+    assert np.allclose(resting(accelerometer_bias=0.03).acceleration - resting().acceleration, bias, atol=1e-12)
+
+
+def test_a_tilted_imu_turns_gravity(resting):
+    tilt = drawn(imu_tilt=0.01).imu_tilt
+    level, tilted = resting().acceleration, resting(imu_tilt=0.01).acceleration
+    # The IMU turned by +tilt sees the world turned by -tilt.
+    assert np.allclose(tilted - level, -np.cross(tilt, level), atol=2e-3)
+    assert np.linalg.norm(tilted) == pytest.approx(np.linalg.norm(level), abs=1e-6)
+
+
+def test_a_tilted_imu_turns_rotations_alike(moved, ideal):
+    tilt = drawn(imu_tilt=0.05).imu_tilt
+    turned = moved(imu_tilt=0.05).imu.angular_velocity
+    straight = ideal.imu.angular_velocity
+    assert np.allclose(turned - straight, -np.cross(tilt, straight), atol=0.02 * np.abs(straight).max())
+
+
+def test_an_ideal_imu_feels_gravity_upward(resting):
+    state = resting()
+    assert np.linalg.norm(state.acceleration) == pytest.approx(9.81, abs=0.01)
+    assert state.acceleration[2] > 9.8
+
+
+@pytest.mark.parametrize("start", ["standing", "lying"])
+def test_a_sloping_floor_tilts_gravity(a1, start):
+    level, sloping = (simulate(a1, SensorErrors(floor_slope=s), seed=SEED, start=start) for s in (0.0, 0.02))
+    down = drawn(floor_slope=0.02).gravity_direction
+    off = sloping.platform.read().acceleration - level.platform.read().acceleration
+    # On soft legs the base leans a little further the same way.
+    assert np.allclose(off, 9.81 * (np.array([0, 0, -1.0]) - down) * [1, 1, 0], atol=0.05)
+    assert np.linalg.norm(off[:2]) > 0.9 * 9.81 * 0.02
+
+
+def test_friction_holds_joints_short_of_their_targets(moved, ideal):
+    rough = moved(coulomb_friction=0.3, viscous_friction=0.05, armature=0.01)
+    assert np.ptp(rough.joints.position, axis=0).max() < np.ptp(ideal.joints.position, axis=0).max()
+
+
+def test_noise_of_a_whole_run_has_its_sizes(a1):
+    sizes = {name: getattr(REALISTIC, name) for name in dataclasses.asdict(REALISTIC) if name.endswith("noise")}
+    target = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 1500, axis=0))
+    clean, noisy = (simulate(a1, SensorErrors(**s), seed=SEED).platform.play(target) for s in ({}, sizes))
+    for stream, name, size in (
+        ("joints", "position", "encoder_noise"), ("joints", "velocity", "joint_velocity_noise"),
+        ("joints", "torque", "torque_noise"), ("imu", "angular_velocity", "gyro_noise"),
+        ("imu", "acceleration", "accelerometer_noise"),
+    ):  # fmt: skip
+        noise = getattr(getattr(noisy, stream), name) - getattr(getattr(clean, stream), name)
+        assert noise.std() == pytest.approx(sizes[size], rel=0.03)
+
+
+@settings(max_examples=8, deadline=None)
+@given(cuts=st.lists(st.integers(1, 119), unique=True, max_size=5))
+def test_a_motion_played_in_pieces_is_felt_the_same(a1, motion, cuts):
+    position = motion.position[:120]
+    pieces = np.split(position, sorted(cuts))
+    whole, pieced = (simulate(a1, "realistic", seed=SEED).platform for _ in range(2))
+    expected = whole.play(Trajectory(position))
+    found = [pieced.play(Trajectory(piece)) for piece in pieces]
+    for stream, name in (
+        ("joints", "position"),
+        ("joints", "torque"),
+        ("imu", "angular_velocity"),
+        ("imu", "acceleration"),
+    ):
+        joined = np.concatenate([getattr(getattr(part, stream), name) for part in found])
+        assert np.allclose(joined, getattr(getattr(expected, stream), name), rtol=0, atol=1e-9)
