@@ -74,16 +74,13 @@ def test_imports_go_from_the_ground_up(path):
         assert LEVEL[other] < LEVEL[own], f"{own} imports {other}, which is not below it"
 
 
+ESTIMATES = [SOURCE / "precise" / "posterior.py", SOURCE / "paper" / "equations.py"]
+MOVES = ("equipoise.platform", "equipoise.guard", "equipoise.drivers")
+
+
 def test_what_estimates_does_not_know_what_moves():
-    estimates = [
-        *(SOURCE / "precise" / "measurements").glob("*.py"),
-        SOURCE / "precise" / "posterior.py",
-        SOURCE / "paper" / "equations.py",
-    ]
-    for path in estimates:
-        assert not any(
-            name.startswith(("equipoise.platform", "equipoise.guard", "equipoise.drivers")) for name in imported(path)
-        ), path
+    for path in [*(SOURCE / "precise" / "measurements").glob("*.py"), *ESTIMATES]:
+        assert not any(name.startswith(MOVES) for name in imported(path)), path
 
 
 def test_no_folder_is_a_heap():
