@@ -165,8 +165,8 @@ def read(
 
 
 def contact_jacobians(robot: RobotModel, position: FloatArray, up: FloatArray) -> FloatArray:
-    """(12, 6 + nj) of the points in which the feet touch the floor, in base axes; call after a regressor or alone."""
-    model, data = robot.pinocchio, robot.pinocchio_data
+    """(12, 6 + nj) of the points in which the feet touch the floor, in base axes."""
+    model, data = robot.pinocchio, robot.pinocchio.createData()
     pin.computeJointJacobians(model, data, robot.configuration(position))
     pin.updateFramePlacements(model, data)
     rows = np.empty((12, 6 + len(position)))

@@ -22,7 +22,7 @@ asked only where they bind.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -101,12 +101,10 @@ def estimate(
     """
     problem = pose(robot, samples, settings)
     theta = solve(problem, mass)
-    found = robot.with_base(pin.Inertia.FromDynamicParameters(theta[:10]))
-    for link in range(1, problem.links):
-        found.pinocchio.inertias[1 + link] = pin.Inertia.FromDynamicParameters(theta[10 * link : 10 * link + 10])
-    found.pinocchio_data = found.pinocchio.createData()
-    found.mass = float(pin.computeTotalMass(found.pinocchio))
-    return composite_parameters(found, joint_position)
+    model = robot.pinocchio.copy()
+    for link in range(problem.links):
+        model.inertias[1 + link] = pin.Inertia.FromDynamicParameters(theta[10 * link : 10 * link + 10])
+    return composite_parameters(replace(robot, pinocchio=model), joint_position)
 
 
 def pose(robot: RobotModel, samples: Filtered, settings: ProjectedSettings) -> Problem:

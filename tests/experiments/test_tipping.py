@@ -28,7 +28,7 @@ from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
 from equipoise.precise.trials import LiftDesign, PreciseTrials, check_lift, offset_of
 from equipoise.robot.inertial import composite_parameters
-from equipoise.robot.kinematics import foot_positions, inverse_kinematics
+from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -71,7 +71,7 @@ def test_the_lean_is_what_the_base_and_the_joints_make_of_it(case, model):
     standing = [leg in DIAGONALS[diagonal] for leg in LEG_NAMES]
 
     def ahead(turned, joints):
-        com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joints)))
+        com = Kinematics(robot).com(joints)
         middle = foot_positions(robot, joints)[standing].mean(axis=0)
         radius = robot.legs[DIAGONALS[diagonal][0]].foot_radius
         return normal @ (np.array(pin.exp3(turned)) @ (com - middle + radius * UP)) / model.height

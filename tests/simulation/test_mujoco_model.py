@@ -175,7 +175,7 @@ def test_what_a_file_says_of_its_own_simulation_changes_nothing(tmp_path, noise)
     plain = load_text(tmp_path, quadruped_mjcf())
     cluttered = load_text(tmp_path, CLUTTERED, name="cluttered")
     assert cluttered.effort_limit.tolist() == [9.0] * 12
-    plain.effort_limit = cluttered.effort_limit
+    plain = dataclasses.replace(plain, effort_limit=cluttered.effort_limit)
     one, other = played(plain, noise), played(cluttered, noise)
     for field in dataclasses.fields(JointStream):
         assert np.allclose(getattr(one.joints, field.name), getattr(other.joints, field.name), rtol=0, atol=1e-9)

@@ -30,7 +30,7 @@ def with_light_shanks(a1_urdf, folder):
 def test_light_shanks_are_damped_and_do_not_chatter(a1_urdf, tmp_path, timestep):
     light = with_light_shanks(a1_urdf, tmp_path)
     stance = nominal_stance(light)
-    inertia = pin.crba(light.pinocchio, light.pinocchio_data, light.configuration(stance.joint_position))
+    inertia = pin.crba(light.pinocchio, light.pinocchio.createData(), light.configuration(stance.joint_position))
     _, damping = light.gains(stance.hip_height)
     assert damping * timestep > 4 * np.diag(inertia)[6:].min()  # it takes four times a joint's speed in a step
     with simulate(light, "ideal", timestep=timestep) as simulation:

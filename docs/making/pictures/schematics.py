@@ -1,7 +1,6 @@
 """Pictures of geometry, from the model of the built-in A1."""
 
 import numpy as np
-import pinocchio as pin
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, FancyArrowPatch, Polygon
 from scipy.spatial import ConvexHull
@@ -9,7 +8,7 @@ from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, PAPER, bare, draw_com,
 
 from equipoise import load_robot, nominal_stance
 from equipoise.robot.inertial import composite_parameters
-from equipoise.robot.kinematics import foot_positions, inverse_kinematics
+from equipoise.robot.kinematics import Kinematics, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 _VIEW = (-116.0, 21.0)
@@ -59,11 +58,11 @@ def draw_lift() -> Figure:
 
 def joint_points(robot, joints) -> np.ndarray:
     """(4, 4, 3) hip, thigh and calf joints and foot of each leg, in the base frame [m]."""
-    pin.forwardKinematics(robot.pinocchio, robot.pinocchio_data, robot.configuration(joints))
-    feet = foot_positions(robot, joints)
+    kinematics = Kinematics(robot)
+    poses, feet = kinematics.joint_poses(joints), kinematics.foot_positions(joints)
     return np.array(
         [
-            [*(robot.pinocchio_data.oMi[joint].translation for joint in robot.legs[leg].joint_ids), feet[k]]
+            [*(poses[joint].translation for joint in robot.legs[leg].joint_ids), feet[k]]
             for k, leg in enumerate(LEG_NAMES)
         ]
     )

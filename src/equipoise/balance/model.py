@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import expm, null_space
 
-from equipoise.balance.posture import Posture, contact_jacobian, stance_legs
+from equipoise.balance.posture import Posture, contact_jacobian, generalized_gravity, stance_legs
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 
@@ -87,8 +87,7 @@ def linear_model(
     configuration = robot.configuration(posture.joint_position)
     jacobian = contact_jacobian(robot, configuration, stance_legs(diagonal))
     basis = _motions(posture, jacobian)
-    data = robot.pinocchio_data
-    inertia = np.array(pin.crba(robot.pinocchio, data, configuration))
+    inertia = np.array(pin.crba(robot.pinocchio, robot.create_data(), configuration))
     inertia = np.triu(inertia) + np.triu(inertia, 1).T
     inertia[range(6, len(inertia)), range(6, len(inertia))] += armature
     stiffness = basis.T @ _gravity_stiffness(robot, posture, diagonal, basis)
@@ -105,7 +104,7 @@ def linear_model(
 
 def residual(robot: RobotModel, posture: Posture, diagonal: str, configuration: FloatArray) -> FloatArray:
     """(nv,) generalised force that is missing for rest, with the posture's torques and foot forces held."""
-    gravity = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration))
+    gravity = generalized_gravity(robot, configuration)
     force = contact_jacobian(robot, configuration, stance_legs(diagonal)).T @ posture.foot_force
     return gravity - force - np.concatenate([np.zeros(6), posture.torque])
 
@@ -141,5 +140,4 @@ def _gravity_of_offset(robot: RobotModel, configuration: FloatArray, forward: Fl
     moved = robot.with_base(
         pin.Inertia(base.mass, base.lever + robot.mass / base.mass * forward, np.array(base.inertia))
     )
-    after = np.array(pin.computeGeneralizedGravity(moved.pinocchio, moved.pinocchio_data, configuration))
-    return after - np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration))
+    return generalized_gravity(moved, configuration) - generalized_gravity(robot, configuration)

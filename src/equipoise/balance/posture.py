@@ -11,7 +11,7 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.description import LEG_NAMES
-from equipoise.robot.kinematics import foot_positions, inverse_kinematics
+from equipoise.robot.kinematics import Kinematics, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, RobotModel
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -61,7 +61,7 @@ def contact_jacobian(robot: RobotModel, configuration: FloatArray, legs: Sequenc
     Feet are spheres: v_contact = v + w x (-r e_z), so J = J_linear + [r e_z]x J_angular. A foot that rolls without
     slipping has J v = 0.
     """
-    model, data = robot.pinocchio, robot.pinocchio_data
+    model, data = robot.pinocchio, robot.create_data()
     pin.computeJointJacobians(model, data, configuration)
     pin.updateFramePlacements(model, data)
     rows: list[FloatArray] = []
@@ -69,6 +69,11 @@ def contact_jacobian(robot: RobotModel, configuration: FloatArray, legs: Sequenc
         jacobian = pin.getFrameJacobian(model, data, robot.legs[leg].foot_frame_id, pin.LOCAL_WORLD_ALIGNED)
         rows.append(jacobian[:3] + pin.skew(robot.legs[leg].foot_radius * _UP) @ jacobian[3:])
     return np.concatenate(rows)
+
+
+def generalized_gravity(robot: RobotModel, configuration: FloatArray) -> FloatArray:
+    """(nv,) generalised force that gravity takes to hold [N, Nm]."""
+    return np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.create_data(), configuration))
 
 
 def posture_over_line(
@@ -91,10 +96,10 @@ def posture_over_line(
     raised = np.array(feet)
     raised[[leg not in (right, left) for leg in LEG_NAMES], 2] += swing_height
     along, forward = line_through(raised[index[right]], raised[index[left]])
-    joints, miss = guess, np.zeros(3)
+    kinematics, joints, miss = Kinematics(robot), guess, np.zeros(3)
     for _ in range(_ITERATIONS):
         joints = inverse_kinematics(robot, raised, joints)
-        com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joints)))
+        com = kinematics.com(joints)
         middle = (raised[index[right]] + raised[index[left]]) / 2
         miss = (com - middle) * [1.0, 1.0, 0.0]
         if np.linalg.norm(miss) < _OVER_LINE:
@@ -105,7 +110,7 @@ def posture_over_line(
             f"no posture brings the centre of mass of {robot.name!r} over the line {diagonal}: it stays "
             f"{1000 * float(np.linalg.norm(miss)):.1f} mm off; is the model's centre of mass plausible?"
         )
-    middle = foot_positions(robot, joints)[[index[right], index[left]]].mean(axis=0)
+    middle = kinematics.foot_positions(joints)[[index[right], index[left]]].mean(axis=0)
     middle = middle - np.mean([robot.legs[leg].foot_radius for leg in (right, left)]) * _UP
     torque, force = _holding(robot, joints, (right, left))
     return Posture(joints, torque, force, com, middle, along, forward)
@@ -114,7 +119,7 @@ def posture_over_line(
 def _holding(robot: RobotModel, joints: FloatArray, legs: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Joint torques and foot forces at rest: J_base^T f = g_base, tau = g_joints - J_joints^T f."""
     configuration = robot.configuration(joints)
-    gravity = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration))
+    gravity = generalized_gravity(robot, configuration)
     jacobian = contact_jacobian(robot, configuration, legs)
     force, *_ = np.linalg.lstsq(jacobian[:, :6].T, gravity[:6], rcond=1e-9)
     return gravity[6:] - jacobian[:, 6:].T @ force, np.asarray(force, dtype=float)

@@ -15,7 +15,7 @@ from equipoise.errors import FallError
 from equipoise.platform.platform import RobotState
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES
-from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 # [s] over which the accelerometer corrects the gyroscope: long against a fall, short against a gyroscope's drift.
@@ -123,7 +123,7 @@ class Bearings:
     """
 
     def __init__(self, believed: RobotModel, diagonal: str, senses: Senses) -> None:
-        self._believed = believed
+        self._kinematics = Kinematics(believed)
         self._right, self._left = (LEG_NAMES.index(leg) for leg in stance_legs(diagonal))
         self._lifted = [row for row in range(4) if row not in (self._right, self._left)]
         self.footholds = self._feet(senses)[0]
@@ -139,11 +139,9 @@ class Bearings:
 
     def _feet(self, senses: Senses) -> tuple[FloatArray, FloatArray]:
         """Feet and centre of mass from the base frame's origin, in axes of which the third is vertical."""
-        robot = self._believed
         upright = leveling(senses.up)
-        feet = foot_positions(robot, senses.joint_position) @ upright.T
-        com = pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(senses.joint_position))
-        return feet, upright @ np.array(com)
+        feet = self._kinematics.foot_positions(senses.joint_position) @ upright.T
+        return feet, upright @ self._kinematics.com(senses.joint_position)
 
 
 def leveling(up: FloatArray) -> FloatArray:

@@ -219,7 +219,7 @@ class RunFolder:
             )
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)
-                return RobotModel(source, self._header["robot"], RobotDescription.from_dict(description))
+                return RobotModel.from_source(source, self._header["robot"], RobotDescription.from_dict(description))
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"the run {str(self.path)!r} is damaged: {_told(error)}") from error
 

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
-from equipoise.robot.kinematics import feet_under_base, foot_positions, inverse_kinematics
+from equipoise.robot.kinematics import Kinematics, feet_under_base, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import static_torques
@@ -93,14 +93,14 @@ def check_posture(
     worst = int(np.argmin(margin))
     if margin[worst] < _LIMIT_MARGIN:
         raise ReachError(f"joint {robot.joint_names[worst]!r} would be {max(margin[worst], 0):.3f} rad from its limit")
-    feet = foot_positions(robot, position)
-    for leg, foot in zip(robot.legs.values(), feet, strict=True):
-        hip = robot.pinocchio_data.oMi[leg.joint_ids[-2]].translation
+    kinematics = Kinematics(robot)
+    poses = kinematics.joint_poses(position)
+    for leg, foot in zip(robot.legs.values(), kinematics.foot_positions(position), strict=True):
+        hip = poses[leg.joint_ids[-2]].translation
         ratio = float(np.linalg.norm(foot - hip)) / robot.leg_length
         if not _SHORTEST_LEG < ratio < _LONGEST_LEG:
             raise ReachError(f"the {leg.name} leg would be {ratio:.0%} of its length")
-    com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(position)))
-    _check_inside(stance, feet_in_base, com)
+    _check_inside(stance, feet_in_base, kinematics.com(position))
     torque = np.abs(static_torques(robot, position, standing)) / robot.effort_limit
     worst = int(np.argmax(torque))
     if torque[worst] > _TORQUE_MARGIN:

@@ -30,8 +30,8 @@ import numpy as np
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.experiments.tilt import line_axes
 from equipoise.platform.ramp import smooth_step
-from equipoise.robot.inertial import com_jacobian, composite_parameters
-from equipoise.robot.kinematics import feet_and_jacobians
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 SAFE = 0.6
@@ -84,12 +84,13 @@ class Pendulum:
         height, along = float(arm @ up_in_base), float(arm @ left)
         about_com = float(left @ body.inertia @ left)
         about_line = about_com + robot.mass * float(np.sum(np.cross(left, arm) ** 2))
-        feet, jacobians = feet_and_jacobians(robot, joint_position)
+        kinematics = Kinematics(robot)
+        feet, jacobians = kinematics.feet_and_jacobians(joint_position)
         standing = [leg in DIAGONALS[diagonal] for leg in LEG_NAMES]
         places = np.column_stack([(feet - middle) @ left, (feet - middle) @ normal])
         half = float(np.abs(places[standing, 0]).max())
         sides = [_side(places[~np.array(standing)], side, along, half) for side in (-1, 1)]
-        com_moves = com_jacobian(robot, joint_position)
+        com_moves = kinematics.com_jacobian(joint_position)
         for index in np.flatnonzero(standing):
             com_moves[:, robot.leg_joints[index]] -= jacobians[index] / 2
         return cls(

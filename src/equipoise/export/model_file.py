@@ -85,7 +85,7 @@ def read_robot(subject: Subject, content: bytes) -> RobotModel:
     source = parse_model_source(content, subject.file.path, description.base_link)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        return RobotModel(source, subject.result.robot, description)
+        return RobotModel.from_source(source, subject.result.robot, description)
 
 
 def require_format(robot: RobotModel, model_format: str) -> None:

@@ -163,7 +163,7 @@ def main() -> int:
     platform, source, name, description, given, log = pickle.loads(_exactly(pipe, size))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        hand = _Hand(platform, RobotModel(source, name, description), given)
+        hand = _Hand(platform, RobotModel.from_source(source, name, description), given)
     nominal_stance(hand.robot)  # computed before it is needed
     hand.open()
     os.write(sys.stdout.fileno(), _READY)

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.robot.model import Leg, RobotModel
+from equipoise.robot.legs import Leg
+from equipoise.robot.model import RobotModel
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.recording.recording import Recording
-from equipoise.robot.kinematics import feet_and_forces
+from equipoise.robot.kinematics import Kinematics, feet_and_forces
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 """Rotation axes x, y, z of the base, in this order."""
@@ -192,7 +191,8 @@ def torque_about_com(
         raise RecordingError("the recording has no joint torques, which the moments of inertia need")
     rate = 1 / float(np.mean(np.diff(joints.time)))
     stride = max(1, round(rate / _TORQUE_RATE))
-    offset = com_at_stance - pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(stance))
+    kinematics = Kinematics(robot)
+    offset = com_at_stance - kinematics.com(stance)
     # Averaged over a stride: the torques' noise falls, and all that is kept of a sample belongs to one time.
     count = len(joints.time) // stride * stride
     time, positions, torques = (
@@ -200,8 +200,8 @@ def torque_about_com(
         for array in (joints.time, joints.position, joints.torque)
     )
     feet, forces = feet_and_forces(robot, positions, torques)
-    coms = [pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(q)) for q in positions]
-    return time, np.cross(feet - (np.array(coms) + offset)[:, None], forces).sum(axis=1)
+    coms = np.array([kinematics.com(position) for position in positions])
+    return time, np.cross(feet - (coms + offset)[:, None], forces).sum(axis=1)
 
 
 def _whole_periods(time: FloatArray, signal: FloatArray, frequency: float) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.model import Leg, RobotModel
+from equipoise.robot.kinematics import Kinematics
+from equipoise.robot.legs import Leg
+from equipoise.robot.model import RobotModel
 
 IntArray = NDArray[np.int64]
 Kind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
@@ -105,10 +107,8 @@ def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: Float
     Args:
         joint_position: (nj,) of the leg joints [rad].
     """
-    model, data = robot.pinocchio, robot.pinocchio_data
-    pin.forwardKinematics(model, data, robot.configuration(joint_position))
-    places = {joint: pin.SE3(data.oMi[joint]) for joint in range(1, model.njoints)}
-    return [shape.mesh().moved(places[shape.joint]) for shape in shapes]
+    poses = Kinematics(robot).joint_poses(joint_position)
+    return [shape.mesh().moved(poses[shape.joint]) for shape in shapes]
 
 
 def box(x: float, y: float, z: float) -> Mesh:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -36,6 +35,7 @@ from equipoise.pictures.figure import (
     new_figure,
 )
 from equipoise.result.calibration import Calibration, Evidence
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 _DIAGONAL_COLOURS: Mapping[str, str] = dict(zip(DIAGONALS, (BLUE, VERMILLION), strict=True))
@@ -249,8 +249,8 @@ def _draw_robot(axes: Axes, calibration: Calibration, feet_in_base: FloatArray) 
 def _hips(robot: RobotModel, joint_position: Mapping[str, float]) -> FloatArray:
     """(4, 3) origins of the legs' first joints in the base frame [m]."""
     position = np.array([joint_position[name] for name in robot.joint_names])
-    pin.forwardKinematics(robot.pinocchio, robot.pinocchio_data, robot.configuration(position))
-    return np.array([robot.pinocchio_data.oMi[robot.legs[leg].joint_ids[0]].translation for leg in LEG_NAMES])
+    poses = Kinematics(robot).joint_poses(position)
+    return np.array([poses[robot.legs[leg].joint_ids[0]].translation for leg in LEG_NAMES])
 
 
 def _draw_hips(axes: Axes, hips: FloatArray, feet_in_base: FloatArray) -> None:

@@ -11,6 +11,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.precise.measurements.tilt_equation import SensorBiases
 from equipoise.robot.inertial import InertialParameters, base_parameters
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import A1_TORQUE_SCALE, RobotModel
 from equipoise.robot.stance import Stance
 
@@ -152,15 +153,14 @@ class Unknowns:
         return self._frozen(x, below_knees=False)
 
     def _frozen(self, x: FloatArray, below_knees: bool) -> InertialParameters:
-        model, data = self.robot.pinocchio, self.robot.pinocchio_data
         total = pin.Inertia.FromDynamicParameters(base_vector(x[self["base"]]))
-        pin.forwardKinematics(model, data, self.robot.configuration(self.stance.joint_position))
+        poses = Kinematics(self.robot).joint_poses(self.stance.joint_position)
         joints = [(joint, leg.joint_ids[-1]) for leg in self.robot.legs.values() for joint in leg.joint_ids]
         for factor, (joint, knee) in zip(1 + self.value(x, "links"), joints, strict=True):
             if below_knees or joint != knee:
-                link = model.inertias[joint]
+                link = self.robot.pinocchio.inertias[joint]
                 scaled = pin.Inertia(link.mass * factor, link.lever, link.inertia * factor)
-                total = total + data.oMi[joint].act(scaled)
+                total = total + poses[joint].act(scaled)
         return InertialParameters.from_pinocchio(total)
 
 

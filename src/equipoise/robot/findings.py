@@ -13,7 +13,9 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.robot.bodies import Body, Link, hip_positions, radius_of_gyration_of
 from equipoise.robot.inertial import InertialParameters, base_parameters
-from equipoise.robot.model import Leg, RobotModel
+from equipoise.robot.kinematics import Kinematics
+from equipoise.robot.legs import Leg
+from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 Severity = Literal["error", "warning", "note"]
@@ -162,30 +164,33 @@ def _asymmetries(robot: RobotModel, bodies: dict[int, Body], stance: Stance | No
     # Without a stance the zero posture serves, if the legs are mirrored there, which is looked at below.
     posture = np.zeros(len(robot.joint_names)) if stance is None else stance.joint_position
     middle = float(hip_positions(robot)[:, 1].mean())
-    pin.framesForwardKinematics(robot.pinocchio, robot.pinocchio_data, robot.configuration(posture))
+    kinematics = Kinematics(robot)
+    poses = kinematics.joint_poses(posture)
+    feet = dict(zip(robot.legs, kinematics.foot_positions(posture), strict=True))
     for left, right in ((robot.legs["FL"], robot.legs["FR"]), (robot.legs["RL"], robot.legs["RR"])):
-        points_left, points_right = _leg_points(robot, left), _leg_points(robot, right)
+        points_left, points_right = (_leg_points(leg, poses, feet[leg.name]) for leg in (left, right))
         apart = np.linalg.norm(points_left - _mirror_points(points_right, middle), axis=1).max()
         placed = bool(apart <= _MIRRORED_POSTURE_RATIO * robot.leg_length)
         if not placed and stance is not None:
             where = f"the {left.name} and {right.name} legs are {apart * 1000:.1f} mm from being mirrored at the stance"
             yield Finding("note", "", f"{where}: of their links only masses and principal moments were compared")
         for one, other in zip(left.joint_ids, right.joint_ids, strict=True):
-            finding = _compare_sides(robot, (one, other), middle, placed)
+            finding = _compare_sides(robot, poses, (one, other), middle, placed)
             if finding is not None:
                 severity, text = finding
                 yield Finding(severity, f"{bodies[one].name}, {bodies[other].name}", text)
 
 
 def _compare_sides(
-    robot: RobotModel, joints: tuple[int, int], middle: float, placed: bool
+    robot: RobotModel, poses: list[pin.SE3], joints: tuple[int, int], middle: float, placed: bool
 ) -> tuple[Severity, str] | None:
     """How the bodies of a left and a right joint differ, or None if they are mirror images in the plane y = middle [m].
 
-    Pinocchio's data holds their placements. Where the legs are not `placed` as mirror images, only what does not depend
-    on it is compared.
+    Where the legs are not `placed` as mirror images, only what does not depend on it is compared.
     """
-    left, right = (_in_base(robot, joint) for joint in joints)
+    left, right = (
+        InertialParameters.from_pinocchio(poses[joint].act(robot.pinocchio.inertias[joint])) for joint in joints
+    )
     mirrored = _mirror(right, middle)
     mass = abs(left.mass - right.mass) / max(left.mass, right.mass, 1e-12)
     com = float(np.linalg.norm(left.com - mirrored.com)) if placed else 0.0
@@ -196,32 +201,24 @@ def _compare_sides(
         return None
     parts = (
         f"masses {left.mass:g} and {right.mass:g} kg",
-        f"CoMs {com * 1000:.1f} mm from being mirrored" + _copied(robot, joints, (left, right), com),
+        f"CoMs {com * 1000:.1f} mm from being mirrored"
+        + _copied([poses[joint] for joint in joints], (left, right), com),
         f"inertias {inertia:.1%} from being mirrored" if placed else f"principal moments {inertia:.1%} apart",
     )
     text = "; ".join(part for part, score in zip(parts, scores, strict=True) if score >= 1)
     return ("warning" if max(scores) >= _LOPSIDED else "note"), f"left and right are no mirror images: {text}"
 
 
-def _copied(
-    robot: RobotModel, joints: tuple[int, int], sides: tuple[InertialParameters, InertialParameters], com: float
-) -> str:
+def _copied(poses: list[pin.SE3], sides: tuple[InertialParameters, InertialParameters], com: float) -> str:
     """Says so where both links have one CoM, copied from side to side without turning the sign of y."""
-    origins = [np.array(robot.pinocchio_data.oMi[joint].translation) for joint in joints]
-    left, right = (side.com - origin for side, origin in zip(sides, origins, strict=True))
+    left, right = (side.com - np.array(pose.translation) for side, pose in zip(sides, poses, strict=True))
     same = np.linalg.norm(left - right) < 0.01 * com
     return f" (both at y = {left[1] * 1000:+.1f} mm from their joints; is a minus missing?)" if same else ""
 
 
-def _in_base(robot: RobotModel, joint: int) -> InertialParameters:
-    return InertialParameters.from_pinocchio(robot.pinocchio_data.oMi[joint].act(robot.pinocchio.inertias[joint]))
-
-
-def _leg_points(robot: RobotModel, leg: Leg) -> FloatArray:
+def _leg_points(leg: Leg, poses: list[pin.SE3], foot: FloatArray) -> FloatArray:
     """(n + 1, 3) the joints of a leg and its foot in the base frame [m]."""
-    data = robot.pinocchio_data
-    joints = [np.array(data.oMi[joint].translation) for joint in leg.joint_ids]
-    return np.array([*joints, np.array(data.oMf[leg.foot_frame_id].translation)])
+    return np.array([*(poses[joint].translation for joint in leg.joint_ids), foot])
 
 
 def _mirror_points(points: FloatArray, middle: float) -> FloatArray:

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 
@@ -122,27 +123,20 @@ def composite_parameters(robot: RobotModel, joint_position: FloatArray) -> Inert
     Args:
         joint_position: (nj,) in the model's joint order [rad].
     """
-    data = robot.pinocchio_data
-    pin.ccrba(robot.pinocchio, data, robot.configuration(joint_position), np.zeros(robot.pinocchio.nv))
-    com = np.array(pin.centerOfMass(robot.pinocchio, data, robot.configuration(joint_position)))
+    data, configuration = robot.create_data(), robot.configuration(joint_position)
+    pin.ccrba(robot.pinocchio, data, configuration, np.zeros(robot.pinocchio.nv))
+    com = np.array(pin.centerOfMass(robot.pinocchio, data, configuration))
     return InertialParameters(float(robot.mass), com, np.array(data.Ig.inertia))
-
-
-def com_jacobian(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    """(3, nj) derivative of the whole robot's CoM by the joints, in the base frame [m/rad]."""
-    configuration = robot.configuration(joint_position)
-    return np.array(pin.jacobianCenterOfMass(robot.pinocchio, robot.pinocchio_data, configuration)[:, 6:])
 
 
 def stance_effective_parameters(robot: RobotModel, joint_position: FloatArray) -> InertialParameters:
     """The paper's centroidal body: base, hips and thighs, without the links below the knees, about its own CoM."""
     below_knees = {leg.joint_ids[-1] for leg in robot.legs.values()}
-    data = robot.pinocchio_data
-    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
+    poses = Kinematics(robot).joint_poses(joint_position)
     total = pin.Inertia.Zero()
     for joint in range(1, robot.pinocchio.njoints):
         if joint not in below_knees:
-            total = total + data.oMi[joint].act(robot.pinocchio.inertias[joint])
+            total = total + poses[joint].act(robot.pinocchio.inertias[joint])
     return InertialParameters.from_pinocchio(total)
 
 

@@ -1,4 +1,4 @@
-"""Foot positions, Jacobians and inverse kinematics, all in the base frame."""
+"""Foot positions, centre of mass, Jacobians and inverse kinematics, all in the base frame."""
 
 from __future__ import annotations
 
@@ -19,11 +19,73 @@ _CONVERGED = 1e-7  # [rad]; Newton steps square the error, so the next one would
 _MAX_JOINT_STEP = 0.3  # [rad], keeps Newton steps where the linearisation holds
 
 
+class Kinematics:
+    """Where the links, the feet and the centre of mass of a robot are at given joint positions, in the base frame.
+
+    It owns the memory that Pinocchio computes in, so that one thread at a time may use it; what it returns is the caller's
+    own. Making one takes longer than most answers, some 20 us: a loop makes one before it begins. The functions below,
+    which are given a robot, make one each time.
+
+    Args:
+        robot: the robot.
+    """
+
+    def __init__(self, robot: RobotModel) -> None:
+        self._robot = robot
+        self._data = robot.create_data()
+
+    def joint_poses(self, joint_position: FloatArray) -> list[pin.SE3]:
+        """Poses of the joints' frames in the base frame, by Pinocchio's number of the joint: 0 the world, 1 the base."""
+        pin.forwardKinematics(self._robot.pinocchio, self._data, self._robot.configuration(joint_position))
+        return [pin.SE3(pose) for pose in self._data.oMi]
+
+    def foot_positions(self, joint_position: FloatArray) -> FloatArray:
+        """(4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
+        pin.forwardKinematics(self._robot.pinocchio, self._data, self._robot.configuration(joint_position))
+        return self._feet()
+
+    def feet_and_jacobians(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Foot positions, and the derivative of each by its own leg's n joints, hip first.
+
+        Returns:
+            (4, 3) centres of the feet FL FR RL RR in the base frame [m] and (4, 3, n) in base axes [m/rad].
+        """
+        robot = self._robot
+        columns = pin.computeJointJacobians(robot.pinocchio, self._data, robot.configuration(joint_position))
+        feet = self._feet()
+        # A column holds how a joint moves the point of its body that is at the origin, and how it turns: (6, 4, n).
+        moved = columns[:, 6 + robot.leg_joints]
+        turn_x, turn_y, turn_z = moved[3], moved[4], moved[5]
+        x, y, z = feet.T[:, :, None]
+        moved[0] += turn_y * z - turn_z * y
+        moved[1] += turn_z * x - turn_x * z
+        moved[2] += turn_x * y - turn_y * x
+        return feet, moved[:3].transpose(1, 0, 2)
+
+    def com(self, joint_position: FloatArray) -> FloatArray:
+        """(3,) centre of mass of the whole robot in the base frame [m]."""
+        configuration = self._robot.configuration(joint_position)
+        return np.array(pin.centerOfMass(self._robot.pinocchio, self._data, configuration))
+
+    def com_jacobian(self, joint_position: FloatArray) -> FloatArray:
+        """(3, nj) derivative of the whole robot's CoM by the joints, in the base frame [m/rad]."""
+        configuration = self._robot.configuration(joint_position)
+        return np.array(pin.jacobianCenterOfMass(self._robot.pinocchio, self._data, configuration)[:, 6:])
+
+    def _feet(self) -> FloatArray:
+        """Of the configuration that was computed last."""
+        model, data = self._robot.pinocchio, self._data
+        return np.array([pin.updateFramePlacement(model, data, frame).translation for frame in self._robot.foot_frames])
+
+
 def foot_positions(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     """(4, 3) centres of the feet FL FR RL RR in the base frame [m]."""
-    model, data = robot.pinocchio, robot.pinocchio_data
-    pin.forwardKinematics(model, data, robot.configuration(joint_position))
-    return np.array([pin.updateFramePlacement(model, data, frame).translation for frame in robot.foot_frames])
+    return Kinematics(robot).foot_positions(joint_position)
+
+
+def foot_jacobians(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    """(4, 3, n) derivative of each foot's position by its own leg's n joints, hip first, in base axes [m/rad]."""
+    return Kinematics(robot).feet_and_jacobians(joint_position)[1]
 
 
 def floor_normal(feet_in_base: FloatArray) -> Vector:
@@ -41,26 +103,6 @@ def floor_normal(feet_in_base: FloatArray) -> Vector:
     x, y, z = az * by - ay * bz, ax * bz - az * bx, ay * bx - ax * by
     length = max((x * x + y * y + z * z) ** 0.5, 1e-9)
     return x / length, y / length, z / length
-
-
-def foot_jacobians(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    """(4, 3, n) derivative of each foot's position by its own leg's n joints, hip first, in base axes [m/rad]."""
-    return feet_and_jacobians(robot, joint_position)[1]
-
-
-def feet_and_jacobians(robot: RobotModel, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """`foot_positions` and `foot_jacobians` at the cost of one."""
-    model, data = robot.pinocchio, robot.pinocchio_data
-    columns = pin.computeJointJacobians(model, data, robot.configuration(joint_position))
-    feet = np.array([pin.updateFramePlacement(model, data, frame).translation for frame in robot.foot_frames])
-    # A column holds how a joint moves the point of its body that is at the origin, and how it turns: (6, 4, n).
-    moved = columns[:, 6 + robot.leg_joints]
-    turn_x, turn_y, turn_z = moved[3], moved[4], moved[5]
-    x, y, z = feet.T[:, :, None]
-    moved[0] += turn_y * z - turn_z * y
-    moved[1] += turn_z * x - turn_x * z
-    moved[2] += turn_x * y - turn_y * x
-    return feet, moved[:3].transpose(1, 0, 2)
 
 
 def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> FloatArray:
@@ -87,7 +129,8 @@ def feet_and_forces(
     robot: RobotModel, joint_positions: FloatArray, joint_torques: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(n, 4, 3) feet [m] and forces on them as of `foot_forces_from_torques` [N], of (n, nj) samples."""
-    pairs = (feet_and_jacobians(robot, position) for position in joint_positions)
+    kinematics = Kinematics(robot)
+    pairs = (kinematics.feet_and_jacobians(position) for position in joint_positions)
     feet, jacobians = (np.array(part) for part in zip(*pairs, strict=True))
     return feet, massless_leg_forces(jacobians, joint_torques[:, robot.leg_joints])
 
@@ -112,8 +155,9 @@ def inverse_kinematics(
         ReachError: a foot misses its target by more than the tolerance; names the leg and by how much.
     """
     tolerance = REACH_TOLERANCE_RATIO * robot.leg_length if tolerance is None else tolerance
-    position = inverse_kinematics_best_effort(robot, feet_in_base, start)
-    misses = np.linalg.norm(foot_positions(robot, position) - feet_in_base, axis=1)
+    kinematics = Kinematics(robot)
+    position = _nearest_posture(robot, kinematics, feet_in_base, start)
+    misses = np.linalg.norm(kinematics.foot_positions(position) - feet_in_base, axis=1)
     worst = int(np.argmax(misses))
     if not misses[worst] <= tolerance:
         leg = list(robot.legs.values())[worst]
@@ -132,13 +176,19 @@ def inverse_kinematics(
 
 def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, start: FloatArray) -> FloatArray:
     """As `inverse_kinematics`, but returns the nearest posture it finds, however far that is."""
+    return _nearest_posture(robot, Kinematics(robot), feet_in_base, start)
+
+
+def _nearest_posture(
+    robot: RobotModel, kinematics: Kinematics, feet_in_base: FloatArray, start: FloatArray
+) -> FloatArray:
     alive()
     position = np.clip(start, robot.lower_limit, robot.upper_limit)
     joints = robot.leg_joints
     damping = (1e-4 * robot.leg_length) ** 2
     identity = np.eye(joints.shape[1])
     for _ in range(_MAX_ITERATIONS):
-        feet, jacobians = feet_and_jacobians(robot, position)
+        feet, jacobians = kinematics.feet_and_jacobians(position)
         errors = feet_in_base - feet
         transposed = jacobians.transpose(0, 2, 1)
         normal = transposed @ jacobians + damping * identity

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, SettingsError
-from equipoise.robot.kinematics import foot_positions, inverse_kinematics
-from equipoise.robot.model import Leg, RobotModel
+from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
+from equipoise.robot.legs import Leg
+from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import joint_axis
 
 A1_HIP_HEIGHT = 0.312  # [m]; sizes and times throughout were tried on an A1 and scale from there
@@ -151,11 +151,13 @@ def _upright_abduction(robot: RobotModel, leg: Leg, start: FloatArray) -> float:
     abduction = leg.joints[0]
     candidates = np.linspace(float(robot.lower_limit[abduction]), float(robot.upper_limit[abduction]), 721)
     candidates = np.concatenate([[start[abduction]], candidates[np.argsort(np.abs(candidates), kind="stable")]])
+    kinematics, hip_pitch = Kinematics(robot), leg.joint_ids[-2]
+    axis = joint_axis(robot.pinocchio, hip_pitch)
     tilts: list[float] = []
     for angle in candidates:
         position = start.copy()
         position[abduction] = angle
-        tilt = abs(float(_hip_pitch_axis(robot, leg, position)[2]))
+        tilt = abs(float((kinematics.joint_poses(position)[hip_pitch].rotation @ axis)[2]))
         if tilt < 1e-6:
             return float(angle)
         tilts.append(tilt)
@@ -174,16 +176,17 @@ def _seeds(robot: RobotModel, start: FloatArray, targets: FloatArray) -> list[Fl
     ]
     legs = list(robot.legs.values())
     best: dict[tuple[int, bool], tuple[float, float, float]] = {}
+    kinematics = Kinematics(robot)
     for pitch_step in range(_GRID):
         for knee_step in range(_GRID):
             position = start.copy()
             for leg in legs:
                 position[leg.joints[-2]] = span[leg.joints[-2]][pitch_step]
                 position[leg.joints[-1]] = span[leg.joints[-1]][knee_step]
-            misses = np.linalg.norm(foot_positions(robot, position) - targets, axis=1)
-            data = robot.pinocchio_data
+            misses = np.linalg.norm(kinematics.foot_positions(position) - targets, axis=1)
+            poses = kinematics.joint_poses(position)
             for index, leg in enumerate(legs):
-                hip, knee = (data.oMi[joint].translation for joint in leg.joint_ids[-2:])
+                hip, knee = (poses[joint].translation for joint in leg.joint_ids[-2:])
                 key = (index, bool(knee[0] > hip[0]))
                 if misses[index] < best.get(key, (np.inf, 0.0, 0.0))[0]:
                     best[key] = (float(misses[index]), position[leg.joints[-2]], position[leg.joints[-1]])
@@ -204,13 +207,5 @@ def _seeds(robot: RobotModel, start: FloatArray, targets: FloatArray) -> list[Fl
 
 
 def _hip_pitch_origins(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
-    data = robot.pinocchio_data
-    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
-    return np.array([data.oMi[leg.joint_ids[-2]].translation for leg in robot.legs.values()])
-
-
-def _hip_pitch_axis(robot: RobotModel, leg: Leg, joint_position: FloatArray) -> FloatArray:
-    data = robot.pinocchio_data
-    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
-    joint = leg.joint_ids[-2]
-    return np.array(data.oMi[joint].rotation) @ joint_axis(robot.pinocchio, joint)
+    poses = Kinematics(robot).joint_poses(joint_position)
+    return np.array([poses[leg.joint_ids[-2]].translation for leg in robot.legs.values()])

@@ -8,13 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.inertial import com_jacobian
-from equipoise.robot.kinematics import (
-    feet_and_jacobians,
-    floor_normal,
-    foot_forces_from_torques,
-    foot_positions,
-)
+from equipoise.robot.kinematics import Kinematics, floor_normal, foot_forces_from_torques
 from equipoise.robot.model import RobotModel
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -30,11 +24,11 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
         joint_position: (nj,) [rad].
         legs: that stand, of FL FR RL RR; none: the robot lies, and no foot carries anything.
     """
-    return _forces_on(robot, joint_position, foot_positions(robot, joint_position), legs)
+    kinematics = Kinematics(robot)
+    return _forces_on(robot, kinematics.foot_positions(joint_position), kinematics.com(joint_position), legs)
 
 
-def _forces_on(robot: RobotModel, joint_position: FloatArray, feet: FloatArray, legs: Collection[str]) -> FloatArray:
-    com = np.array(pin.centerOfMass(robot.pinocchio, robot.pinocchio_data, robot.configuration(joint_position)))
+def _forces_on(robot: RobotModel, feet: FloatArray, com: FloatArray, legs: Collection[str]) -> FloatArray:
     standing = [index for index, leg in enumerate(robot.legs) if leg in legs]
     forces = np.zeros((4, 3))
     if not standing:
@@ -51,14 +45,24 @@ def _forces_on(robot: RobotModel, joint_position: FloatArray, feet: FloatArray, 
 
 def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
     """(nj,) joint torques that hold a robot at rest on some of its legs, or lying level on its belly on none [Nm]."""
-    feet, jacobians = feet_and_jacobians(robot, joint_position)
-    forces = _forces_on(robot, joint_position, feet, legs)
+    kinematics = Kinematics(robot)
+    feet, jacobians = kinematics.feet_and_jacobians(joint_position)
+    forces = _forces_on(robot, feet, kinematics.com(joint_position), legs)
     up = np.array(floor_normal(feet)) if legs else _UP
-    torques = (
-        robot.mass * float(np.linalg.norm(robot.pinocchio.gravity.linear)) * up @ com_jacobian(robot, joint_position)
-    )
+    weight = robot.mass * float(np.linalg.norm(robot.pinocchio.gravity.linear))
+    torques = weight * up @ kinematics.com_jacobian(joint_position)
     torques[robot.leg_joints] -= (forces[:, None] @ jacobians)[:, 0]
     return torques
+
+
+def torques_of_legs(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    """(nj,) joint torques that carry the legs of a robot whose level base is held [Nm].
+
+    Args:
+        joint_position: (nj,) [rad].
+    """
+    configuration = robot.configuration(joint_position)
+    return np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.create_data(), configuration)[6:])
 
 
 def carried_mass(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> float:
@@ -69,7 +73,6 @@ def carried_mass(robot: RobotModel, joint_position: FloatArray, joint_torque: Fl
         joint_position: (nj,) [rad].
         joint_torque: (nj,) [Nm].
     """
-    configuration = robot.configuration(joint_position)
-    of_legs = np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, configuration)[6:])
+    of_legs = torques_of_legs(robot, joint_position)
     forces = foot_forces_from_torques(robot, joint_position, joint_torque - of_legs)
     return float(forces[:, 2].sum() / np.linalg.norm(robot.pinocchio.gravity.linear))

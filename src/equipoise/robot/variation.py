@@ -70,7 +70,7 @@ def with_segments(robot: RobotModel, base: Segment, legs: list[Segment]) -> Robo
     source = dataclasses.replace(robot.source, xml=xml, sha256=hashlib.sha256(xml.encode()).hexdigest(), repairs=())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # of the original, said when it was loaded
-        return RobotModel(source, robot.name, robot.description)
+        return RobotModel.from_source(source, robot.name, robot.description)
 
 
 def _urdf_links(root: ET.Element, depth: dict[str, int]) -> Iterator[tuple[int | None, list[ET.Element]]]:

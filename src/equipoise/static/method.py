@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import pinocchio as pin
 
 from equipoise.calibration.settings import CalibrationSettings
 from equipoise.errors import RecordingError
@@ -19,6 +18,7 @@ from equipoise.robot.inertial import composite_parameters, nominal_inertia
 from equipoise.robot.kinematics import foot_forces_from_torques, foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.robot.statics import torques_of_legs
 
 _REST_TIME = 2.0  # [s]
 
@@ -56,10 +56,7 @@ def estimate(
     if rest.torque is None:
         raise RecordingError("the recording has no joint torques, which the method 'static' needs")
     position, torque = rest.position.mean(axis=0), rest.torque.mean(axis=0)
-    of_legs = np.array(
-        pin.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio_data, robot.configuration(position))[6:]
-    )
-    lift = foot_forces_from_torques(robot, position, torque - of_legs)[:, 2]
+    lift = foot_forces_from_torques(robot, position, torque - torques_of_legs(robot, position))[:, 2]
     feet = foot_positions(robot, position)
     centre = lift @ feet[:, :2] / lift.sum()
     moved = composite_parameters(robot, stance.joint_position).com - composite_parameters(robot, position).com

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -13,6 +12,7 @@ from equipoise.conventions import FloatArray
 from equipoise.precise.plan import Durations
 from equipoise.result.calibration import SPATIAL_95
 from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
 from equipoise.view.closing_in import ClosingIn, ComEstimate, LiftPlane
@@ -125,9 +125,7 @@ class Camera:
     def _com(self, index: int, estimate: ComEstimate | None) -> FloatArray:
         """In the world: the model's at this posture, moved by what was found at the nominal stance."""
         moments, robot = self.film.moments, self.film.robot
-        in_base = pin.centerOfMass(
-            robot.pinocchio, robot.pinocchio_data, robot.configuration(moments.joint_position[index])
-        )
+        in_base = Kinematics(robot).com(moments.joint_position[index])
         if estimate is not None:
             in_base = in_base + estimate.com - self._nominal_com
         return moments.position[index] + moments.rotation[index] @ in_base
@@ -135,11 +133,8 @@ class Camera:
 
 def joint_poses(film: Film, joint_position: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
     """Rotation and place of the joints' frames in the base frame, from the base's own (1) on [m]."""
-    model, data = film.robot.pinocchio, film.robot.pinocchio_data
-    pin.forwardKinematics(model, data, film.robot.configuration(joint_position))
-    return [
-        (np.array(data.oMi[joint].rotation), np.array(data.oMi[joint].translation)) for joint in range(1, model.njoints)
-    ]
+    poses = Kinematics(film.robot).joint_poses(joint_position)
+    return [(np.array(pose.rotation), np.array(pose.translation)) for pose in poses[1:]]
 
 
 def ellipsoid(estimate: ComEstimate | None) -> tuple[FloatArray, FloatArray] | None:

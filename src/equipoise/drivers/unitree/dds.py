@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.drivers.checkup import Finding
@@ -21,6 +20,7 @@ from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STO
 from equipoise.drivers.unitree.sport import MotionSwitcher, outlook
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
@@ -213,13 +213,13 @@ class UnitreeDdsLink:
         """Whether all legs are folded."""
         if self._newest is None:
             raise MotionError(f"{self.name} must be read before it is commanded: is it lying?")
-        robot, data = self._robot, self._robot.pinocchio_data
-        pin.framesForwardKinematics(robot.pinocchio, data, robot.configuration(self._newest.joint_position))
+        kinematics, position = Kinematics(self._robot), self._newest.joint_position
+        poses = kinematics.joint_poses(position)
         reach = [
-            np.linalg.norm(data.oMf[leg.foot_frame_id].translation - data.oMi[leg.joint_ids[-2]].translation)
-            for leg in robot.legs.values()
+            np.linalg.norm(foot - poses[leg.joint_ids[-2]].translation)
+            for leg, foot in zip(self._robot.legs.values(), kinematics.foot_positions(position), strict=True)
         ]
-        return bool(max(reach) <= _FOLDED * robot.leg_length)
+        return bool(max(reach) <= _FOLDED * self._robot.leg_length)
 
     def _clock_of(self, tick: int) -> RobotClock | None:
         """The robot's clock, or this computer's if it stands still, as public simulators'; None before it is known."""

@@ -1,0 +1,139 @@
+"""The legs of a quadruped: their joints, their length, and where on them the feet are."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.robot.description import LEG_NAMES, RobotDescription
+from equipoise.robot.tree import Spheres, body_frame_of, joint_axis, name_legs
+
+# A model without foot spheres gets feet of this fraction of the leg length: Solo's 16 mm feet on 0.32 m legs.
+_DEFAULT_FOOT_RADIUS_RATIO = 0.05
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One leg, from the hip down.
+
+    Attributes:
+        name: FL, FR, RL or RR.
+        joint_names: from the hip down; the last is the knee, the one before it the hip pitch.
+        joint_ids: of the same joints in the Pinocchio model.
+        joints: indices of the same joints in the robot's joint vectors.
+        foot_frame_id: Pinocchio's id of the frame at the foot's centre.
+        foot_radius: [m].
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    joint_ids: tuple[int, ...]
+    joints: tuple[int, ...]
+    foot_frame_id: int
+    foot_radius: float
+
+
+def add_legs(
+    model: pin.Model, chains: list[list[str]], spheres: Spheres, description: RobotDescription, robot: str, path: Path
+) -> dict[str, Leg]:
+    """The legs FL FR RL RR of a model, which is given a frame at the centre of each foot.
+
+    Args:
+        model: with leg joints only.
+        chains: names of each leg's joints from the hip down.
+        spheres: among the collision shapes.
+        description: foot frames and radius that a user gives.
+        robot: name of the robot, for messages.
+        path: of its model file, for messages.
+    """
+    names = list(model.names)
+    by_leg = name_legs(model, [[names.index(joint) for joint in chain] for chain in chains])
+    legs: dict[str, Leg] = {}
+    guessing = False
+    for leg in LEG_NAMES:
+        ids = by_leg[leg]
+        knee = ids[-1]
+        below = spheres.get(names[knee], [])
+        if leg in description.foot_frames:
+            placement, radius = _described_foot(model, knee, leg, description.foot_frames[leg], below, robot)
+        else:
+            placement, radius = _found_foot(model, knee, leg, below, path)
+        radius = description.foot_radius or radius
+        guessing |= radius is None
+        frame = pin.Frame(f"equipoise_{leg}_foot", knee, body_frame_of(model, knee), placement, pin.FrameType.OP_FRAME)
+        legs[leg] = Leg(
+            name=leg,
+            joint_names=tuple(names[joint] for joint in ids),
+            joint_ids=tuple(ids),
+            joints=tuple(joint - 2 for joint in ids),
+            foot_frame_id=int(model.addFrame(frame)),
+            foot_radius=radius or 0.0,
+        )
+    if not guessing:
+        return legs
+    guess = _DEFAULT_FOOT_RADIUS_RATIO * float(np.mean([leg_length(model, leg) for leg in legs.values()]))
+    warnings.warn(
+        f"{robot}: no sphere at the feet; a radius of {guess * 1000:.0f} mm is assumed "
+        "(set foot_radius in the robot description)",
+        ModelWarning,
+        stacklevel=4,
+    )
+    return {name: replace(leg, foot_radius=leg.foot_radius or guess) for name, leg in legs.items()}
+
+
+def leg_length(model: pin.Model, leg: Leg) -> float:
+    """Thigh plus shank, across the knee's axis: an offset along the axis makes no leg longer [m]."""
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    hip, knee = (data.oMi[joint] for joint in leg.joint_ids[-2:])
+    foot = data.oMf[leg.foot_frame_id]
+    axis = np.array(knee.rotation) @ joint_axis(model, leg.joint_ids[-1])
+    across = np.eye(3) - np.outer(axis, axis)
+    thigh = across @ (knee.translation - hip.translation)
+    shank = across @ (foot.translation - knee.translation)
+    return float(np.linalg.norm(thigh) + np.linalg.norm(shank))
+
+
+def _described_foot(
+    model: pin.Model, knee: int, leg: str, wanted: str, spheres: list[tuple[pin.SE3, float]], robot: str
+) -> tuple[pin.SE3, float | None]:
+    """Placement of the frame of that name in the knee joint's frame, and the radius of the sphere there, if any."""
+    called_so = [frame for frame in model.frames if frame.name == wanted]  # a joint's may be a link's too
+    if not called_so:
+        raise SettingsError(f"foot frame {wanted!r} of leg {leg} is not in robot model {robot!r}")
+    below_knee = [frame for frame in called_so if frame.parentJoint == knee]
+    if not below_knee:
+        raise SettingsError(f"foot frame {wanted!r} is not below the knee of leg {leg}")
+    placement = pin.SE3(np.eye(3), np.array(below_knee[0].placement.translation))
+    near = [
+        radius
+        for sphere, radius in spheres
+        if np.linalg.norm(sphere.translation - placement.translation) < 0.5 * radius
+    ]
+    return placement, near[0] if near else None
+
+
+def _found_foot(
+    model: pin.Model, knee: int, leg: str, spheres: list[tuple[pin.SE3, float]], path: Path
+) -> tuple[pin.SE3, float | None]:
+    """Placement of the foot's centre in the knee joint's frame, and the radius of the sphere there, if any.
+
+    The foot is the collision sphere farthest from the knee, or else the farthest frame.
+    """
+    frames = [np.array(frame.placement.translation) for frame in model.frames if frame.parentJoint == knee]
+    farthest = max(frames, key=lambda position: float(np.linalg.norm(position)))
+    if spheres:
+        placement, radius = max(spheres, key=lambda sphere: float(np.linalg.norm(sphere[0].translation)))
+        if np.linalg.norm(placement.translation) > 0.5 * np.linalg.norm(farthest):  # else it is part of the knee
+            return placement, radius
+    if np.linalg.norm(farthest) < 1e-3:
+        raise ModelError(
+            f"robot model {str(path)!r}: nothing marks the foot of leg {leg} "
+            f"(below joint {model.names[knee]!r}); name its frame under [foot_frames] in a description"
+        )
+    return pin.SE3(np.eye(3), farthest), None
