@@ -1,4 +1,4 @@
-"""What all modules agree on: array types, axes, and how strongly the earth pulls."""
+"""What all modules agree on: array types, axes, how strongly the earth pulls, and what an accelerometer reads of it."""
 
 from __future__ import annotations
 
@@ -14,3 +14,11 @@ AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 
 GRAVITY = 9.81
 """[m/s2], as in Pinocchio and MuJoCo."""
+
+# Between what an accelerometer at rest reads [m/s2]. What is outside is in other units, or of no accelerometer.
+ACCELERATION_AT_REST = (7.0, 13.0)
+"""On average: whatever its errors are, a calibration or a log can be read with it."""
+ACCELERATION_SAMPLE_AT_REST = (GRAVITY - 2.5, GRAVITY + 2.5)
+"""In one sample, before a robot is moved."""
+WELL_SCALED_ACCELERATION_AT_REST = (9.3, 10.3)
+"""On average, of one that a check of the robot finds nothing to say about."""

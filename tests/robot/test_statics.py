@@ -13,8 +13,9 @@ from robots import load_text, quadruped_urdf
 from equipoise.experiments.motion import Motion, Target
 from equipoise.experiments.posture import BodyPosture, feet_in_posture
 from equipoise.robot.description import LEG_NAMES
+from equipoise.robot.floor import floor_normal_by_diagonals
 from equipoise.robot.inertial import composite_parameters
-from equipoise.robot.kinematics import floor_normal, foot_positions, inverse_kinematics
+from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import foot_forces, static_torques
@@ -155,7 +156,7 @@ def test_a_base_that_is_turned_over_its_feet_is_held_against_gravity_as_the_floo
     posture, stance = BodyPosture(roll=0.2, pitch=-0.2, yaw=0.1), nominal_stance(a1)
     feet = feet_in_posture(stance, composite_parameters(a1, stance.joint_position).com, posture)
     feet[[1, 2]] += lifted * posture.rotation[2]
-    np.testing.assert_allclose(floor_normal(feet), posture.rotation[2], atol=1e-12)
+    np.testing.assert_allclose(floor_normal_by_diagonals(feet), posture.rotation[2], atol=1e-12)
     position = inverse_kinematics(a1, feet, stance.joint_position)
     forces = foot_forces(a1, position, LEG_NAMES)
     np.testing.assert_allclose(forces.sum(axis=0), a1.mass * WEIGHT * posture.rotation[2], rtol=1e-3)

@@ -9,10 +9,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from equipoise.conventions import FloatArray
+from equipoise.conventions import WELL_SCALED_ACCELERATION_AT_REST, FloatArray
 from equipoise.platform.platform import JointCommand, Platform, RobotState
 from equipoise.platform.stepping import recording_of
 from equipoise.recording.recording import Recording
+from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lies, nominal_stance
@@ -21,7 +22,6 @@ from equipoise.robot.statics import carried_mass
 _PIECE_TIME = 0.25  # [s]
 _SLOWEST = 100.0  # [Hz] below which a lift is too quick to be seen
 _JITTER = 5e-3  # [s]
-_GRAVITY_RANGE = (9.3, 10.3)  # [m/s2]
 _LEAN = np.radians(
     6
 )  # between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less
@@ -196,7 +196,7 @@ def _still(angular_velocity: FloatArray) -> Finding:
 
 def _gravity(acceleration: FloatArray) -> Finding:
     size = float(np.linalg.norm(acceleration))
-    fine = _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]
+    fine = WELL_SCALED_ACCELERATION_AT_REST[0] < size < WELL_SCALED_ACCELERATION_AT_REST[1]
     hint = "it must read about 9.81 m/s2 upward at rest" + (" (is it in units of g?)" if 0.7 < size < 1.3 else "")
     return Finding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
 
@@ -204,8 +204,7 @@ def _gravity(acceleration: FloatArray) -> Finding:
 def _floor(robot: RobotModel, position: FloatArray, acceleration: FloatArray) -> Finding:
     """Up by the accelerometer against the normal of the floor that the feet stand on."""
     feet = foot_positions(robot, position)
-    normal = np.linalg.svd(feet - feet.mean(axis=0))[2][2]
-    normal = normal * -np.sign(normal @ feet.mean(axis=0))
+    normal = floor_normals_by_fit(feet[None])[0][0]
     up = np.array(robot.imu_in_base.rotation) @ acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
     angle = float(np.arccos(np.clip(up @ normal, -1, 1)))
     value = (

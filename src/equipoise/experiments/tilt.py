@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from equipoise.conventions import FloatArray
+from equipoise.conventions import ACCELERATION_AT_REST, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import composite_parameters
@@ -20,8 +20,6 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 Verdict = Literal["forward", "backward", "balanced"]
 
-# An accelerometer at rest reads g within this factor; 1 or 1000 instead of 9.81 is a unit, not an error.
-_GRAVITY_RANGE = (7.0, 13.0)
 _LAST = 0.02  # [s] at the end of a trial, over which the encoders are averaged
 
 
@@ -89,7 +87,7 @@ def still_means(robot: RobotModel, still: Recording) -> Rest:
     """
     acceleration = still.imu.acceleration.mean(axis=0)
     size = float(np.linalg.norm(acceleration))
-    if not _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]:
+    if not ACCELERATION_AT_REST[0] < size < ACCELERATION_AT_REST[1]:
         raise RecordingError(
             f"the accelerometer reads {size:.3g} at rest; it must read about 9.81, in m/s2 (is it in units of g?)"
         )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.kinematics import Vector, floor_normal, foot_positions
+from equipoise.robot.floor import Vector, floor_normal_by_diagonals
+from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -38,6 +39,6 @@ def _diagonals(feet: FloatArray) -> tuple[float, Vector]:
     Args:
         feet: (4, 3) FL FR RL RR.
     """
-    up = floor_normal(feet)
+    up = floor_normal_by_diagonals(feet)
     dx, dy, dz = (feet[0] + feet[3] - feet[1] - feet[2]).tolist()
     return (up[0] * dx + up[1] * dy + up[2] * dz) / 2, up

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST, FloatArray
 from equipoise.errors import LimitError, SensorError, TrackingError
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
@@ -18,7 +18,6 @@ _STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] that it was sent through; the sh
 
 
 _RUNAWAY = 2.0  # times the limit: a joint this far from where it was sent is not waited for
-_GRAVITY_RANGE = 2.5  # [m/s2]
 
 
 class JointWatch:
@@ -54,7 +53,7 @@ class JointWatch:
         self._check_position(state.joint_position)
         self._check_health(state)
         size = float(np.linalg.norm(state.acceleration))
-        if abs(size - GRAVITY) > _GRAVITY_RANGE:
+        if size < ACCELERATION_SAMPLE_AT_REST[0] or size > ACCELERATION_SAMPLE_AT_REST[1]:
             raise SensorError(
                 f"the accelerometer reads {size:.1f} m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is "
                 "the robot being moved?"

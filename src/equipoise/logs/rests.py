@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from equipoise.conventions import FloatArray
 from equipoise.logs.track import STEP, Track, true_runs
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.screening import floor_normals
+from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import carried_mass
@@ -75,7 +75,7 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[Rest]:
         up = acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
         torque = None if track.joint_torque is None else track.joint_torque[part].mean(axis=0)
         feet = legs.feet(position[None])[0]
-        normal, _ = floor_normals(feet[None])
+        normal, _ = floor_normals_by_fit(feet[None])
         folded = _folded(stance, feet, normal[0])
         why_not = "the legs are folded: it lies, or hangs" if folded else _why_not_level(stance, feet, normal[0], up)
         if why_not is None and torque is not None:

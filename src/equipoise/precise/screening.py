@@ -16,15 +16,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.alive import alive
-from equipoise.conventions import FloatArray
+from equipoise.conventions import ACCELERATION_AT_REST, FloatArray
 from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import Recording
+from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import LEG_NAMES, RobotModel
 
-_GRAVITY_RANGE = (7.0, 13.0)  # [m/s2]
 _BEYOND_LIMIT = 1.0  # [rad]: what no joint's zero and no hard stop explains
 _FROZEN_TIME = 0.15  # [s] of identical samples
 _FROZEN_MOVE = 0.02  # [rad] that was commanded meanwhile
@@ -95,7 +95,7 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
 
 def _check_gravity(acceleration: FloatArray) -> None:
     size = float(np.median(np.linalg.norm(acceleration, axis=1)))
-    if not _GRAVITY_RANGE[0] < size < _GRAVITY_RANGE[1]:
+    if not ACCELERATION_AT_REST[0] < size < ACCELERATION_AT_REST[1]:
         unit = " (is it in units of g?)" if 0.7 < size < 1.3 else ""
         raise RecordingError(f"the accelerometer reads {size:.3g} at rest; it must read about 9.81 m/s2{unit}")
 
@@ -233,7 +233,7 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
     now = _disagreement(feet, up)
     if now < _SUSPICIOUS:
         return
-    turn, _ = Rotation.align_vectors(floor_normals(feet)[0], up)
+    turn, _ = Rotation.align_vectors(floor_normals_by_fit(feet)[0], up)
     if _disagreement(feet, turn.apply(up)) < _CURED * now:
         if now < _DISAGREEMENT:
             return  # a tilt that the estimate finds and corrects
@@ -314,16 +314,7 @@ def _mistakes(robot: RobotModel, legs: LegChains, position: FloatArray) -> list[
 
 def _disagreement(feet: FloatArray, up: FloatArray) -> float:
     """Rms angle between up and the plane of (n, 3 or 4, 3) feet, and by which the feet are off their plane [rad]."""
-    normal, unevenness = floor_normals(feet)
+    normal, unevenness = floor_normals_by_fit(feet)
     cosine: FloatArray = np.asarray(np.einsum("ni,ni->n", normal, up), dtype=float)
     angle = np.arccos(np.clip(cosine, -1, 1))
     return float(np.sqrt(np.mean(angle**2 + unevenness**2)))
-
-
-def floor_normals(feet: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) normals of the planes through the feet, upward, and (n,) how uneven they are, over the feet's distances."""
-    centred = feet - feet.mean(axis=1, keepdims=True)
-    _, sizes, axes = np.linalg.svd(centred)
-    normal = axes[:, 2]
-    normal = normal * np.sign(-np.einsum("ni,ni->n", normal, feet.mean(axis=1)))[:, None]
-    return normal, sizes[:, 2] / sizes[:, 1]

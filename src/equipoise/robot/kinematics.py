@@ -10,8 +10,6 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.model import RobotModel
 
-Vector = tuple[float, float, float]
-
 # Feet may miss their target by this fraction of the leg length before a posture counts as out of reach: 0.4 mm on an A1.
 REACH_TOLERANCE_RATIO = 1e-3
 _MAX_ITERATIONS = 50
@@ -86,23 +84,6 @@ def foot_positions(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
 def foot_jacobians(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     """(4, 3, n) derivative of each foot's position by its own leg's n joints, hip first, in base axes [m/rad]."""
     return Kinematics(robot).feet_and_jacobians(joint_position)[1]
-
-
-def floor_normal(feet_in_base: FloatArray) -> Vector:
-    """Upward unit normal of the floor in base axes, by four feet of which both on a diagonal may be lifted by the same height.
-
-    In plain numbers: for three of them NumPy takes five times as long.
-
-    Args:
-        feet_in_base: (4, 3) FL FR RL RR [m].
-    """
-    (ax, ay, az), (bx, by, bz) = (
-        (feet_in_base[2] - feet_in_base[1]).tolist(),
-        (feet_in_base[0] - feet_in_base[3]).tolist(),
-    )
-    x, y, z = az * by - ay * bz, ax * bz - az * bx, ay * bx - ax * by
-    length = max((x * x + y * y + z * z) ** 0.5, 1e-9)
-    return x / length, y / length, z / length
 
 
 def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, joint_torque: FloatArray) -> FloatArray:

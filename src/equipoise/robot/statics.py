@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.kinematics import Kinematics, floor_normal, foot_forces_from_torques
+from equipoise.robot.floor import floor_normal_by_diagonals
+from equipoise.robot.kinematics import Kinematics, foot_forces_from_torques
 from equipoise.robot.model import RobotModel
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -37,7 +38,7 @@ def _forces_on(robot: RobotModel, feet: FloatArray, com: FloatArray, legs: Colle
     for column, index in enumerate(standing):
         balance[:3, 3 * column : 3 * column + 3] = np.eye(3)
         balance[3:, 3 * column : 3 * column + 3] = pin.skew(feet[index] - com)
-    weight = robot.mass * np.linalg.norm(robot.pinocchio.gravity.linear) * np.array(floor_normal(feet))
+    weight = robot.mass * np.linalg.norm(robot.pinocchio.gravity.linear) * np.array(floor_normal_by_diagonals(feet))
     solution, *_ = np.linalg.lstsq(balance, np.concatenate([weight, np.zeros(3)]), rcond=1e-6)
     forces[standing] = solution.reshape(-1, 3)
     return forces
@@ -48,7 +49,7 @@ def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collecti
     kinematics = Kinematics(robot)
     feet, jacobians = kinematics.feet_and_jacobians(joint_position)
     forces = _forces_on(robot, feet, kinematics.com(joint_position), legs)
-    up = np.array(floor_normal(feet)) if legs else _UP
+    up = np.array(floor_normal_by_diagonals(feet)) if legs else _UP
     weight = robot.mass * float(np.linalg.norm(robot.pinocchio.gravity.linear))
     torques = weight * up @ kinematics.com_jacobian(joint_position)
     torques[robot.leg_joints] -= (forces[:, None] @ jacobians)[:, 0]

@@ -20,8 +20,8 @@ from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.precise.measurements.tilt_equation import SensorBiases
-from equipoise.precise.screening import floor_normals
 from equipoise.recording.recording import Recording
+from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel
 
 _KNOT, _STEP = 0.03, 0.03  # [s] on an A1
@@ -132,7 +132,7 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases)
     legs = list(robot.legs.values())
     radii = np.array([leg.foot_radius for leg in legs]) * biases.foot_radius
     # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
-    down = -floor_normals(LegChains(robot).feet(position))[0]
+    down = -floor_normals_by_fit(LegChains(robot).feet(position))[0]
     count, joints = position.shape
     regressor = np.empty((count, 6 + joints, 10 * (model.njoints - 1)))
     contact = np.empty((count, 12, 6 + joints))
