@@ -47,6 +47,7 @@ from equipoise import (
 from equipoise.errors import EquipoiseError
 from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.routine import PreciseSettings
+from equipoise.robot.scale import Scale
 from equipoise.simulation.sensors import REALISTIC
 
 RESULTS = Path(__file__).parent / "results"
@@ -56,7 +57,6 @@ SHORT_SEEDS = 50  # of the A1, with a budget of 60 s
 SOURCE_SEEDS = 3  # of each error source alone
 SCALE = 0.005  # a scale's error, as a fraction
 A1_LEG = 0.4  # [m]
-A1_HEIGHT = 0.312  # [m]
 PRODUCTS = slice(7, 10)
 # One error source at a time; those that only matter together are together.
 SOURCES = {
@@ -106,8 +106,8 @@ def cases() -> list[Case]:
     return [*early, *sources, *few, *late, *(c for c in naive if c not in set(few))]
 
 
-def errors_of(case: Case, torque_scale: float) -> SensorErrors:
-    sizes = REALISTIC.scaled_to(torque_scale)
+def errors_of(case: Case, scale: Scale) -> SensorErrors:
+    sizes = REALISTIC.scaled_to(scale)
     if case.source == "realistic":
         return sizes
     kept = {*SOURCES[case.source], "floor_friction"}
@@ -117,7 +117,7 @@ def errors_of(case: Case, torque_scale: float) -> SensorErrors:
 
 def payload_of(robot: equipoise.RobotModel, generator: np.random.Generator) -> str:
     """5 to 30 % of the base's mass, somewhere on the back, with an extent of its own."""
-    size = nominal_stance(robot).hip_height / A1_HEIGHT
+    size = nominal_stance(robot).scale.length
     mass = generator.uniform(0.05, 0.30) * float(robot.pinocchio.inertias[1].mass)
     at = size * np.array(
         [generator.uniform(-0.12, 0.12), generator.uniform(-0.05, 0.05), generator.uniform(0.03, 0.12)]
@@ -145,7 +145,7 @@ def run(case: Case, keep: Path | None, again: bool) -> dict[str, object]:
     stance = nominal_stance(robot)
     generator = np.random.default_rng([case.seed, 77])
     payload = payload_of(robot, generator)
-    sizes = errors_of(case, robot.torque_scale(stance.hip_height))
+    sizes = errors_of(case, stance.scale)
     row: dict[str, object] = {"key": case.key, **dataclasses.asdict(case), "payload": payload}
     row["leg_length"], row["hip_height"] = robot.leg_length, stance.hip_height
     folder = None if keep is None else keep / case.key.replace("/", "-").replace(" ", "_")

@@ -52,7 +52,7 @@ def run(case: Case) -> Row:
     name, budget, seed = case
     robot = load_robot(name)
     payload = payload_of(robot, seed)
-    settings = CalibrationSettings(precise=PreciseSettings(budget=budget * nominal_stance(robot).clock))
+    settings = CalibrationSettings(precise=PreciseSettings(budget=budget * nominal_stance(robot).scale.time))
     row: Row = {"robot": name, "budget": budget, "seed": seed, "payload": payload}
     with simulate(robot, "ideal", payload) as simulation:
         try:

@@ -62,7 +62,7 @@ def run(name: str, seed: int, budget: int) -> Row:
     robot = load_robot(name)
     generator = np.random.default_rng([seed, 83])
     payload, softness = payload_of(robot, generator), generator.uniform(0, SOFTEST)
-    clock = nominal_stance(robot).clock
+    clock = nominal_stance(robot).scale.time
     settings = CalibrationSettings("precise", precise=PreciseSettings(budget=budget * clock))
     recordings: list[Recording] = []
     leaning: list[float] = []

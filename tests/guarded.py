@@ -169,7 +169,7 @@ def lift(guard, robot, watch=0.3, diagonal="FL_RR"):
     target = Target.standing(robot, guard.read().joint_position)
     planted = PlantedRobot(guard, robot, target, stance.feet_in_base)
     raised = target.feet_in_base.copy()
-    raised[[leg not in DIAGONALS[diagonal] for leg in LEG_NAMES], 2] += 0.024 * stance.size
+    raised[[leg not in DIAGONALS[diagonal] for leg in LEG_NAMES], 2] += 0.024 * stance.scale.length
     up = planted.motion().phase("unload").shift_load(DIAGONALS[diagonal], 0.1)
     planted.play(up.phase("lift").move_feet(raised, 0.15).phase("watch").hold(watch))
 

@@ -22,6 +22,7 @@ from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import attitudes, read_lift
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
 Acceleration = Literal["accelerometer", "kinematic"]
@@ -71,7 +72,7 @@ class Filtered:
 def read_all(
     robot: RobotModel,
     recordings: Sequence[Recording],
-    hip_height: float,
+    stance: Stance,
     cutoff: float,
     acceleration: Acceleration,
     motions: Motions,
@@ -87,7 +88,6 @@ def read_all(
     chosen = [r for r in recordings if motions != "shake" or r.trial.get("kind") == "shake"]
     rests = [r.phase(_REST_OF[r.trial["kind"]]) for r in chosen if r.trial.get("kind") in ("shake", "posture", "lift")]
     gyro_bias = np.median([rest.imu.angular_velocity.mean(axis=0) for rest in rests], axis=0)
-    clock = float(np.sqrt(hip_height / 0.312))
     parts: list[Filtered] = []
     for recording in chosen:
         kind = str(recording.trial.get("kind"))
@@ -98,11 +98,11 @@ def read_all(
         windows = [(float(rest.joints.time[0]), float(recording.joints.time[-1]), four)]
         if kind == "lift":
             windows = [(float(rest.joints.time[0]), float(rest.joints.time[-1]), four)]
-            lift = read_lift(robot, legs, recording, hip_height, gyro_bias) if recording.has_phase("lower") else ""
+            lift = read_lift(robot, legs, recording, stance, gyro_bias) if recording.has_phase("lower") else ""
             if motions == "all" and not isinstance(lift, str):
                 two = np.array([leg in DIAGONALS[lift.diagonal] for leg in LEG_NAMES])
                 windows.append((lift.start, lift.start + lift.step * (len(lift.joint_position) - 1), two))
-        parts += read(robot, recording, rest, windows, gyro_bias, cutoff / clock, acceleration)
+        parts += read(robot, recording, rest, windows, gyro_bias, cutoff / stance.scale.time, acceleration)
     return Filtered.joined(parts)
 
 

@@ -138,7 +138,7 @@ def _theirs(
         return components(found).tolist()
     settings = ProjectedSettings() if method == "projected" else KalmanSettings()
     samples = filtered.read_all(
-        case.robot, recordings, case.stance.hip_height, settings.cutoff, settings.acceleration, settings.motions
+        case.robot, recordings, case.stance, settings.cutoff, settings.acceleration, settings.motions
     )
     if isinstance(settings, ProjectedSettings):
         mass = None if weighed is None else weighed[0]

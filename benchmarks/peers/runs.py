@@ -39,7 +39,6 @@ RUNS = ("precise", "paper", "static", "shake")
 TRUTH, FEED_FORWARD = "components.npz", "feed_forward.npz"
 
 _GRAVITY = 9.81
-_HEIGHT = 0.312  # of an A1's hips [m]; lengths scale with it, frequencies with its square root
 # No two are multiples of one another, and all directions of all joints come back at many phases of the others.
 _TURN_FREQUENCIES, _SHIFT_FREQUENCIES = np.array([2.3, 1.9, 1.5]), np.array([1.1, 1.3, 0.9])  # [Hz]
 # Of 0.7, 1, 1.3 and 1.7 times this, on an A1 of a tuning seed, this let `projected` come nearest: less drowns in joint
@@ -108,7 +107,7 @@ def record(case: Case, kept: Path) -> None:
     folder = case.folder(kept)
     generator = np.random.default_rng([case.seed, 77])
     payload = accuracy.payload_of(case.robot, generator)
-    sizes = REALISTIC.scaled_to(case.robot.torque_scale(case.stance.hip_height))
+    sizes = REALISTIC.scaled_to(case.stance.scale)
     settings: CalibrationSettings | None = None
     for run in RUNS:
         if settings is not None and (folder / run / FEED_FORWARD).exists():
@@ -178,13 +177,12 @@ def shake(platform: Platform, robot: RobotModel, stance: Stance, keep: Callable[
 
 def _play_shake(planted: PlantedRobot, stance: Stance, size: float) -> Recording:
     body = composite_parameters(planted.robot, stance.joint_position)
-    height = stance.hip_height / _HEIGHT
-    slow = 1 / np.sqrt(height)
+    slow = 1 / stance.scale.time
     turn_rate, shift_rate = 2 * np.pi * slow * _TURN_FREQUENCIES, 2 * np.pi * slow * _SHIFT_FREQUENCIES
     arms = np.abs(stance.feet_in_base[:, :2] - body.com[:2]).mean(axis=0)
     lever = np.array([arms[1], arms[0], 0.5 * float(np.hypot(*arms))])  # yaw is carried by half the load's friction
     most = _LOAD_SHARE * body.mass * _GRAVITY * lever / (np.diag(body.inertia) * turn_rate**2)
-    turn, shift = size * np.minimum(most, _LARGEST_TURN), size * height * _LARGEST_SHIFT
+    turn, shift = size * np.minimum(most, _LARGEST_TURN), size * stance.scale.length * _LARGEST_SHIFT
     total = (_DURATION + 2 * _RAMP) / slow
 
     def feet_at(time: float) -> FloatArray:

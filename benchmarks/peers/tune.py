@@ -59,7 +59,7 @@ def variants() -> list[Settings]:
 @cache
 def samples_of(case: Case, kept: Path, cutoff: float, acceleration: str, motions: str) -> Filtered:
     recordings = [*load(case, kept, "shake"), *load(case, kept, "precise")]
-    return filtered.read_all(case.robot, recordings, case.stance.hip_height, cutoff, acceleration, motions)  # pyright: ignore
+    return filtered.read_all(case.robot, recordings, case.stance, cutoff, acceleration, motions)  # pyright: ignore
 
 
 def errors_of(settings: Settings, case: Case, kept: Path) -> NDArray[np.float64]:

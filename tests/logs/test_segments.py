@@ -190,7 +190,7 @@ def legs(a1):
 
 
 def rests_of(a1, stance, recording):
-    return find_rests(a1, stance, Track.of(a1, recording, stance.clock))
+    return find_rests(a1, stance, Track.of(a1, recording, stance.scale.time))
 
 
 def test_a_robot_that_stands_still_rests_for_all_of_the_time(a1, stance):

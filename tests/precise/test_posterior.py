@@ -33,7 +33,7 @@ def posterior(a1, precise_run, evidence):
 @pytest.fixture(scope="module")
 def drawn(a1, precise_run):
     """The simulated robot's own errors."""
-    sizes = PRESETS["realistic"].scaled_to(a1.mass * 9.81 * precise_run.stance.hip_height)
+    sizes = PRESETS["realistic"].scaled_to(precise_run.stance.scale)
     return DrawnErrors.draw(sizes, 12, precise_run.seed)
 
 

@@ -389,6 +389,6 @@ def test_a_model_that_the_engine_refuses_is_a_model_error(tmp_path):
 
 def test_realistic_errors_of_another_robot_change_with_its_size(robots):
     robot = robots["URDF"]
-    scale = robot.mass * 9.81 * nominal_stance(robot).hip_height
+    scale = nominal_stance(robot).scale
     model, simulated = compiled(robot, "realistic")
     assert model.dof_frictionloss[simulated.dof[0]] == pytest.approx(REALISTIC.scaled_to(scale).coulomb_friction)

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
 from equipoise.errors import SettingsError
 from equipoise.robot.kinematics import inverse_kinematics
-from equipoise.robot.model import A1_TORQUE_SCALE
+from equipoise.robot.scale import Scale
 from equipoise.simulation.mujoco import MujocoPlatform
 from equipoise.simulation.sensors import IDEAL, PRESETS, REALISTIC, DrawnErrors
 
@@ -60,17 +60,13 @@ def test_ideal_has_no_error_at_all():
 
 
 def test_torque_like_errors_scale_with_the_robot_and_nothing_else_does():
-    scaled = dataclasses.asdict(REALISTIC.scaled_to(3 * A1_TORQUE_SCALE))
+    scaled = dataclasses.asdict(REALISTIC.scaled_to(Scale(length=2.0, torque=3.0)))
     for name, value in dataclasses.asdict(REALISTIC).items():
         assert scaled[name] == pytest.approx(value * (3 if name in TORQUE_LIKE else 1))
 
 
-def test_the_reference_is_the_a1(a1):
-    assert a1.mass * 9.81 * nominal_stance(a1).hip_height == pytest.approx(A1_TORQUE_SCALE, rel=0.05)
-
-
 def test_a_preset_is_scaled_to_the_robot_and_errors_of_ones_own_are_not(a1):
-    scale = a1.mass * 9.81 * nominal_stance(a1).hip_height
+    scale = nominal_stance(a1).scale
     sizes = simulate(a1, "realistic").platform._simulated.errors.sizes
     assert sizes == REALISTIC.scaled_to(scale)
     own = SensorErrors(torque_noise=0.7)

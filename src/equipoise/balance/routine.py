@@ -20,7 +20,8 @@ from equipoise.platform.platform import JointCommand, MotionInterrupted, Platfor
 from equipoise.platform.ramp import smooth_step
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics_best_effort
-from equipoise.robot.model import A1_TORQUE_SCALE, DIAGONALS, RobotModel
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.scale import Scale
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import static_torques
 
@@ -152,7 +153,7 @@ class _Trial:
         self._watch = watch
         hip_height = self._hip_height = nominal_stance(robot).hip_height
         self.swing_height = settings.swing_height * hip_height
-        self._scale = believed.torque_scale(hip_height) / A1_TORQUE_SCALE
+        self._scale = Scale.of(believed.mass, hip_height).torque
         kp, kd = robot.gains(hip_height)
         self._gains = (kp, kd)
         self._kp, self._kd = (np.full(len(robot.joint_names), gain) for gain in (kp, kd))

@@ -122,7 +122,7 @@ def rehearse(robot: RobotModel, settings: CalibrationSettings) -> Rehearsal:
         postures += _of_sways(robot, stance, settings.sway)
     else:
         postures, time = [], 3.0
-    return Rehearsal(robot, settings.method, (*ends, *postures), time + _AROUND * stance.clock, plan)
+    return Rehearsal(robot, settings.method, (*ends, *postures), time + _AROUND * stance.scale.time, plan)
 
 
 def _held(
@@ -164,7 +164,10 @@ def _of_search(
             feet[[leg not in legs for leg in LEG_NAMES], 2] += height
             what = f"lines at {offset * 1000:+.0f} mm: two feet up by up to {height * 1000:.0f} mm, on {diagonal}"
             found.append(_held(robot, what, feet, stance.joint_position, legs, halvings))
-    return found, 2 * halvings * _LIFT_TIME * stance.clock / settings.com_search.speed + _SWAYS_TIME * stance.clock
+    return (
+        found,
+        2 * halvings * _LIFT_TIME * stance.scale.time / settings.com_search.speed + _SWAYS_TIME * stance.scale.time,
+    )
 
 
 def _of_sways(robot: RobotModel, stance: Stance, settings: SwaySettings) -> list[RehearsedPosture]:

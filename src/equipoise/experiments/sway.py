@@ -66,7 +66,7 @@ class SwaySettings:
 
     def frequency_for(self, stance: Stance) -> float:
         """[Hz]."""
-        return self.frequency or 2.0 / stance.clock
+        return self.frequency or 2.0 / stance.scale.time
 
 
 def sway_axis(planted: PlantedRobot, stance: Stance, axis: Axis, settings: SwaySettings) -> None:
@@ -195,7 +195,7 @@ def sway_all_axes(planted: PlantedRobot, stance: Stance, com: FloatArray) -> Non
     if not axes:
         return
     frequencies: dict[Axis, float] = {
-        axis: f / stance.clock for axis, f in zip(AXES, _ALL_AXES_FREQUENCIES, strict=True) if axis in axes
+        axis: f / stance.scale.time for axis, f in zip(AXES, _ALL_AXES_FREQUENCIES, strict=True) if axis in axes
     }
     amplitudes = {
         axis: _amplitude_for(robot, stance, axis, replace(settings, frequency=frequency)) / np.sqrt(len(axes))
@@ -227,5 +227,5 @@ def sway_all_axes(planted: PlantedRobot, stance: Stance, com: FloatArray) -> Non
 
 def sway_time(stance: Stance) -> float:
     """Robot time of `sway_all_axes` [s]."""
-    slowest = min(_ALL_AXES_FREQUENCIES) / stance.clock
+    slowest = min(_ALL_AXES_FREQUENCIES) / stance.scale.time
     return (_ALL_AXES_PERIODS + 2 * _RAMP_PERIODS) / slowest + 3 * _SETTLE_TIME

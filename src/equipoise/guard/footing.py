@@ -21,7 +21,7 @@ class Footing:
     def __init__(self, robot: RobotModel, stance: Stance) -> None:
         self._robot = robot
         self._usual, _ = _diagonals(stance.feet_in_base)
-        self._tolerance = _LIFTED * stance.size
+        self._tolerance = _LIFTED * stance.scale.length
 
     def look(self, joint_position: FloatArray) -> tuple[bool, Vector]:
         """Whether joints at (nj,) [rad] hold feet above the floor that the others stand on, and its normal in the base."""

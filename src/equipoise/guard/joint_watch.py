@@ -11,7 +11,8 @@ from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST, FloatArray
 from equipoise.errors import LimitError, SensorError, TrackingError
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.model import A1_TORQUE_SCALE, RobotModel
+from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
 
 _STUCK_TIME = 0.5  # [s] over which a joint must follow
 _STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] that it was sent through; the share to move by (sound joints: 0.66)
@@ -35,7 +36,7 @@ class JointWatch:
         self, limits: Limits, robot: RobotModel, hip_height: float, control_period: float, knows_gains: bool
     ) -> None:
         self._limits, self._robot, self._period, self._knows_gains = limits, robot, control_period, knows_gains
-        self._missing_torque = limits.missing_torque * robot.torque_scale(hip_height) / A1_TORQUE_SCALE
+        self._missing_torque = limits.missing_torque * Scale.of(robot.mass, hip_height).torque
         self._kp, self._kd = robot.gains(hip_height)
         joints = len(robot.joint_names)
         self._too_fast, self._too_strong, self._behind, self._too_hot = np.zeros((4, joints))

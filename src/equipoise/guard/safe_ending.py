@@ -29,7 +29,7 @@ _SPEED_SHARE, _PEAK = 0.5, 1.875  # of a joint's speed limit, at most; peak over
 _HOPELESS = 0.8  # [rad] of tilt beyond which putting feet down catches nobody
 _PULL = 0.15  # [rad] from where a joint is to where it is sent: an A1's knee gives 15 Nm for it, and needs 8 to stand
 _FAR = 0.3  # [rad] from where it was sent: the joint obeys no longer, or the robot has sunk meanwhile
-# Damped robots of the catalogue sink to the floor in 0.9 to 2.3 s (HyQ; over its clock), at 0.2 to 0.9 m/s (B1: what a
+# Damped robots of the catalogue sink to the floor in 0.9 to 2.3 s (HyQ; over its scale of time), at 0.2 to 0.9 m/s (B1: what a
 # drop of 4 cm ends with). Twice the damping takes twice as long, and HyQ rolled over.
 _LONGEST = 4.0  # [s] on an A1
 _STILL_TIME, _STILL = 0.3, 0.02  # [s], [rad] that no joint moved by meanwhile
@@ -115,7 +115,7 @@ class SafeEnding:
             return
         self.done.append("feet down")
         end = JointCommand(found.planted.position, torque=found.planted.torque)
-        for command in self._way_to(end, FEET_DOWN * self._stance.clock):
+        for command in self._way_to(end, FEET_DOWN * self._stance.scale.time):
             self._send(self._gentle(command, found), found)
 
     def _lie_down(self, found: Situation) -> None:
@@ -126,7 +126,7 @@ class SafeEnding:
             return
         self.done.append("lying down")
         position, _ = lying_posture(self._robot, self._stance)
-        for command in self._way_to(JointCommand(position), LIE_DOWN * self._stance.clock):
+        for command in self._way_to(JointCommand(position), LIE_DOWN * self._stance.scale.time):
             if self._asked():
                 self.done[-1] += ", cut short"
                 return
@@ -147,7 +147,7 @@ class SafeEnding:
         zeros = np.zeros_like(self._last.position)
         limp = JointCommand(self._last.position, kp=zeros, kd=self._own_gains[1])
         was = self._here
-        for count in range(1, self._periods(_LONGEST * self._stance.clock) + 1):
+        for count in range(1, self._periods(_LONGEST * self._stance.scale.time) + 1):
             self._send(limp, found)
             if count % self._periods(_STILL_TIME) == 0:
                 if found.believed and found.heard and np.abs(self._here - was).max() < _STILL:

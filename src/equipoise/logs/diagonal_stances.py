@@ -11,7 +11,7 @@ from equipoise.logs.track import true_runs
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
 
-# On an A1; lengths scale with the stance's size, times with its clock.
+# On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] above the standing feet: off the floor, as lift_samples.py has it
 _DRAWN_UP = (
     6e-3  # [m] by which a leg lifts its foot: at least 9 mm in lifts, 2 mm where another steps and the robot tips
@@ -36,9 +36,9 @@ def diagonal_stances(paths: FootPaths, stance: Stance) -> list[DiagonalStance]:
     """All of them, in order of time."""
     found: list[DiagonalStance] = []
     for diagonal, standing in DIAGONALS.items():
-        up = paths.rise_above(standing)[:, _lifted(diagonal)].min(axis=1) > _CLEAR * stance.size
+        up = paths.rise_above(standing)[:, _lifted(diagonal)].min(axis=1) > _CLEAR * stance.scale.length
         spans = [(float(paths.time[first]), float(paths.time[last - 1])) for first, last in true_runs(up)]
-        found += [DiagonalStance(diagonal, a, b) for a, b in spans if b - a >= SHORTEST_STANCE * stance.clock]
+        found += [DiagonalStance(diagonal, a, b) for a, b in spans if b - a >= SHORTEST_STANCE * stance.scale.time]
     return sorted(found, key=lambda one: one.start)
 
 
@@ -50,19 +50,19 @@ def why_no_lift(paths: FootPaths, stances: Sequence[DiagonalStance], rest: Rest,
         stances: all that follow it.
         stance: the robot's nominal one.
     """
-    clock, size, first = stance.clock, stance.size, stances[0]
+    scale, first = stance.scale, stances[0]
     for other in stances[1:]:
-        if other.diagonal != first.diagonal and other.start - first.end < _NEXT_STEP * clock:
+        if other.diagonal != first.diagonal and other.start - first.end < _NEXT_STEP * scale.time:
             return f"the other two feet rise {max(0.0, other.start - first.end):.2f} s after these came down: it walks"
     inside = (paths.time >= first.start) & (paths.time <= first.end)
     slid = float(paths.slid(DIAGONALS[first.diagonal])[paths.time <= first.end].max())
-    if slid > _STANDING_SLID * size:
+    if slid > _STANDING_SLID * scale.length:
         return f"the standing feet have moved by {slid * 1000:.0f} mm since the rest: they step or slip"
-    if first.start - rest.end > _SOON * clock:
+    if first.start - rest.end > _SOON * scale.time:
         return f"two feet go up {first.start - rest.end:.1f} s after the last rest: the attitude is not known well"
     lifted = _lifted(first.diagonal)
     drawn_up = paths.drawn_up - paths.drawn_up[:, [not up for up in lifted]].mean(axis=1, keepdims=True)
-    if drawn_up[inside][:, lifted].min(axis=1).max() < _DRAWN_UP * size:
+    if drawn_up[inside][:, lifted].min(axis=1).max() < _DRAWN_UP * scale.length:
         return "only one of the two feet is lifted, and the robot tips off the other"
     return None
 

@@ -95,12 +95,12 @@ class FootPaths:
         Args:
             shortest: [s].
         """
-        window = max(2, round(_PLANTED_WINDOW * stance.clock / float(np.diff(self.time).mean())))
+        window = max(2, round(_PLANTED_WINDOW * stance.scale.time / float(np.diff(self.time).mean())))
         if len(self.time) <= window:
             return None
         moved = self.way[window:] - self.way[:-window]
         slid = np.linalg.norm(moved - moved.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-        runs = true_runs(slid < _PLANTED_SLID * stance.size)
+        runs = true_runs(slid < _PLANTED_SLID * stance.scale.length)
         if not runs:
             return None
         first, last = max(runs, key=lambda run: run[1] - run[0])

@@ -55,11 +55,11 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     Raises:
         RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
     """
-    track = Track.of(robot, recording, stance.clock)
+    track = Track.of(robot, recording, stance.scale.time)
     if len(track.time) < 8:
         return None
     turning, planted = turning_by_legs(LegChains(robot), stance, track)
-    if planted.sum() * track.step < _ENOUGH * stance.clock:
+    if planted.sum() * track.step < _ENOUGH * stance.scale.time:
         return None
     gyroscope = recording.imu.angular_velocity @ np.array(robot.imu_in_base.rotation).T
     angle = Integral(recording.imu.time, gyroscope)
@@ -98,7 +98,9 @@ def turning_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[Floa
     solution = np.linalg.solve(transposed @ design, transposed @ target)
     slip = np.sqrt(((target - design @ solution) ** 2).mean(axis=(1, 2)) * 3)
     turning = np.asarray(solution[:, 3:, 0], dtype=float)
-    return turning, (slip < _SLIP * stance.size / stance.clock) & (np.linalg.norm(turning, axis=1) > _TURNING)
+    return turning, (slip < _SLIP * stance.scale.length / stance.scale.time) & (
+        np.linalg.norm(turning, axis=1) > _TURNING
+    )
 
 
 def _best_offset(unexplained: Unexplained, factor: FloatArray) -> tuple[float, float]:

@@ -112,9 +112,9 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
 
 def _rates(recording: Recording, stance: Stance) -> list[Finding]:
     slow = [
-        (name, rate(stream.time), least / stance.clock)
+        (name, rate(stream.time), least / stance.scale.time)
         for name, stream, least in (("joint", recording.joints, _SLOW_JOINTS), ("IMU", recording.imu, _SLOW_IMU))
-        if rate(stream.time) < least / stance.clock
+        if rate(stream.time) < least / stance.scale.time
     ]
     return [
         Finding(

@@ -9,7 +9,7 @@ import numpy as np
 from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.logs.track import true_runs
 
-# On an A1; times scale with the stance's clock.
+# On an A1; times are multiplied by the robot's scale.
 _ENVELOPE = 0.8  # [s] that the strength of the motion is taken over
 _STEADY = 0.5  # of the strongest
 _SHORTEST, _FEWEST_PERIODS = 1.5, 3  # [s]
@@ -39,24 +39,24 @@ class Oscillation:
         return ", ".join([*axes, f"{self.end - self.start:.1f} s"])
 
 
-def find_oscillation(time: FloatArray, turning: FloatArray, clock: float) -> Oscillation | None:
+def find_oscillation(time: FloatArray, turning: FloatArray, time_scale: float) -> Oscillation | None:
     """The longest steady part, if a sinusoid dominates it about one axis at least.
 
     Args:
         time: (n,) evenly spaced [s].
         turning: (n, 3) angular velocity in base axes [rad/s].
-        clock: factor on times, one on an A1.
+        time_scale: factor on times, of the robot's scale; one on an A1.
     """
-    if len(time) < 8 or time[-1] - time[0] < _SHORTEST * clock:
+    if len(time) < 8 or time[-1] - time[0] < _SHORTEST * time_scale:
         return None
     step = float(np.diff(time).mean())
-    window = np.ones(max(1, round(_ENVELOPE * clock / step)))
+    window = np.ones(max(1, round(_ENVELOPE * time_scale / step)))
     strength = np.convolve((turning**2).sum(axis=1), window / len(window), mode="same") ** 0.5
     steady = true_runs(strength > _STEADY * strength.max())
     if not steady:
         return None
     first, last = max(steady, key=lambda run: run[1] - run[0])
-    if (last - first) * step < _SHORTEST * clock:
+    if (last - first) * step < _SHORTEST * time_scale:
         return None
     found = _dominant(turning[first:last], step)
     if not found:

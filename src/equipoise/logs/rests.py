@@ -117,7 +117,7 @@ def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: Flo
     """Why (4, 3) feet in the base frame, and the normal of their plane, are not those of a robot that stands on them."""
     # One foot that is raised by d turns the plane through all four: each is then d / 4 off it.
     raised = 4 * float(np.abs((feet - feet.mean(axis=0)) @ normal).max())
-    if raised > _RAISED * stance.size:
+    if raised > _RAISED * stance.scale.length:
         return f"the feet are not on one plane: one is raised by some {1000 * raised:.0f} mm"
     lean = float(np.arccos(np.clip(normal @ up, -1, 1)))
     if lean > _LEANING:

@@ -29,7 +29,7 @@ from equipoise.robot.stance import Stance
 
 Kind = Literal["rest", "move", "nudge", "sway", "lift", "steps", "slip", "motion", "gap"]
 
-# On an A1; lengths scale with the stance's size, times with its clock.
+# On an A1; lengths and times are multiplied by those of the stance's scale.
 _OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
 _SLID = 6e-3  # [m] that planted feet may seem to have moved by after a move: 1 to 4 mm with encoders off by 5 mrad
 _SLIDING = 12e-3  # [m] on the way
@@ -76,7 +76,7 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
         ImuMountingError: the IMU is mounted turned.
     """
     pieces = split_at_gaps(recording)
-    tracks = [Track.of(robot, piece.recording, stance.clock) for piece in pieces]
+    tracks = [Track.of(robot, piece.recording, stance.scale.time) for piece in pieces]
     rests = [find_rests(robot, stance, track) for track in tracks]
     all_rests = [rest for of_piece in rests for rest in of_piece]
     _screen_rests(robot, recording, all_rests)
@@ -154,7 +154,7 @@ class _PieceReader:
         lift = self._lift(index, paths, until)
         if lift is not None:
             return [lift]
-        if paths.slid().max() > _SLIDING * self.stance.size:
+        if paths.slid().max() > _SLIDING * self.stance.scale.length:
             return self._not_planted(rest, paths, until, after)
         return [self._planted(index, paths, until, after)]
 
@@ -162,7 +162,7 @@ class _PieceReader:
 
     def _lift(self, index: int, paths: FootPaths, until: float) -> Segment | None:
         """The first time that two diagonal feet are up; None if they never are."""
-        clock, rest = self.stance.clock, self.rests[index]
+        scale, rest = self.stance.scale, self.rests[index]
         stances = diagonal_stances(paths, self.stance)
         if not stances:
             return None
@@ -176,7 +176,7 @@ class _PieceReader:
         what = f"lift on {first.diagonal}, {first.end - first.start:.2f} s on two feet"
         begin, leaves = self._before(index)
         phases = [("rest", begin), ("unload", leaves), ("lower", first.end)]
-        landed = min(first.end + _LANDED * clock, until)
+        landed = min(first.end + _LANDED * scale.time, until)
         whole = self.recording if index not in self._weighed else _without_torques(self.recording)
         self._weighed.add(index)
         recording = _marked(whole, phases, begin, landed, kind="lift", diagonal=first.diagonal)
@@ -200,7 +200,7 @@ class _PieceReader:
     def _why_no_move(self, rest: Rest, until: float, after: Rest | None) -> str | None:
         if after is None or not after.standing:
             return "no rest on four feet after it"
-        if until - rest.end > _LONGEST_MOVE * self.stance.clock:
+        if until - rest.end > _LONGEST_MOVE * self.stance.scale.time:
             return f"{until - rest.end:.0f} s from rest to rest: the gyroscope's attitude drifts by then"
         moved = _moved(rest, after)
         if moved < _MOVED:
@@ -210,7 +210,7 @@ class _PieceReader:
     def _move(self, index: int, paths: FootPaths, until: float) -> Segment:
         start, what = self.rests[index].end, f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
         slid = float(paths.slid()[-1])
-        if slid > _SLID * self.stance.size:
+        if slid > _SLID * self.stance.scale.length:
             return Segment(start, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
         (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
         phases = [("before", begin), ("move", leaves), ("rest", arrives)]
@@ -220,7 +220,7 @@ class _PieceReader:
     def _sway(self, start: float, end: float) -> Segment | None:
         """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
         part = self.track.indices(start, end)
-        found = find_oscillation(self.track.time[part], self.track.turning[part], self.stance.clock)
+        found = find_oscillation(self.track.time[part], self.track.turning[part], self.stance.scale.time)
         if found is None:
             return None
         what = f"sway over planted feet, {found.words}"
@@ -233,7 +233,7 @@ class _PieceReader:
 
         After it the robot must stand: one that lies down touches the floor with more than its feet before it is still.
         """
-        short = end - start < _SHORTEST_SWAY * self.stance.clock
+        short = end - start < _SHORTEST_SWAY * self.stance.scale.time
         if self.recording.joints.torque is None or short or after is None or not after.standing:
             return None
         recording = self._swaying(start, end, Oscillation(start, end, {}))
@@ -245,7 +245,7 @@ class _PieceReader:
 
     def _not_planted(self, rest: Rest, paths: FootPaths, until: float, after: Rest | None) -> list[Segment]:
         """Walking, or sliding; with a sway in it, if the feet stay for long enough somewhere."""
-        stretch = paths.longest_planted(self.stance, _SHORTEST_SWAY * self.stance.clock)
+        stretch = paths.longest_planted(self.stance, _SHORTEST_SWAY * self.stance.scale.time)
         sway = None if stretch is None else self._sway(*stretch) or self._weighable(*stretch, after)
         if stretch is not None and sway is not None:
             parts = [(rest.end, stretch[0]), (stretch[1], until)]
@@ -255,7 +255,7 @@ class _PieceReader:
 
     def _moving_feet(self, paths: FootPaths, start: float, end: float) -> Segment:
         part = paths.between(start, end)
-        feet = part.off_the_floor(_OFF_FLOOR * self.stance.size, SHORTEST_STANCE * self.stance.clock)
+        feet = part.off_the_floor(_OFF_FLOOR * self.stance.scale.length, SHORTEST_STANCE * self.stance.scale.time)
         if feet:
             why_not = f"feet leave the floor ({', '.join(feet)}), but no diagonal pair alone"
             return Segment(start, end, "steps", "steps", why_not)
@@ -267,18 +267,18 @@ class _PieceReader:
     def _before(self, index: int) -> tuple[float, float]:
         """Start and end of the part of a rest that serves the motion after it [s]."""
         start, end = self._settled(index)
-        return max(start, end - _HELD * self.stance.clock), end
+        return max(start, end - _HELD * self.stance.scale.time), end
 
     def _after(self, index: int) -> tuple[float, float]:
         """Start and end of the part of a rest that serves the motion before it [s]."""
         start, end = self._settled(index)
-        return start, min(end, start + _HELD * self.stance.clock)
+        return start, min(end, start + _HELD * self.stance.scale.time)
 
     def _settled(self, index: int) -> tuple[float, float]:
         """A rest without its ends, in which the base still creeps, or creeps already [s]."""
-        rest, clock = self.rests[index], self.stance.clock
+        rest, scale = self.rests[index], self.stance.scale
         length = rest.end - rest.start
-        return rest.start + min(_SETTLING * clock, length / 3), rest.end - min(_LEAVING * clock, length / 4)
+        return rest.start + min(_SETTLING * scale.time, length / 3), rest.end - min(_LEAVING * scale.time, length / 4)
 
 
 def _moved(rest: Rest, after: Rest) -> float:

@@ -45,13 +45,13 @@ class Track:
     encoder_noise: float
 
     @classmethod
-    def of(cls, robot: RobotModel, recording: Recording, clock: float) -> Track:
+    def of(cls, robot: RobotModel, recording: Recording, time_scale: float) -> Track:
         """Of the time that joints and IMU share; empty if that is shorter than two steps.
 
         Args:
-            clock: factor on times, one on an A1.
+            time_scale: factor on times, of the robot's scale; one on an A1.
         """
-        joints, imu, step = recording.joints, recording.imu, STEP * clock
+        joints, imu, step = recording.joints, recording.imu, STEP * time_scale
         start = max(joints.time[0], imu.time[0]) if joints.time.size and imu.time.size else 0.0
         end = min(joints.time[-1], imu.time[-1]) if joints.time.size and imu.time.size else 0.0
         count = max(1, int((end - start) / step + 1e-9) + 1)

@@ -63,7 +63,7 @@ class ComSearchSettings:
 
     def bounds(self, stance: Stance) -> tuple[float, float]:
         """x_l and x_u for a robot of this size [m]; raises SettingsError if there is nothing to search between them."""
-        default = _BOUND * stance.size
+        default = _BOUND * stance.scale.length
         lower = -default if self.lower is None else self.lower
         upper = default if self.upper is None else self.upper
         _check_order(lower, upper)
@@ -75,7 +75,7 @@ class ComSearchSettings:
 
     def lift(self, stance: Stance) -> LiftSettings:
         """The lift trial for a robot of this size."""
-        clock = stance.clock
+        clock = stance.scale.time
         usual = LiftSettings(height=0.0)
         height = self.lift_height or _LIFT_RATIO * stance.hip_height
         if not _SMALLEST_LIFT_RATIO <= height / stance.hip_height <= _LARGEST_LIFT_RATIO:

@@ -263,7 +263,8 @@ def _planes_agree(robot: RobotModel, evidence: Evidence, posterior: Posterior) -
         return Check("support planes", True, "too few lifts to tell where their support planes meet")
     off = reading.com - posterior.robot_body.com
     x, y, z = 1000 * off
-    passed = np.hypot(*off[:2]) < stance.size * _PLANES_AGREE[0] and abs(off[2]) < stance.size * _PLANES_AGREE[1]
+    planar, height = (stance.scale.length * limit for limit in _PLANES_AGREE)
+    passed = np.hypot(*off[:2]) < planar and abs(off[2]) < height
     message = (
         f"the support planes of {len(lifts)} lifts, read without sensor biases, meet {x:+.1f} {y:+.1f} {z:+.1f} mm from the "
         "centre of mass found"

@@ -33,7 +33,7 @@ def find_com_fast(trials: PreciseTrials, report: Callable[[str], None]) -> None:
     Args:
         report: told the diagonal before every lift.
     """
-    model, size = trials.planted.robot, trials.stance.size
+    model, size = trials.planted.robot, trials.stance.scale.length
     for diagonal in DIAGONALS:
         for attempt in range(_MOST_LIFTS):
             report(diagonal)

@@ -12,7 +12,8 @@ from equipoise.errors import SettingsError
 from equipoise.precise.measurements.tilt_equation import SensorBiases
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.kinematics import Kinematics
-from equipoise.robot.model import A1_TORQUE_SCALE, RobotModel
+from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance
 
 COMPONENTS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -77,7 +78,7 @@ class Unknowns:
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
         self.robot, self.stance, self.priors = robot, stance, priors
         joints = len(robot.joint_names)
-        self.torque_scale = robot.torque_scale(stance.hip_height) / A1_TORQUE_SCALE
+        self.torque_scale = Scale.of(robot.mass, stance.hip_height).torque
         blocks = [
             ("base", 10, 1.0),
             ("links", joints, priors.leg_mass),

@@ -86,7 +86,7 @@ class Goals:
 
     def vector(self, body: FloatArray, stance: Stance) -> FloatArray:
         """(10,) in the order of COMPONENTS, for a body with those parameters."""
-        lengths = stance.size * np.array([self.com_planar, self.com_planar, self.com_height])
+        lengths = stance.scale.length * np.array([self.com_planar, self.com_planar, self.com_height])
         return np.concatenate(
             [[self.mass * body[0]], lengths, self.inertia * body[4:7], np.full(3, self.products * body[4])]
         )
@@ -157,7 +157,7 @@ class Durations:
     @classmethod
     def of(cls, stance: Stance) -> Durations:
         """For a robot of a stance's size."""
-        clock = stance.clock
+        clock = stance.scale.time
         return cls(
             clock * _POSTURE_TIME, clock * _REPLANT_TIME, clock * _LIFT_TIME, clock * 4 * _LIFT_TIME, clock * _END_TIME
         )

@@ -56,7 +56,7 @@ class Predictor:
     @cached_property
     def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Sample times of a lift, and the covariances of smoothed velocities and angular velocities there."""
-        times, clock = Times.of(self.stance), self.stance.clock
+        times, clock = Times.of(self.stance), self.stance.scale.time
         sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / _RATE)
         time = np.arange(0.0, times.watch, _STEP * clock)
         blank = np.zeros((len(sensed), 1))
@@ -103,7 +103,7 @@ class Predictor:
         return LiftSamples(
             design.diagonal,
             0.0,
-            _STEP * stance.clock,
+            _STEP * stance.scale.time,
             position + np.outer(angle, per_angle),
             np.outer(angle_rate, per_angle),
             in_imu,

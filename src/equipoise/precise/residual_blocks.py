@@ -185,7 +185,7 @@ class PlantedBlock(_MotionBlock):
         super().__init__(unknowns, unknowns.biases, motions)
         self.rows = PlantedRows(legs, rotation, [move for _, move in moves])
         feet = unknowns.stance.feet_in_base - unknowns.stance.feet_in_base.mean(axis=0)
-        size = unknowns.stance.size
+        size = unknowns.stance.scale.length
         turns = np.asarray([np.cross(axis, feet).ravel() for axis in np.eye(3)], dtype=float)
         moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
         leaning = feet[:, :2] @ feet[:, :2].T

@@ -60,7 +60,7 @@ class PreciseSettings:
 
     def budget_for(self, stance: Stance) -> float:
         """[s]."""
-        return self.budget or _BUDGET * stance.clock
+        return self.budget or _BUDGET * stance.scale.time
 
     @property
     def scale(self) -> tuple[float, float] | None:

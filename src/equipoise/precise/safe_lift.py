@@ -55,7 +55,7 @@ def safe_stop(tipping: Pendulum, settings: LiftSettings, stance: Stance, doubt: 
     """
     farther = float(np.sqrt(tipping.normal_in_base @ doubt @ tipping.normal_in_base))
     stop = tipping.stop(settings.height, settings.lower_time, settings.stop_delay, farther)
-    time, least = tipping.time_until(stop), _LEAST_UP * stance.clock
+    time, least = tipping.time_until(stop), _LEAST_UP * stance.scale.time
     if time < least:
         raise ReachError(
             f"the robot could tip over: with its centre of mass {abs(tipping.ahead) * 1000:.0f} mm beside the line, and "

@@ -34,7 +34,7 @@ from equipoise.robot.stance import Stance
 
 Rotation = Literal["roll", "pitch", "yaw"]
 
-# On an A1; lengths scale with the stance's size, times with its clock.
+# On an A1; lengths and times are multiplied by those of the stance's scale.
 _LIFT, _STEP_RATIO = 0.024, 0.5  # [m]; height of a replanting step over that of a lift
 _OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
@@ -77,16 +77,16 @@ class Times:
     @classmethod
     def of(cls, stance: Stance) -> Times:
         """For a robot of a stance's size."""
-        clock = stance.clock
+        clock = stance.scale.time
         return cls(settle=0.12 * clock, move=0.3 * clock, watch=0.35 * clock, turn=_TURN_TIME * clock)
 
 
 def lift_settings(stance: Stance) -> LiftSettings:
     """Heights and times of the precise method's lifts."""
-    times, clock = Times.of(stance), stance.clock
+    times, clock = Times.of(stance), stance.scale.time
     return replace(
         ComSearchSettings().lift(stance),
-        height=_LIFT * stance.size,
+        height=_LIFT * stance.scale.length,
         settle_time=times.settle,
         rest_time=0.3 * clock,
         unload_time=0.12 * clock,
@@ -103,7 +103,7 @@ def lift_settings(stance: Stance) -> LiftSettings:
 
 def offset_of(stance: Stance, side: int) -> float:
     """Distance of the line from the CoM [m]."""
-    return side * _OFFSET * stance.size
+    return side * _OFFSET * stance.scale.length
 
 
 class PreciseTrials:
@@ -197,7 +197,7 @@ class PreciseTrials:
             settled = settle(self.planted, motion, self.settings, f"before a lift on {design.diagonal}")
             tipping = tipping_from(self.planted, still_part(settled, self.settings), design.diagonal)
             self._drift = self._drift_of(tipping, design.diagonal, design.posture)
-            if not left or abs(tipping.ahead + offset_of(self.stance, design.side)) < _AIMED * self.stance.size:
+            if not left or abs(tipping.ahead + offset_of(self.stance, design.side)) < _AIMED * self.stance.scale.length:
                 break
             motion, (feet, lifted) = self.planted.motion(), self._feet(design)
         return feet, lifted

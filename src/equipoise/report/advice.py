@@ -58,7 +58,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     known = np.asarray(np.linalg.inv(posterior.covariance), dtype=float)
     found = robot.with_base(posterior.base_body.to_pinocchio())
     candidates = Candidates.of(found, stance, posterior.robot_body.com, unknowns.priors)
-    time = _MORE * stance.clock
+    time = _MORE * stance.scale.time
     more = make_plan(candidates, time, known=known, searched=True)
     scale = _scale_information(posterior, robot)
     both = make_plan(candidates, time, known=known + scale, searched=True)

@@ -15,10 +15,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.legs import Leg, add_legs, leg_length
+from equipoise.robot.scale import Scale
 from equipoise.robot.source import ModelSource, read_model_source
 from equipoise.robot.tree import hold_other_joints, leg_chains, read_pinocchio
 from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
@@ -26,7 +27,8 @@ from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
 """The two diagonals; each support line runs from the right foot to the left one."""
 
-A1_TORQUE_SCALE = 38.0  # m g h of an A1 [Nm]; gains, friction and armature scale from there
+
+_KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
 
 
 @dataclass(frozen=True)
@@ -205,15 +207,11 @@ class RobotModel:
         """(7 + nj,) Pinocchio configuration with the base frame at the world's origin."""
         return np.concatenate([_BASE_AT_ORIGIN, joint_position])
 
-    def torque_scale(self, hip_height: float) -> float:
-        """M g h [Nm], which gains, friction and armature scale with."""
-        return self.mass * GRAVITY * hip_height
-
     def gains(self, hip_height: float) -> tuple[float, float]:
-        """Joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or scaled with m g h from an A1's."""
-        scale = self.torque_scale(hip_height) / A1_TORQUE_SCALE
+        """Joint PD gains kp [Nm/rad] and kd [Nm s/rad]: the description's, or an A1's scaled to the robot."""
+        scale = Scale.of(self.mass, hip_height)
         kp, kd = self.description.kp, self.description.kd
-        return (100.0 * scale if kp is None else kp), (3.0 * scale if kd is None else kd)
+        return (_KP * scale.torque if kp is None else kp), (_KD * scale.torque if kd is None else kd)
 
     def joint_vector(self, by_name: dict[str, float], key: str) -> FloatArray:
         """(nj,) from values by joint name; every leg joint must be named once."""

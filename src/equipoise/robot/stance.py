@@ -12,9 +12,9 @@ from equipoise.errors import ReachError, SettingsError
 from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
 from equipoise.robot.legs import Leg
 from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
 from equipoise.robot.tree import joint_axis
 
-A1_HIP_HEIGHT = 0.312  # [m]; sizes and times throughout were tried on an A1 and scale from there
 # Hip heights tried, as fractions of the leg length, the usual one first.
 _HEIGHT_RATIOS = (0.75, 0.72, 0.78, 0.70, 0.80, 0.65, 0.85)
 _GRID = 13  # seeds per joint of the search for a first posture
@@ -33,26 +33,18 @@ class Stance:
         feet_in_base: (4, 3) centres of the feet FL FR RL RR in the base frame [m].
         hip_height: mean height of the hip pitch axes above the floor [m].
         base_height: height of the base frame's origin above the floor [m].
+        scale: of the robot at this stance: how large, slow and strong it is.
     """
 
     joint_position: FloatArray
     feet_in_base: FloatArray
     hip_height: float
     base_height: float
+    scale: Scale
 
     def __post_init__(self) -> None:
         self.joint_position.setflags(write=False)
         self.feet_in_base.setflags(write=False)
-
-    @property
-    def size(self) -> float:
-        """Hip height over an A1's: lengths scale with it."""
-        return self.hip_height / A1_HIP_HEIGHT
-
-    @property
-    def clock(self) -> float:
-        """The square root of the size: times scale with it, as those of a pendulum do."""
-        return float(np.sqrt(self.size))
 
 
 def lies(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
@@ -107,8 +99,8 @@ def stance_at(robot: RobotModel, joint_position: FloatArray) -> Stance:
     feet = foot_positions(robot, joint_position)
     radii = np.array([leg.foot_radius for leg in robot.legs.values()])
     floor = float(np.mean(feet[:, 2] - radii))
-    hips = _hip_pitch_origins(robot, joint_position)
-    return Stance(np.array(joint_position), feet, float(hips[:, 2].mean()) - floor, -floor)
+    hip_height = float(_hip_pitch_origins(robot, joint_position)[:, 2].mean()) - floor
+    return Stance(np.array(joint_position), feet, hip_height, -floor, Scale.of(robot.mass, hip_height))
 
 
 def _described_joint_position(robot: RobotModel) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.robot.model import A1_TORQUE_SCALE
+from equipoise.robot.scale import Scale
 
 Noise = Literal["ideal", "realistic"]
 
@@ -79,15 +79,10 @@ class SensorErrors:
                 "younger than the moment at which they are read"
             )
 
-    def scaled_to(self, torque_scale: float) -> SensorErrors:
-        """The same errors on a robot of another size.
-
-        Args:
-            torque_scale: the robot's m g h [Nm]; torques, friction and armature grow with it, all else stays.
-        """
-        factor = torque_scale / A1_TORQUE_SCALE
+    def scaled_to(self, scale: Scale) -> SensorErrors:
+        """An A1's errors on a robot of another size: torques, friction and armature grow with it, all else stays."""
         scaled = ("torque_noise", "coulomb_friction", "viscous_friction", "armature")
-        return dataclasses.replace(self, **{name: getattr(self, name) * factor for name in scaled})
+        return dataclasses.replace(self, **{name: getattr(self, name) * scale.torque for name in scaled})
 
 
 IDEAL = SensorErrors()

@@ -89,7 +89,7 @@ def simulate(
     if isinstance(payload, str):
         payload = Payload.parse(payload)
     stance = nominal_stance(robot)
-    sizes = PRESETS[noise].scaled_to(robot.torque_scale(stance.hip_height)) if isinstance(noise, str) else noise
+    sizes = PRESETS[noise].scaled_to(stance.scale) if isinstance(noise, str) else noise
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
     make = _in_mujoco if engine == "mujoco" else _in_dart
     return make(robot, stance, errors, payload, start, timestep)

@@ -182,7 +182,7 @@ def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.rando
         return None
     if wanted != "random":
         return Payload.parse(wanted)
-    size = stance.size
+    size = stance.scale.length
     mass = generator.uniform(*_PAYLOAD_SHARE) * float(robot.pinocchio.inertias[1].mass)
     place = [size * generator.uniform(*bounds) for bounds in _PAYLOAD_BOX]
     inertia = mass * (size * np.array(_PAYLOAD_GYRATION)) ** 2
@@ -190,7 +190,7 @@ def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.rando
 
 
 def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> SensorErrors:
-    sizes = PRESETS[study.noise].scaled_to(robot.torque_scale(stance.hip_height))
+    sizes = PRESETS[study.noise].scaled_to(stance.scale)
     factors = generator.uniform(0, 2, len(SOURCES)) if study.vary_noise else np.ones(len(SOURCES))
     kept = study.only or SOURCES
     changed = {name: getattr(sizes, name) * float(f) * (name in kept) for name, f in zip(SOURCES, factors, strict=True)}

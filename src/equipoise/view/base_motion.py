@@ -19,7 +19,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.view.even_steps import Steps
 
-# On an A1; lengths scale with the stance's size, times with its clock.
+# On an A1; lengths and times are multiplied by those of the stance's scale.
 _STANDING = 4e-3  # [m] above the lowest foot at which a foot hardly stands any more
 _WINDOW = 0.1  # [s] over which nothing may move for the robot to be at rest
 _STILL_JOINTS, _STILL_BASE = 2e-3, 0.03  # [rad], [rad/s]
@@ -52,7 +52,7 @@ class BaseTracker:
 
     def __init__(self, robot: RobotModel, stance: Stance) -> None:
         self._robot, self._legs = robot, LegChains(robot)
-        self._size, self._clock = stance.size, stance.clock
+        self._scale = stance.scale
         self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = (
             None  # time, joints, turning, feet in base
         )
@@ -150,13 +150,13 @@ class BaseTracker:
     def _standing(self, feet: FloatArray) -> FloatArray:
         """(4,) from one, on the floor, to nearly zero, in the air: soft, so that nothing jumps."""
         height = feet @ self._rotation[2] - self._legs.foot_radius
-        rise: FloatArray = np.asarray(height - height.min(), dtype=float) / (_STANDING * self._size)
+        rise: FloatArray = np.asarray(height - height.min(), dtype=float) / (_STANDING * self._scale.length)
         return np.asarray(np.exp(-np.square(rise)), dtype=float) + 1e-9
 
     def _still(self, sample: tuple[float, FloatArray, FloatArray, FloatArray]) -> bool:
         time, position, turning, _ = sample
         self._memory.append((time, position))
-        while self._memory[1:] and self._memory[1][0] <= time - _WINDOW * self._clock:
+        while self._memory[1:] and self._memory[1][0] <= time - _WINDOW * self._scale.time:
             self._memory.pop(0)
         quiet = float(np.abs(turning - self._bias).max()) < _STILL_BASE
         return quiet and float(np.abs(position - self._memory[0][1]).max()) < _STILL_JOINTS
@@ -170,7 +170,7 @@ class BaseTracker:
         if abs(size - GRAVITY) > _SHAKEN:
             return
         error = np.cross(self._rotation @ acceleration / size, [0, 0, 1])
-        share = min(1.0, step / ((_TO_GRAVITY_AT_REST if still else _TO_GRAVITY) * self._clock))
+        share = min(1.0, step / ((_TO_GRAVITY_AT_REST if still else _TO_GRAVITY) * self._scale.time))
         self._rotation = Rotation.from_rotvec(share * error).as_matrix() @ self._rotation
 
 

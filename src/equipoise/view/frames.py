@@ -153,7 +153,7 @@ def plane_lines(frame: Frame, stance: Stance) -> FloatArray:
     lines: list[FloatArray] = []
     for plane in frame.planes:
         along = np.cross(plane.normal, [0, 0, 1.0])
-        along *= _LINE_LENGTH * stance.size / float(np.linalg.norm(along))
+        along *= _LINE_LENGTH * stance.scale.length / float(np.linalg.norm(along))
         across = plane.normal * [1, 1, 0]
         near = across * float(plane.normal @ (plane.point - frame.estimate.com)) / float(across @ across)
         lines.append(np.array([near - along, near + along]))

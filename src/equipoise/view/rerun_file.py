@@ -119,7 +119,7 @@ class _Writer:
             self._move(f"world/robot/{name}", places, np.array([pose[joint][0] for pose in poses]))
         com = np.array([frame.com for frame in frames])
         self._move("world/com", com, np.array([frame.rotation for frame in frames]))
-        size = film.stance.size
+        size = film.stance.scale.length
         centre = self._rr.Points3D([[0, 0, 0]], radii=_COM_RADIUS * size, colors=COM)
         self._log("world/com/centre", centre, static=True)
 
@@ -143,7 +143,7 @@ class _Writer:
 
     def _write_floor(self, frame: Frame, before: Frame | None) -> None:
         """Contacts, the support line and the CoM's plumb line."""
-        rr, size = self._rr, self._camera.film.stance.size
+        rr, size = self._rr, self._camera.film.stance.scale.length
         colours = [CONTACT if standing else IN_AIR for standing in frame.standing.tolist()]
         self._log(
             "world/contacts",

@@ -132,7 +132,7 @@ class Page:
         self.close()
 
     def _build_scene(self) -> None:
-        scene, size = self._server.scene, self._camera.film.stance.size
+        scene, size = self._server.scene, self._camera.film.stance.scale.length
         self._server.gui.configure_theme(show_share_button=False, show_logo=False)
         self._server.gui.main_panel.dock_right()
         self._server.initial_camera.position = tuple(np.array([0.5, -0.75, 0.5]) * size)

@@ -96,10 +96,10 @@ def _read(
         elif about.get("kind") == "posture" and recording.has_phase("rest"):
             moving = recording.phase("move", until="rest")
             move = read_move(robot, legs, recording.phase("before"), moving, recording.phase("rest"), gyro_bias)
-            samples = TorqueSamples.of_motion(moving, gyro_bias, stance.clock)
+            samples = TorqueSamples.of_motion(moving, gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
         elif about.get("kind") == "sway" and recording.has_phase("end"):
-            samples = TorqueSamples.of_motion(recording.phase("sway"), gyro_bias, stance.clock)
+            samples = TorqueSamples.of_motion(recording.phase("sway"), gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
     except RecordingError as error:
         left_out = str(error)

@@ -17,7 +17,7 @@ from equipoise.recording.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
-# On an A1; lengths scale with the stance's size, times with its clock.
+# On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
 _KNOT, _STEP = 0.015, 0.010  # [s]
 _MARGIN = 0.008  # [s] cut off either end of the time on two feet
@@ -80,7 +80,7 @@ def read_lift(
         stance: nominal.
         gyro_bias: (3,) in the IMU frame [rad/s].
     """
-    clock = stance.clock
+    clock = stance.scale.time
     diagonal = str(recording.event("trial").data["diagonal"])
     rest = recording.phase("rest")
     moving = recording.phase("rest", until="lower")
@@ -90,7 +90,7 @@ def read_lift(
     path = attitudes(imu.time, gyro)
     up = path.inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
     up = at_times(joints.time, imu.time, up @ np.array(robot.imu_in_base.rotation).T)
-    window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.size)
+    window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.scale.length)
     if window is None:
         return "the lifted feet did not leave the floor"
     start, end = window[0] + _MARGIN * clock, window[1] - _MARGIN * clock

@@ -61,22 +61,22 @@ class TorqueSamples:
         )  # fmt: skip
 
     @classmethod
-    def of_motion(cls, moving: Recording, gyro_bias: FloatArray, clock: float) -> TorqueSamples | None:
+    def of_motion(cls, moving: Recording, gyro_bias: FloatArray, time_scale: float) -> TorqueSamples | None:
         """Smoothed samples of a motion over planted feet; None without torques or if it is too short.
 
         All signals go through the same filter: what differs between them would look like inertia or friction.
 
         Args:
             gyro_bias: (3,) in the IMU frame [rad/s].
-            clock: factor on times, one on an A1.
+            time_scale: factor on times, of the robot's scale; one on an A1.
         """
         joints, imu = moving.joints, moving.imu
-        start = max(joints.time[0], imu.time[0]) + _PAD * clock
-        end = min(joints.time[-1], imu.time[-1]) - _PAD * clock
-        if joints.torque is None or end - start < 3 * _KNOT * clock:
+        start = max(joints.time[0], imu.time[0]) + _PAD * time_scale
+        end = min(joints.time[-1], imu.time[-1]) - _PAD * time_scale
+        if joints.torque is None or end - start < 3 * _KNOT * time_scale:
             return None
-        time = np.arange(start, end, _STEP * clock)
-        knot = _KNOT * clock
+        time = np.arange(start, end, _STEP * time_scale)
+        knot = _KNOT * time_scale
         position = fit_spline(joints.time, joints.position, knot).spline
         torque = fit_spline(joints.time, joints.torque, knot).spline
         turning = fit_spline(imu.time, imu.angular_velocity - gyro_bias, knot).spline
