@@ -13,11 +13,12 @@ from equipoise import nominal_stance
 from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.posture import BodyPosture
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Priors, components
+from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.plan import Candidates, Durations, Goals, describe, make_plan, name_components
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.predict import Predictor
 from equipoise.precise.trials import LiftDesign
+from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES

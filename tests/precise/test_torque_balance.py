@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from tilting import SAMPLES, contact_jacobian, moving_robot
 
 from equipoise.platform.platform import Trajectory
-from equipoise.precise.measurements.tilt_equation import SensorBiases
 from equipoise.precise.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
+from equipoise.precise.unknowns import by_the_model
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.inertial import base_parameters, composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
@@ -25,7 +25,7 @@ def robot(request):
 
 
 def nothing_wrong(robot):
-    return SensorBiases.none(len(robot.joint_names))
+    return by_the_model(robot)
 
 
 def balance(robot, rows, torque, factors=None):
@@ -86,20 +86,19 @@ def test_friction_and_armature_take_from_the_motors_torque(robot):
 @pytest.mark.parametrize("name", ["a1", "skewed"])
 def test_known_biases_of_sensors_are_taken_off(request, name):
     robot, generator = request.getfixturevalue(name), np.random.default_rng(5)
-    biases = replace(
-        nothing_wrong(robot),
-        joint_zero=0.01 * generator.standard_normal(len(robot.joint_names)),
-        imu_tilt=0.02 * generator.standard_normal(3),
-        accelerometer_bias=0.1 * generator.standard_normal(3),
-    )
-    tilt = Rotation.from_rotvec(biases.imu_tilt).as_matrix()
+    biases = nothing_wrong(robot) | {
+        "joint_zero": 0.01 * generator.standard_normal(len(robot.joint_names)),
+        "imu_tilt": 0.02 * generator.standard_normal(3),
+        "accelerometer_bias": 0.1 * generator.standard_normal(3),
+    }
+    tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     true = moving_robot(robot, 6)
     seen = replace(
         true,
-        joint_position=true.joint_position + biases.joint_zero,
+        joint_position=true.joint_position + biases["joint_zero"],
         angular_velocity=true.angular_velocity @ tilt,
         angular_acceleration=true.angular_acceleration @ tilt,
-        acceleration=true.acceleration @ tilt + biases.accelerometer_bias,
+        acceleration=true.acceleration @ tilt + biases["accelerometer_bias"],
     )
     assert np.abs(balance(robot, torque_rows(robot, seen, biases), seen.joint_torque)).max() < 1e-8
     assert np.abs(balance(robot, torque_rows(robot, seen, nothing_wrong(robot)), seen.joint_torque)).max() > 0.1
@@ -107,7 +106,7 @@ def test_known_biases_of_sensors_are_taken_off(request, name):
 
 def test_worn_feet_touch_elsewhere(a1):
     samples = moving_robot(a1, 7)
-    worn = torque_rows(a1, samples, replace(nothing_wrong(a1), foot_radius=0.5))
+    worn = torque_rows(a1, samples, nothing_wrong(a1) | {"foot_radius": -0.5})
     assert np.abs(balance(a1, worn, samples.joint_torque)).max() > 0.05
 
 

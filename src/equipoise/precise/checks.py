@@ -41,7 +41,7 @@ def judge(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> list[C
         _converged(posterior),
         _halves_agree(posterior),
         _no_motion_outweighs(evidence, posterior),
-        _biases_plausible(robot, posterior),
+        _sensors_plausible(posterior),
         _left_and_right_agree(robot, posterior),
         _planes_agree(robot, evidence, posterior),
     ]
@@ -187,23 +187,13 @@ def _halves_agree(posterior: Posterior) -> Check:
     return Check("halves", passed, message)
 
 
-def _biases_plausible(robot: RobotModel, posterior: Posterior) -> Check:
-    unknowns, joints = posterior.unknowns, robot.joint_names
-    links = [robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints]
-    parts = {
-        "joint_zero": [f"joint zero of {joint}" for joint in joints],
-        "imu_tilt": [f"IMU tilt in {axis}" for axis in ("roll", "pitch", "yaw")],
-        "accelerometer_bias": [f"accelerometer bias {axis}" for axis in "xyz"],
-        "clock_offset": ["clock offset"],
-        "foot_radius": ["foot radius"],
-        "links": [f"mass of the link that {joint} moves" for joint in links],
-        "floor_slope": [f"floor slope along {axis}" for axis in "xy"],
-        "torque_gain": [f"torque gain of {joint}" for joint in joints],
-    }
+def _sensors_plausible(posterior: Posterior) -> Check:
+    unknowns = posterior.unknowns
     far = [
-        (abs(float(value)), name)
-        for block, names in parts.items()
-        for value, name in zip(posterior.x[unknowns[block]], names, strict=True)
+        (abs(float(value)), row.label.format(each=label))
+        for row in unknowns.rows
+        if row.judged
+        for value, label in zip(posterior.x[unknowns[row.name]], unknowns.labels(row), strict=True)
     ]
     worst = sorted(far, reverse=True)
     named = ", ".join(f"{name} ({size:.1f} sd)" for size, name in worst[:3])
@@ -240,12 +230,12 @@ def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
     """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
     unknowns = posterior.unknowns
     links = len(robot.legs["FL"].joint_ids)
-    block = posterior.covariance[unknowns["links"], unknowns["links"]]
+    block = posterior.covariance[unknowns["leg_mass"], unknowns["leg_mass"]]
     worst, name = 0.0, ""
     for left, right in ((0, 1), (2, 3)):
         for link in range(links):
             a, b = left * links + link, right * links + link
-            difference = float(posterior.x[unknowns["links"]][a] - posterior.x[unknowns["links"]][b])
+            difference = float(posterior.x[unknowns["leg_mass"]][a] - posterior.x[unknowns["leg_mass"]][b])
             # Two legs may differ by what the prior allows each, less what is not known of the difference.
             allowed = float(np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05)))
             if abs(difference) / allowed > worst:

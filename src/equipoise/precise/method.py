@@ -91,7 +91,7 @@ def estimate(
         )
     with _Timed(timings, "check"):
         checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
-        findings = tuple(sensor_findings(robot, posterior))
+        findings = tuple(sensor_findings(posterior))
     with _Timed(timings, "the paper's I and C"):
         sways, fits, _ = estimate_sways(robot, recordings, posterior.robot_body.com, stance, settings.sway)
         sways = {axis: _explained(sway) for axis, sway in sways.items()}

@@ -14,7 +14,8 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
-from equipoise.precise.measurements.tilt_equation import SensorBiases
+from equipoise.precise.measurements.tilt_equation import mounting
+from equipoise.precise.unknowns import Values
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 
@@ -74,7 +75,13 @@ def read_move(
 
 
 class PlantedRows:
-    """Residuals of planted moves and rests at any sensor biases."""
+    """Residuals of planted moves and rests, at any values of the unknowns that they depend on.
+
+    Attributes:
+        DEPENDS_ON: names of these unknowns.
+    """
+
+    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "foot_radius")
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, moves: Sequence[PlantedMove]) -> None:
         self.legs, self._rotation = legs, rotation_imu_to_base
@@ -83,19 +90,20 @@ class PlantedRows:
         self._to_before = np.array([move.rotation_to_before for move in moves])
         self._rolled = np.array([move.rolled for move in moves])
 
-    def residuals(self, biases: SensorBiases) -> tuple[FloatArray, FloatArray]:
-        """What should be zero at the right biases.
+    def residuals(self, values: Values) -> tuple[FloatArray, FloatArray]:
+        """What should be zero at the right values.
 
         Returns:
             (moves, 4, 3) by how much the feet seem to have moved relative to their mean, in base axes before [m];
             (moves, 2, 4) heights of the feet's centres above their mean, against gravity, at the rests [m].
         """
-        mounting = biases.tilted(self._rotation)
+        rotation = mounting(self._rotation, values["imu_tilt"])
         count = len(self._position)
-        feet = self.legs.feet((self._position - biases.joint_zero).reshape(2 * count, -1)).reshape(count, 2, 4, 3)
-        to_before = mounting @ self._to_before @ mounting.T
-        moved = np.einsum("mij,mlj->mli", to_before, feet[:, 1]) - feet[:, 0] - biases.foot_radius * self._rolled
-        gravity = (self._acceleration - biases.accelerometer_bias) @ mounting.T
+        feet = self.legs.feet((self._position - values["joint_zero"]).reshape(2 * count, -1)).reshape(count, 2, 4, 3)
+        to_before = rotation @ self._to_before @ rotation.T
+        rolled = (1 + values["foot_radius"]) * self._rolled
+        moved = np.einsum("mij,mlj->mli", to_before, feet[:, 1]) - feet[:, 0] - rolled
+        gravity = (self._acceleration - values["accelerometer_bias"]) @ rotation.T
         up = gravity / np.linalg.norm(gravity, axis=2, keepdims=True)
         heights = np.einsum("mrlj,mrj->mrl", feet, up)
         return moved - moved.mean(axis=1, keepdims=True), heights - heights.mean(axis=2, keepdims=True)

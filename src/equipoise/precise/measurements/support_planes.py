@@ -15,7 +15,8 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples
-from equipoise.precise.measurements.tilt_equation import SensorBiases, TiltEquation
+from equipoise.precise.measurements.tilt_equation import TiltEquation
+from equipoise.precise.unknowns import by_the_model
 from equipoise.robot.inertial import base_parameters
 from equipoise.robot.model import RobotModel
 
@@ -80,7 +81,7 @@ def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
     legs = LegChains(robot)
     rotation = np.array(robot.imu_in_base.rotation)
     equation = TiltEquation(legs, rotation, [lift])
-    rows, _ = equation.rows(SensorBiases.none(len(robot.joint_names)))
+    rows, _ = equation.rows(by_the_model(robot))
     inertial = np.concatenate([base_parameters(robot).vector, np.ones(legs.links)])
     up = rotation @ lift.rest_acceleration / np.linalg.norm(lift.rest_acceleration)
     left_foot, right_foot = lift.stance_feet

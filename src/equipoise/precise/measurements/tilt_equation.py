@@ -26,46 +26,30 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains, LegMotion, cross, cross_matrix
 from equipoise.precise.measurements.lift_samples import LiftSamples
+from equipoise.precise.unknowns import Values
 
 _BASE = 10
 
 
-@dataclass(frozen=True, eq=False)
-class SensorBiases:
-    """What is wrong with the sensors and the floor; all zero: nothing.
+def mounting(rotation_imu_to_base: FloatArray, imu_tilt: FloatArray) -> FloatArray:
+    """(3, 3) the IMU's rotation to the base as it is.
 
-    Attributes:
-        joint_zero: (nj,) encoder reading less joint position [rad].
+    Args:
+        rotation_imu_to_base: (3, 3) as it should be.
         imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
-        accelerometer_bias: (3,) in the IMU frame [m/s2].
-        clock_offset: by how much an IMU sample is younger than a joint sample of the same stamp [s].
-        foot_radius: factor on the feet's radius.
-        floor_slope: (2,) x and y of the floor's normal in base axes at the nominal stance, less those of up.
     """
-
-    joint_zero: FloatArray
-    imu_tilt: FloatArray
-    accelerometer_bias: FloatArray
-    clock_offset: float
-    foot_radius: float
-    floor_slope: FloatArray
-
-    @classmethod
-    def none(cls, joints: int) -> SensorBiases:
-        """Perfect sensors on a level floor."""
-        return cls(np.zeros(joints), np.zeros(3), np.zeros(3), 0.0, 1.0, np.zeros(2))
-
-    def tilted(self, rotation_imu_to_base: FloatArray) -> FloatArray:
-        """(3, 3) the IMU's rotation to the base as it is, given where it should be."""
-        return rotation_imu_to_base @ Rotation.from_rotvec(self.imu_tilt).as_matrix()
+    return rotation_imu_to_base @ Rotation.from_rotvec(imu_tilt).as_matrix()
 
 
 class TiltEquation:
-    """The rows of y(t) for a set of trials, at any sensor biases.
+    """The rows of y(t) for a set of trials, at any values of the unknowns that it depends on.
 
     Attributes:
+        DEPENDS_ON: names of these unknowns, beside the inertial parameters in which the rows are linear.
         trials: slices of the rows, by trial.
     """
+
+    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "clock_offset", "foot_radius", "floor_slope")
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> None:
         self.legs = legs
@@ -86,7 +70,7 @@ class TiltEquation:
         self._left, self._right = np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T
         self._first = np.array([trial.start for trial in self.trials], dtype=np.intp)
 
-    def rows(self, biases: SensorBiases) -> tuple[FloatArray, FloatArray]:
+    def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
         """y(t) and the moment of inertia about the line.
 
         Returns:
@@ -94,26 +78,26 @@ class TiltEquation:
             order, about the base's origin) and a factor on each leg link's;
             (trials, 10 + links) columns of l . I_o l at each trial's first sample.
         """
-        rotation = biases.tilted(self._rotation)
+        rotation = mounting(self._rotation, values["imu_tilt"])
         # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
-        late = biases.clock_offset
+        late = values["clock_offset"]
         turning = (self._turning - late * self._turning_rate) @ rotation.T
-        gravity = self._rest_acceleration - biases.accelerometer_bias
+        gravity = self._rest_acceleration - values["accelerometer_bias"]
         up_imu = np.einsum("nji,nj->ni", self._to_rest, gravity / np.linalg.norm(gravity, axis=1, keepdims=True))
         up = (up_imu + late * cross(self._turning, up_imu)) @ rotation.T
         normal = up.copy()
-        normal[:, :2] += biases.floor_slope
+        normal[:, :2] += values["floor_slope"]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        motion = self.legs.motion(self._joint_position - biases.joint_zero, self._joint_velocity, turning)
+        motion = self.legs.motion(self._joint_position - values["joint_zero"], self._joint_velocity, turning)
         line = _Line.of_rolling_feet(
-            motion, normal, self.legs.foot_radius * biases.foot_radius, self._left, self._right
+            motion, normal, self.legs.foot_radius * (1 + values["foot_radius"]), self._left, self._right
         )
         momentum, rate = self._momentum_and_rate(motion, line, turning, up)
         for trial, integral in zip(self.trials, self._integrals, strict=True):
             momentum[trial] -= integral @ rate[trial]
-        return momentum, self._inertia_about_line(motion, line, biases.joint_zero)
+        return momentum, self._inertia_about_line(motion, line, values["joint_zero"])
 
-    def velocity_sensitivity(self, biases: SensorBiases, parameters: FloatArray) -> FloatArray:
+    def velocity_sensitivity(self, values: Values, parameters: FloatArray) -> FloatArray:
         """(trials,) root sum of squares over joints of how l . L_o changes with a joint's velocity [kg m2].
 
         At each trial's middle; with it, noise of the joint velocities becomes noise of y.
@@ -122,7 +106,7 @@ class TiltEquation:
             parameters: (10 + links,) as the columns of `rows`.
         """
         middle = np.array([(trial.start + trial.stop) // 2 for trial in self.trials])
-        position = self._joint_position[middle] - biases.joint_zero
+        position = self._joint_position[middle] - values["joint_zero"]
         up = np.einsum("nji,nj->ni", self._to_rest[middle], self._rest_acceleration[middle]) @ self._rotation.T
         normal = up / np.linalg.norm(up, axis=1, keepdims=True)
         total = np.zeros(len(middle))

@@ -19,8 +19,9 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
-from equipoise.precise.measurements.tilt_equation import SensorBiases
+from equipoise.precise.measurements.tilt_equation import mounting
 from equipoise.precise.screening import floor_normals
+from equipoise.precise.unknowns import Values
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 
@@ -117,20 +118,20 @@ class TorqueRows:
     acceleration_rows: FloatArray
 
 
-def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases) -> TorqueRows:
-    """The balance's rows of all samples at given sensor biases."""
+def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> TorqueRows:
+    """The balance's rows of all samples, at given values of the unknowns that are not of it."""
     model = robot.pinocchio.copy()
     model.gravity.linear = np.zeros(3)
     data = model.createData()
-    mounting = biases.tilted(np.array(robot.imu_in_base.rotation))
+    rotation = mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
     arm = np.array(robot.imu_in_base.translation)
-    turning = samples.angular_velocity @ mounting.T
-    turning_rate = samples.angular_acceleration @ mounting.T
-    sensed = (samples.acceleration - biases.accelerometer_bias) @ mounting.T
+    turning = samples.angular_velocity @ rotation.T
+    turning_rate = samples.angular_acceleration @ rotation.T
+    sensed = (samples.acceleration - values["accelerometer_bias"]) @ rotation.T
     at_base = sensed - np.cross(turning_rate, arm) - np.cross(turning, np.cross(turning, arm))
-    position = samples.joint_position - biases.joint_zero
+    position = samples.joint_position - values["joint_zero"]
     legs = list(robot.legs.values())
-    radii = np.array([leg.foot_radius for leg in legs]) * biases.foot_radius
+    radii = np.array([leg.foot_radius for leg in legs]) * (1 + values["foot_radius"])
     # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
     down = -floor_normals(LegChains(robot).feet(position))[0]
     count, joints = position.shape
