@@ -76,7 +76,9 @@ def seen_by(move, biases):
     """The move as sensors with these biases record it."""
     tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     before, after = (
-        Posture(rest.joint_position + biases["joint_zero"], tilt.T @ rest.acceleration + biases["accelerometer_bias"])
+        Posture(
+            rest.joint_position + biases["joint_zero"], tilt.T @ rest.acceleration_in_imu + biases["accelerometer_bias"]
+        )
         for rest in (move.before, move.after)
     )
     return replace(move, before=before, after=after, rotation_to_before=tilt.T @ move.rotation_to_before @ tilt)
@@ -122,4 +124,4 @@ def test_a_rest_is_its_means(a1, ideal_motions):
     still = ideal_motions.move.phase("rest")
     rest = Posture.of(still)
     np.testing.assert_allclose(rest.joint_position, still.joints.position.mean(axis=0))
-    np.testing.assert_allclose(rest.acceleration, still.imu.acceleration.mean(axis=0))
+    np.testing.assert_allclose(rest.acceleration_in_imu, still.imu.acceleration.mean(axis=0))

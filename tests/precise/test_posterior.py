@@ -240,9 +240,9 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, poster
     """Somebody touches the robot in one lift: it turns as no free robot does [rad/s]."""
     number = max(index for index, motion in enumerate(evidence.motions) if motion.lift is not None)
     lift = evidence.motions[number].lift
-    pushed = lift.angular_velocity + size * np.sin(np.linspace(0, 9, len(lift.angular_velocity)))[:, None]
+    pushed = lift.angular_velocity_in_imu + size * np.sin(np.linspace(0, 9, len(lift.angular_velocity_in_imu)))[:, None]
     motions = list(evidence.motions)
-    motions[number] = replace(motions[number], lift=replace(lift, angular_velocity=pushed))
+    motions[number] = replace(motions[number], lift=replace(lift, angular_velocity_in_imu=pushed))
     found = estimate_posterior(a1, precise_run.stance, Evidence(tuple(motions)))
     assert [misfit.motion for misfit in found.lifts if not misfit.used] == [evidence.motions[number].index]
     moved = components(found.robot_body) - components(posterior.robot_body)
@@ -254,9 +254,9 @@ def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evide
     fitting = min((misfit for misfit in posterior.lifts if misfit.used), key=lambda misfit: abs(misfit.chi - 1))
     number = next(index for index, motion in enumerate(evidence.motions) if motion.index == fitting.motion)
     lift = evidence.motions[number].lift
-    pushed = lift.angular_velocity + 0.01 * np.sin(np.linspace(0, 9, len(lift.angular_velocity)))[:, None]
+    pushed = lift.angular_velocity_in_imu + 0.01 * np.sin(np.linspace(0, 9, len(lift.angular_velocity_in_imu)))[:, None]
     motions = list(evidence.motions)
-    motions[number] = replace(motions[number], lift=replace(lift, angular_velocity=pushed))
+    motions[number] = replace(motions[number], lift=replace(lift, angular_velocity_in_imu=pushed))
     found = estimate_posterior(a1, precise_run.stance, Evidence(tuple(motions)))
     before, after = (
         next(misfit for misfit in p.lifts if misfit.motion == evidence.motions[number].index)
@@ -288,7 +288,7 @@ def test_a_lifts_noise_is_that_of_many_draws(evidence):
     """White gyroscope noise, integrated to an attitude, which topples the robot: y wanders by growth times that."""
     lift = next(motion.lift for motion in evidence.motions if motion.lift is not None)
     count, step, growth = len(lift.joint_position), lift.step, 50.0
-    noisy = replace(lift, gyro_density=1e-3, turning_noise=np.zeros((count, count)), rest_attitude_noise=0.0)
+    noisy = replace(lift, gyro_density=1e-3, angular_velocity_noise=np.zeros((count, count)), rest_attitude_noise=0.0)
     plain = replace(noisy, gyro_density=0.0)
     found = tilt_noise(noisy, 0.0, growth) - tilt_noise(plain, 0.0, growth)
     drift = (

@@ -60,7 +60,7 @@ def frozen_lift(robot, diagonal, state):
     acceleration = GRAVITY * np.array(robot.imu_in_base.rotation).T @ up
     return lift_samples(
         robot, diagonal, *(np.tile(vector, (3, 1)) for vector in (position, velocity, turning)),
-        rest_acceleration=acceleration, step=STEP,
+        rest_acceleration_in_imu=acceleration, step=STEP,
     )  # fmt: skip
 
 
@@ -252,10 +252,10 @@ def seen_by(robot, lift, biases):
     return replace(
         lift,
         joint_position=lift.joint_position + biases["joint_zero"],
-        angular_velocity=lift.angular_velocity @ tilt,
-        angular_acceleration=lift.angular_acceleration @ tilt,
+        angular_velocity_in_imu=lift.angular_velocity_in_imu @ tilt,
+        angular_acceleration_in_imu=lift.angular_acceleration_in_imu @ tilt,
         rotation_to_rest=tilt.T @ lift.rotation_to_rest @ tilt,
-        rest_acceleration=tilt.T @ lift.rest_acceleration + biases["accelerometer_bias"],
+        rest_acceleration_in_imu=tilt.T @ lift.rest_acceleration_in_imu + biases["accelerometer_bias"],
     )
 
 

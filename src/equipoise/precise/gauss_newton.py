@@ -44,8 +44,8 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
     """The (size,) unknowns of least cost, and whether the last step was small; if not, something does not fit at all.
 
     Args:
-        start: (size,).
-        rounds: how often noise levels are renewed.
+        start: (size,) unknowns to start at.
+        rounds: number of times that noise levels are renewed.
 
     Raises:
         RecordingError: what was recorded does not determine the unknowns.

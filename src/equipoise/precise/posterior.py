@@ -38,16 +38,17 @@ class Posterior:
 
     Attributes:
         unknowns: layout of x.
-        x: (size,) the estimate.
-        covariance: (size, size).
-        information: by motion index, (size, size): what each motion adds.
-        gradient: by motion index, (size,): where each motion pulls.
-        robot_body, base_body, stance_effective_body: at the estimate.
-        robot_covariance, base_covariance, stance_effective_covariance: (10, 10) in the order of COMPONENTS.
-        prior_deviation, base_prior_deviation: (10,) of the whole robot's and the base's parameters before any motion (a
-            scale's mass not counted).
+        x: (size,) most probable unknowns.
+        covariance: (size, size) covariance of x.
+        information: (size, size) information that each motion adds, by motion index.
+        gradient: (size,) gradient of each motion's squared residuals, halved, by motion index.
+        robot_body, base_body, stance_effective_body: bodies at the estimate.
+        robot_covariance, base_covariance, stance_effective_covariance: (10, 10) covariance of each, in the order of
+            COMPONENTS.
+        prior_deviation, base_prior_deviation: (10,) standard deviations of the whole robot's and the base's parameters
+            before any motion (a scale's mass not counted).
         told: names of the unknowns that some evidence depends on.
-        lifts, moves: misfit of each.
+        lifts, moves: misfits of the lifts and of the planted moves.
         torque_chi: misfit of the torque rows; None without torques.
         converged: whether the last step was small; if not, something does not fit at all.
     """
@@ -89,8 +90,8 @@ def estimate_posterior(
     """The most probable unknowns given all evidence.
 
     Args:
-        mass: of the whole robot from a scale, and its standard deviation [kg].
-        rounds: how often noise levels are renewed.
+        mass: mass of the whole robot from a scale, and its standard deviation [kg].
+        rounds: number of times that noise levels are renewed.
         lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
 
     Raises:
@@ -104,7 +105,7 @@ class MapProblem:
     """What one run adds to a maximum a posteriori estimate: residual blocks and priors, in a run's unknowns.
 
     Args:
-        mass: from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
+        mass: mass from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
         lifts_needed: whether evidence without any lift is refused.
 
     Raises:

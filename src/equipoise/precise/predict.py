@@ -44,8 +44,8 @@ class Predictor:
     """Predicts motions of a robot.
 
     Attributes:
-        robot: as it is thought to be.
-        stance: nominal.
+        robot: robot as it is thought to be.
+        stance: nominal stance.
         com: (3,) CoM in the base frame [m].
     """
 
@@ -68,7 +68,7 @@ class Predictor:
         """What the time on two feet would look like."""
         robot, stance = self.robot, self.stance
         settings, times = lift_settings(stance), Times.of(stance)
-        time, velocity_noise, turning_noise = self._noise
+        time, velocity_noise, angular_velocity_noise = self._noise
         _, lifted = lift_feet(stance, self.com, design, settings.height)
         position = inverse_kinematics(robot, lifted, stance.joint_position)
         left = design.posture.rotation.T @ stance_line(stance, design.diagonal)[0]
@@ -90,7 +90,9 @@ class Predictor:
         axis = np.zeros(3)
         if design.turn is not None:
             axis[("roll", "pitch", "yaw").index(design.turn)] = 1.0
-        turning = np.outer(tilt_rate, left) + np.outer(angle_rate, axis - (axis @ left) * left * about_com / about_line)
+        angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(
+            angle_rate, axis - (axis @ left) * left * about_com / about_line
+        )
         # Small motions of the feet in the base frame, through each leg's Jacobian.
         nearby = 1e-3
         moved = (turned_feet(lifted, self.com, design.turn, nearby) - lifted) / nearby
@@ -98,7 +100,7 @@ class Predictor:
         inverse = np.linalg.pinv(foot_jacobians(robot, position))
         per_angle[robot.leg_joints] = np.einsum("lji,li->lj", inverse, moved)
         mounting = np.array(robot.imu_in_base.rotation)
-        in_imu = turning @ mounting
+        in_imu = angular_velocity_in_base @ mounting
         up = design.posture.rotation[2] @ mounting
         return LiftSamples(
             design.diagonal,
@@ -112,7 +114,7 @@ class Predictor:
             GRAVITY * up,
             _REST_ATTITUDE_NOISE,
             velocity_noise,
-            turning_noise,
+            angular_velocity_noise,
             _GYRO_NOISE / np.sqrt(_RATE),
             _REST_TO_AIR * settings.lift_time,
         )

@@ -223,7 +223,7 @@ def tilt_noise(lift: LiftSamples, by_velocity: float, growth: float) -> FloatArr
     wandered = np.cumsum(wander[before:], axis=0) * step * growth
     ramp = growth * np.hypot(lift.rest_attitude_noise, _ATTITUDE_FLOOR) * time
     drift = lift.gyro_density / np.sqrt(60.0) * (1 + growth * (time * lift.since_rest + time**2 / 2))
-    noise = lift.turning_noise + by_velocity**2 * lift.velocity_noise + wandered @ wandered.T
+    noise = lift.angular_velocity_noise + by_velocity**2 * lift.velocity_noise + wandered @ wandered.T
     return noise + np.outer(ramp, ramp) + np.outer(drift, drift) + _TILT_FLOOR**2 * np.eye(count)
 
 

@@ -33,7 +33,7 @@ class ScaleReadings:
     """What a scale said of the whole robot in the two runs.
 
     Attributes:
-        masses: in each run [kg]; None: it was not weighed.
+        masses: mass in each run [kg]; None: it was not weighed.
         gain: standard deviation of the scale's factor, which both readings have in common.
         noise: standard deviation of each reading beside that, over the mass.
     """
@@ -57,8 +57,8 @@ class TwoRuns:
 
     Attributes:
         unknowns: layout of a run's unknowns.
-        first, second: (size,) each run's unknowns.
-        covariance: (2 size, 2 size) of both.
+        first, second: (size,) unknowns of each run.
+        covariance: (2 size, 2 size) covariance of both.
         converged: whether the last step was small.
     """
 
@@ -96,7 +96,7 @@ class _TwoProblems:
     """Squared residuals of z = (x, y, g).
 
     Attributes:
-        to_first, to_second: (size, len(z)) each run's unknowns are these times z.
+        to_first, to_second: (size, len(z)) matrices from z to the unknowns of each run.
     """
 
     def __init__(

@@ -25,12 +25,12 @@ class Posture:
     """A planted robot at rest: means over that rest.
 
     Attributes:
-        joint_position: (nj,) [rad].
-        acceleration: (3,) in the IMU frame [m/s2].
+        joint_position: (nj,) mean of the joint positions [rad].
+        acceleration_in_imu: (3,) mean of the accelerometer [m/s2].
     """
 
     joint_position: FloatArray
-    acceleration: FloatArray
+    acceleration_in_imu: FloatArray
 
     @classmethod
     def of(cls, still: Recording) -> Posture:
@@ -43,9 +43,9 @@ class PlantedMove:
     """A move between two rests, all feet planted.
 
     Attributes:
-        before, after: the rests.
-        rotation_to_before: (3, 3) attitude of the IMU after the move, in its axes before, by the gyroscope.
-        rolled: (4, 3) how far the feet's centres rolled, in base axes before the move [m].
+        before, after: rests on either side.
+        rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
+        rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
     """
 
     before: Posture
@@ -61,12 +61,14 @@ def read_move(
     rotation = np.array(robot.imu_in_base.rotation)
     attitude = attitudes(moving.imu.time, moving.imu.angular_velocity - gyro_bias)
     first, last = Posture.of(before), Posture.of(after)
-    up = attitude.inv().apply(first.acceleration / np.linalg.norm(first.acceleration)) @ rotation.T
+    up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
     joints = moving.joints
     up = at_times(joints.time, moving.imu.time, up)
     velocity = joints.velocity if joints.velocity is not None else np.gradient(joints.position, joints.time, axis=0)
-    turning = at_times(joints.time, moving.imu.time, (moving.imu.angular_velocity - gyro_bias) @ rotation.T)
-    foot = legs.motion(joints.position, velocity, turning).foot_angular_velocity
+    angular_velocity_in_base = at_times(
+        joints.time, moving.imu.time, (moving.imu.angular_velocity - gyro_bias) @ rotation.T
+    )
+    foot = legs.motion(joints.position, velocity, angular_velocity_in_base).foot_angular_velocity
     rolling = cross(foot, legs.foot_radius[:, None] * up[:, None])
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
@@ -86,7 +88,9 @@ class PlantedRows:
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, moves: Sequence[PlantedMove]) -> None:
         self.legs, self._rotation = legs, rotation_imu_to_base
         self._position = np.array([[move.before.joint_position, move.after.joint_position] for move in moves])
-        self._acceleration = np.array([[move.before.acceleration, move.after.acceleration] for move in moves])
+        self._acceleration = np.array(
+            [[move.before.acceleration_in_imu, move.after.acceleration_in_imu] for move in moves]
+        )
         self._to_before = np.array([move.rotation_to_before for move in moves])
         self._rolled = np.array([move.rolled for move in moves])
 
