@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from equipoise import nominal_stance
 from equipoise.experiments.posture import BodyPosture
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.measurements.planted_moves import PlantedRows, Posture, read_move
+from equipoise.precise.measurements.planted_moves import PlantedRows, RestReading, read_move
 from equipoise.precise.predict import Predictor
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
@@ -76,7 +76,7 @@ def seen_by(move, biases):
     """The move as sensors with these biases record it."""
     tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     before, after = (
-        Posture(
+        RestReading(
             rest.joint_position + biases["joint_zero"], tilt.T @ rest.acceleration_in_imu + biases["accelerometer_bias"]
         )
         for rest in (move.before, move.after)
@@ -122,6 +122,6 @@ def test_the_feet_of_a_simulated_move_stay_once_their_rolling_is_known(a1, ideal
 
 def test_a_rest_is_its_means(a1, ideal_motions):
     still = ideal_motions.move.phase("rest")
-    rest = Posture.of(still)
+    rest = RestReading.of(still)
     np.testing.assert_allclose(rest.joint_position, still.joints.position.mean(axis=0))
     np.testing.assert_allclose(rest.acceleration_in_imu, still.imu.acceleration.mean(axis=0))

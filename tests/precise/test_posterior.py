@@ -8,7 +8,7 @@ from tilting import moving_robot
 
 from equipoise import nominal_stance
 from equipoise.errors import RecordingError
-from equipoise.precise.measurements.evidence import Evidence, read_evidence
+from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import COMPONENTS, Unknowns, components
 from equipoise.precise.posterior import body_jacobian, estimate_posterior, prior_rows
@@ -243,7 +243,7 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, poster
     pushed = lift.angular_velocity_in_imu + size * np.sin(np.linspace(0, 9, len(lift.angular_velocity_in_imu)))[:, None]
     motions = list(evidence.motions)
     motions[number] = replace(motions[number], lift=replace(lift, angular_velocity_in_imu=pushed))
-    found = estimate_posterior(a1, precise_run.stance, Evidence(tuple(motions)))
+    found = estimate_posterior(a1, precise_run.stance, RunEvidence(tuple(motions)))
     assert [misfit.motion for misfit in found.lifts if not misfit.used] == [evidence.motions[number].index]
     moved = components(found.robot_body) - components(posterior.robot_body)
     assert np.abs(moved / np.sqrt(np.diag(found.robot_covariance))).max() < 1
@@ -257,7 +257,7 @@ def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evide
     pushed = lift.angular_velocity_in_imu + 0.01 * np.sin(np.linspace(0, 9, len(lift.angular_velocity_in_imu)))[:, None]
     motions = list(evidence.motions)
     motions[number] = replace(motions[number], lift=replace(lift, angular_velocity_in_imu=pushed))
-    found = estimate_posterior(a1, precise_run.stance, Evidence(tuple(motions)))
+    found = estimate_posterior(a1, precise_run.stance, RunEvidence(tuple(motions)))
     before, after = (
         next(misfit for misfit in p.lifts if misfit.motion == evidence.motions[number].index)
         for p in (posterior, found)
@@ -270,12 +270,12 @@ def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evide
 def test_without_a_lift_the_reasons_are_told(a1, precise_run, evidence):
     motions = tuple(replace(motion, lift=None, left_out="the wind blew") for motion in evidence.motions)
     with pytest.raises(RecordingError, match="no lift trial can be used: the wind blew"):
-        estimate_posterior(a1, precise_run.stance, Evidence(motions))
+        estimate_posterior(a1, precise_run.stance, RunEvidence(motions))
 
 
 @pytest.mark.parametrize("count", [1, 5, 7, 10])
 def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_run, evidence, count):
-    few = Evidence(evidence.motions[:count])
+    few = RunEvidence(evidence.motions[:count])
     found = estimate_posterior(a1, precise_run.stance, few)
     assert found.robot_body.physical_defect() is None
     assert step_left(found) < 0.5

@@ -8,7 +8,7 @@ import pytest
 from equipoise import Calibration, CalibrationSettings, estimate
 from equipoise.precise import posterior as posterior_module
 from equipoise.precise.checks import judge
-from equipoise.precise.measurements.evidence import Evidence, read_evidence
+from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.planted_moves import PlantedRows
 from equipoise.precise.measurements.tilt_equation import TiltEquation
@@ -59,7 +59,7 @@ def bench(monkeypatch):
 @pytest.fixture(scope="module")
 def few(a1, precise_run):
     """The first motions of a run, which are estimated from faster."""
-    return Evidence(read_evidence(a1, precise_run.stance, precise_run.recordings).motions[:8])
+    return RunEvidence(read_evidence(a1, precise_run.stance, precise_run.recordings).motions[:8])
 
 
 @pytest.mark.usefixtures("bench")
@@ -104,7 +104,7 @@ def test_a_row_says_what_two_runs_share(a1, precise_run, few):
 
 def test_without_an_equation_nothing_is_said(a1, precise_run, few):
     found = estimate_posterior(a1, precise_run.stance, few, TwoAccelerometers())
-    assert "second_bias" not in found.told
+    assert "second_bias" not in found.informed
     np.testing.assert_allclose(found.unknowns.value(found.x, "second_bias"), 0, atol=1e-12)
     np.testing.assert_allclose(found.deviation("second_bias"), 0.2)
 
@@ -151,7 +151,7 @@ def test_a_row_says_all_that_is_to_be_known(a1, row):
 
 def test_every_unknown_enters_an_equation(a1, precise_run, few):
     found = estimate_posterior(a1, precise_run.stance, few)
-    assert found.told == {"base", *(row.name for row in Priors.rows())}
+    assert found.informed == {"base", *(row.name for row in Priors.rows())}
 
 
 def test_findings_of_a_robot_are_found_by_the_name_of_their_unknown(a1):

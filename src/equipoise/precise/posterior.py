@@ -20,7 +20,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.precise.gauss_newton import solve
-from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import COMPONENTS, Unknowns, components
 from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, TiltBlock, TorqueBlock
@@ -47,7 +47,7 @@ class Posterior:
             COMPONENTS.
         prior_deviation, base_prior_deviation: (10,) standard deviations of the whole robot's and the base's parameters
             before any motion (a scale's mass not counted).
-        told: names of the unknowns that some evidence depends on.
+        informed: names of the unknowns that some evidence depends on.
         lifts, moves: misfits of the lifts and of the planted moves.
         torque_chi: misfit of the torque rows; None without torques.
         converged: whether the last step was small; if not, something does not fit at all.
@@ -66,7 +66,7 @@ class Posterior:
     stance_effective_covariance: FloatArray
     prior_deviation: FloatArray
     base_prior_deviation: FloatArray
-    told: frozenset[str]
+    informed: frozenset[str]
     lifts: tuple[Misfit, ...]
     moves: tuple[Misfit, ...]
     torque_chi: float | None
@@ -81,7 +81,7 @@ class Posterior:
 def estimate_posterior(
     robot: RobotModel,
     stance: Stance,
-    evidence: Evidence,
+    evidence: RunEvidence,
     priors: Priors | None = None,
     mass: tuple[float, float] | None = None,
     rounds: int = 2,
@@ -113,7 +113,7 @@ class MapProblem:
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors, mass: tuple[float, float] | None,
+        self, robot: RobotModel, stance: Stance, evidence: RunEvidence, priors: Priors, mass: tuple[float, float] | None,
         lifts_needed: bool,
     ) -> None:  # fmt: skip
         self.mass = mass
@@ -199,7 +199,7 @@ class MapProblem:
             stance_effective_covariance=spread(unknowns.stance_effective_body, x, covariance),
             prior_deviation=np.sqrt(np.diag(spread(unknowns.robot_body, start, before))),
             base_prior_deviation=np.sqrt(np.diag(spread(unknowns.base_body, start, before))),
-            told=frozenset(name for block in self.blocks for name in block.depends_on),
+            informed=frozenset(name for block in self.blocks for name in block.depends_on),
             lifts=tuple(misfit for block in self.blocks if isinstance(block, TiltBlock) for misfit in block.misfits(x)),
             moves=tuple(
                 misfit for block in self.blocks if isinstance(block, PlantedBlock) for misfit in block.misfits(x)

@@ -13,9 +13,9 @@ import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
-from equipoise.precise.measurements.evidence import Evidence, Motion
+from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
 from equipoise.precise.measurements.lift_samples import LiftSamples, attitudes
-from equipoise.precise.measurements.planted_moves import PlantedMove, Posture
+from equipoise.precise.measurements.planted_moves import PlantedMove, RestReading
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.precise.trials import (
     LiftDesign,
@@ -126,14 +126,16 @@ class Predictor:
         turned = mounting.T @ before.rotation.T @ after.rotation @ mounting
         return PlantedMove(rests[0], rests[1], turned, np.zeros((4, 3)))
 
-    def _rest(self, posture: BodyPosture, mounting: FloatArray) -> Posture:
+    def _rest(self, posture: BodyPosture, mounting: FloatArray) -> RestReading:
         feet = feet_in_posture(self.stance, self.com, posture)
         position = check_posture(self.robot, self.stance, feet)
-        return Posture(position, GRAVITY * posture.rotation[2] @ mounting)
+        return RestReading(position, GRAVITY * posture.rotation[2] @ mounting)
 
-    def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> Evidence:
+    def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> RunEvidence:
         """All of them as evidence; motions are numbered lifts first."""
-        motions = [Motion(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)]
+        motions = [
+            MotionReading(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)
+        ]
         for index, (before, after) in enumerate(moves, start=len(lifts)):
-            motions.append(Motion(index, {}, None, self.move(before, after), (), None, 0.0))
-        return Evidence(tuple(motions))
+            motions.append(MotionReading(index, {}, None, self.move(before, after), (), None, 0.0))
+        return RunEvidence(tuple(motions))

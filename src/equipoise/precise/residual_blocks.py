@@ -15,7 +15,7 @@ import numpy as np
 
 from equipoise.alive import alive
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.planted_moves import PlantedMove, PlantedRows
@@ -159,7 +159,7 @@ class TiltBlock(_MotionBlock):
         self._whitening: list[FloatArray] = []
 
     @classmethod
-    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: Evidence) -> TiltBlock | None:
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TiltBlock | None:
         """All lifts of a run; None if there is none."""
         lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
         return cls(unknowns, legs, np.array(unknowns.robot.imu_in_base.rotation), lifts) if lifts else None
@@ -256,7 +256,7 @@ class PlantedBlock(_MotionBlock):
         self._plane = feet[:, :2]
 
     @classmethod
-    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: Evidence) -> PlantedBlock | None:
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> PlantedBlock | None:
         """All planted moves of a run; None if there is none."""
         moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
         return cls(unknowns, legs, np.array(unknowns.robot.imu_in_base.rotation), moves) if moves else None
@@ -300,7 +300,7 @@ class TorqueBlock(ResidualBlock):
         self._per_sample = 0
 
     @classmethod
-    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: Evidence) -> TorqueBlock | None:
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TorqueBlock | None:
         """All torques of a run; None if there are none."""
         torques = [(motion.index, sample) for motion in evidence.motions for sample in motion.torques]
         return cls(unknowns, torques) if torques else None
@@ -369,7 +369,7 @@ def _summed(torque: FloatArray, signal: FloatArray) -> FloatArray:
     return np.einsum("nrj,nj->nr", torque, signal)[..., None]
 
 
-BLOCKS: tuple[Callable[[Unknowns, LegChains, Evidence], ResidualBlock | None], ...] = (
+BLOCKS: tuple[Callable[[Unknowns, LegChains, RunEvidence], ResidualBlock | None], ...] = (
     TiltBlock.of,
     PlantedBlock.of,
     TorqueBlock.of,

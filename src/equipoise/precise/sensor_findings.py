@@ -20,7 +20,7 @@ def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
             bool(abs(value) > _SURE * deviation and abs(value) > row.notable),
         )
         for row in unknowns.rows
-        if row.finding and row.name in posterior.told
+        if row.finding and row.name in posterior.informed
         for label, value, deviation in zip(
             unknowns.labels(row), unknowns.value(posterior.x, row.name), posterior.deviation(row.name), strict=True
         )

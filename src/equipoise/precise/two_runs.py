@@ -20,7 +20,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.precise.gauss_newton import solve
-from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import MapProblem, body_prior_rows, prior_rows, total_mass
 from equipoise.precise.unknowns import Priors
@@ -72,7 +72,7 @@ class TwoRuns:
 def estimate_two_runs(
     robot: RobotModel,
     stance: Stance,
-    evidences: tuple[Evidence, Evidence],
+    evidences: tuple[RunEvidence, RunEvidence],
     priors: Priors | None = None,
     scale: ScaleReadings | None = None,
     rounds: int = 2,
@@ -100,7 +100,7 @@ class _TwoProblems:
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, evidences: tuple[Evidence, Evidence], priors: Priors,
+        self, robot: RobotModel, stance: Stance, evidences: tuple[RunEvidence, RunEvidence], priors: Priors,
         scale: ScaleReadings,
     ) -> None:  # fmt: skip
         self.problems = [
@@ -176,7 +176,7 @@ class _TwoProblems:
         return np.concatenate(rows), np.concatenate(columns)
 
 
-def _named(which: str, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors) -> MapProblem:
+def _named(which: str, robot: RobotModel, stance: Stance, evidence: RunEvidence, priors: Priors) -> MapProblem:
     try:
         return MapProblem(robot, stance, evidence, priors, None, lifts_needed=True)
     except RecordingError as error:

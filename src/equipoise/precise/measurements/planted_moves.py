@@ -21,7 +21,7 @@ from equipoise.robot.model import RobotModel
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class RestReading:
     """A planted robot at rest: means over that rest.
 
     Attributes:
@@ -33,7 +33,7 @@ class Posture:
     acceleration_in_imu: FloatArray
 
     @classmethod
-    def of(cls, still: Recording) -> Posture:
+    def of(cls, still: Recording) -> RestReading:
         """Of a recording in which nothing moves."""
         return cls(still.joints.position.mean(axis=0), still.imu.acceleration.mean(axis=0))
 
@@ -48,8 +48,8 @@ class PlantedMove:
         rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
     """
 
-    before: Posture
-    after: Posture
+    before: RestReading
+    after: RestReading
     rotation_to_before: FloatArray
     rolled: FloatArray
 
@@ -60,7 +60,7 @@ def read_move(
     """A move and the rests on either side of it; the three recordings follow each other."""
     rotation = np.array(robot.imu_in_base.rotation)
     attitude = attitudes(moving.imu.time, moving.imu.angular_velocity - gyro_bias)
-    first, last = Posture.of(before), Posture.of(after)
+    first, last = RestReading.of(before), RestReading.of(after)
     up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
     joints = moving.joints
     up = at_times(joints.time, moving.imu.time, up)
