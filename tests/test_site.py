@@ -41,6 +41,13 @@ def test_rows_of_a_result_come_with_their_head(tmp_path):
         hooks.rows(result, 1, "three")
 
 
+def test_the_table_of_unknowns_is_that_of_the_code():
+    table = hooks.unknowns()
+    assert "| `joint_zero`: encoder reading less joint position | joint | 0.005 rad |" in table
+    assert "| 0.001 m times hip height | assumed; an indoor floor | moves |" in table
+    assert hooks._UNKNOWNS in (ROOT / "docs" / "method" / "precise.md").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("target", "page", "link"),
     [

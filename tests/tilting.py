@@ -33,18 +33,18 @@ def lift_samples(robot, diagonal, position, velocity, turning, **changes):
     values = {
         "start": 0.0,
         "step": 0.01,
-        "angular_acceleration": np.zeros((count, 3)),
+        "angular_acceleration_in_imu": np.zeros((count, 3)),
         "rotation_to_rest": np.tile(np.eye(3), (count, 1, 1)),
-        "rest_acceleration": GRAVITY * mounting[2],
+        "rest_acceleration_in_imu": GRAVITY * mounting[2],
         "rest_attitude_noise": 4e-4,
         "velocity_noise": 1e-4 * np.eye(count),
-        "turning_noise": 1e-6 * np.eye(count),
+        "angular_velocity_noise": 1e-6 * np.eye(count),
         "gyro_density": 1e-4,
         "since_rest": 0.2,
         **changes,
     }
     return LiftSamples(
-        diagonal, joint_position=position, joint_velocity=velocity, angular_velocity=turning @ mounting, **values
+        diagonal, joint_position=position, joint_velocity=velocity, angular_velocity_in_imu=turning @ mounting, **values
     )
 
 
@@ -91,8 +91,8 @@ def pendulum(robot, joint_position, diagonal, up, rate=0.2, radius=None, duratio
     turned = mounting.T @ about(left, angle) @ mounting
     return lift_samples(
         robot, diagonal, np.tile(joint_position, (len(time), 1)), np.zeros((len(time), len(joint_position))),
-        np.outer(speed, left), step=step, rotation_to_rest=turned, rest_acceleration=GRAVITY * mounting.T @ up,
-        angular_acceleration=np.outer(rates, left) @ mounting,
+        np.outer(speed, left), step=step, rotation_to_rest=turned, rest_acceleration_in_imu=GRAVITY * mounting.T @ up,
+        angular_acceleration_in_imu=np.outer(rates, left) @ mounting,
     )  # fmt: skip
 
 

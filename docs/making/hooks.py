@@ -1,4 +1,4 @@
-"""What MkDocs cannot do by itself: pages that live elsewhere in the repository, tables out of results, formulas, pictures.
+"""What MkDocs cannot do by itself: pages that live elsewhere, tables out of results and code, formulas, pictures.
 
 Documents are written so that they read well in the repository too: links are those of the repository.
 """
@@ -14,11 +14,16 @@ from mkdocs.structure.files import File
 sys.path.insert(0, str(Path(__file__).parent))
 from formulas import with_formulas
 
+from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TorqueBlock
+from equipoise.precise.unknowns import Priors
+
 ROOT = Path(__file__).parents[2]
 _SHOWN = ("CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/results/**/*.md", "benchmarks/results/**/*.png")
 _LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 _PICTURE = re.compile(r"!\[([^\]]*)\]\((\S+?\.svg)\)")
 _ROWS = re.compile(r"^<!-- rows of (\S+), table (\d+): (.+) -->$", re.MULTILINE)
+_UNKNOWNS = "<!-- table of unknowns -->"
+_EVIDENCE = {"lifts": TiltBlock, "moves": PlantedBlock, "torques": TorqueBlock}
 
 
 def on_files(files, config):
@@ -33,6 +38,7 @@ def on_files(files, config):
 def on_page_markdown(markdown, page, config, files):
     """The page as MkDocs wants it."""
     markdown = _ROWS.sub(lambda found: rows(ROOT / found[1], int(found[2]), found[3]), markdown)
+    markdown = markdown.replace(_UNKNOWNS, unknowns())
     here = posixpath.dirname(_in_repository(page.file.src_uri))
     markdown = _PICTURE.sub(lambda found: _inlined(found[1], ROOT / posixpath.normpath(f"{here}/{found[2]}")), markdown)
     markdown = _LINK.sub(lambda found: _linked(found[1], page.file.src_uri, here), markdown)
@@ -47,6 +53,17 @@ def rows(file: Path, number: int, wanted: str) -> str:
     if not chosen:
         raise ValueError(f"{file}: table {number} has no row like {wanted!r}")
     return "\n".join([head, rule, *chosen])
+
+
+def unknowns() -> str:
+    """The precise method's table of unknowns."""
+    lines = ["| what | one for each | believed to | why so much | enters |", "|---|---|---|---|---|"]
+    for row in Priors.rows():
+        prior = f"{getattr(Priors, row.name):g} {row.unit}".strip()
+        prior += f" times {row.measure.name}" if row.measure.name else ""
+        enters = ", ".join(name for name, block in _EVIDENCE.items() if row.name in block.depends_on)
+        lines.append(f"| `{row.name}`: {row.meaning} | {row.each.name} | {prior} | {row.source} | {enters} |")
+    return "\n".join(lines)
 
 
 def _in_repository(uri: str) -> str:

@@ -11,9 +11,10 @@ from equipoise.calibration.delta import _payload
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.parameters import COMPONENTS, Priors
+from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.routine import PreciseSettings
 from equipoise.precise.two_runs import _TwoProblems
+from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 
 PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`

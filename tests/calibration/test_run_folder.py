@@ -26,9 +26,9 @@ from equipoise import (
 )
 from equipoise.errors import FallError, OutputError, RecordingError
 from equipoise.platform.logged import Logged
-from equipoise.precise.parameters import Priors
 from equipoise.precise.plan import Goals
 from equipoise.precise.routine import PreciseSettings
+from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recording.run_log import RunLog
 

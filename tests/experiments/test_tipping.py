@@ -57,7 +57,7 @@ def test_a_robot_with_locked_joints_topples_at_that_rate(case, model):
     robot, position, diagonal = case
     lift = pendulum(robot, position, diagonal, UP, rate=0.5 * model.lean * model.rate, duration=0.2)
     left = line_axes(robot, position, UP, diagonal)[0]
-    speed = lift.angular_velocity @ np.array(robot.imu_in_base.rotation).T @ left
+    speed = lift.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T @ left
     leaning = model.lean + np.cumsum(speed) * lift.step - (speed + speed[0]) / 2 * lift.step
     x = leaning + speed / model.rate
     np.testing.assert_allclose(x[-1] / x[0], np.exp(model.rate * 0.2), rtol=0.08)

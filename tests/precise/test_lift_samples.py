@@ -120,9 +120,9 @@ def test_joints_and_their_velocities_are_smoothed_and_the_gyroscopes_bias_is_tak
         expected = np.column_stack([np.interp(time, recording.joints.time, column) for column in recorded.T])
         np.testing.assert_allclose(found, expected, atol=close)
     assert np.abs(recording.joints.velocity).max() > 1
-    np.testing.assert_allclose(lift.angular_velocity, 0, atol=1e-9)
+    np.testing.assert_allclose(lift.angular_velocity_in_imu, 0, atol=1e-9)
     np.testing.assert_allclose(lift.rotation_to_rest, np.tile(np.eye(3), (len(time), 1, 1)), atol=1e-9)
-    np.testing.assert_allclose(lift.rest_acceleration, [0, 0, 9.81])
+    np.testing.assert_allclose(lift.rest_acceleration_in_imu, [0, 0, 9.81])
 
 
 @pytest.mark.parametrize("velocities", [True, False])
@@ -143,8 +143,8 @@ def test_the_noise_of_velocities_is_what_it_is(a1, stance, velocities):
 
 def test_the_noise_of_the_gyroscope_is_what_it_is(a1, stance):
     lifts = [read(a1, stance, made_lift(a1, stance, noise=3e-4, seed=seed)) for seed in range(8)]
-    drawn = np.mean([lift.angular_velocity**2 for lift in lifts])
-    assert 0.75 < np.sqrt(drawn / np.mean([np.diag(lift.turning_noise).mean() for lift in lifts])) < 1.33
+    drawn = np.mean([lift.angular_velocity_in_imu**2 for lift in lifts])
+    assert 0.75 < np.sqrt(drawn / np.mean([np.diag(lift.angular_velocity_noise).mean() for lift in lifts])) < 1.33
     assert lifts[0].gyro_density == pytest.approx(3e-3 / np.sqrt(RATE), rel=0.2)
 
 
@@ -186,5 +186,7 @@ def test_a_simulated_lift_is_read_with_its_turn(a1, ideal_motions):
     assert lift.diagonal == "FL_RR"
     # To and fro about the roll axis: the integral of what the gyroscope felt is the attitude that is carried.
     turned = Rotation.from_matrix(lift.rotation_to_rest).as_rotvec()
-    assert np.abs(lift.angular_velocity[:, 0]).max() > 0.3
-    np.testing.assert_allclose(np.gradient(turned, lift.step, axis=0)[1:-1], lift.angular_velocity[1:-1], atol=0.12)
+    assert np.abs(lift.angular_velocity_in_imu[:, 0]).max() > 0.3
+    np.testing.assert_allclose(
+        np.gradient(turned, lift.step, axis=0)[1:-1], lift.angular_velocity_in_imu[1:-1], atol=0.12
+    )

@@ -11,7 +11,8 @@ from hypothesis.extra import numpy as hnp
 
 from equipoise import nominal_stance
 from equipoise.errors import SettingsError
-from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, base_vector, components, log_cholesky
+from equipoise.precise.parameters import COMPONENTS, Unknowns, base_vector, components, log_cholesky
+from equipoise.precise.unknowns import Priors, by_the_model
 from equipoise.robot.inertial import (
     InertialParameters,
     base_parameters,
@@ -105,24 +106,16 @@ def test_the_jacobian_of_the_inertial_parameters_is_that_of_differences(unknowns
 def test_every_unknown_has_one_place(unknowns):
     joints = len(unknowns.robot.joint_names)
     sizes = {
-        "base": 10, "links": joints, "joint_zero": joints, "imu_tilt": 3, "accelerometer_bias": 3, "clock_offset": 1,
+        "base": 10, "leg_mass": joints, "joint_zero": joints, "imu_tilt": 3, "accelerometer_bias": 3, "clock_offset": 1,
         "foot_radius": 1, "floor_slope": 2, "floor_warp": 1, "torque_gain": joints, "coulomb": 1, "viscous": 1,
         "armature": 1,
     }  # fmt: skip
     places = np.concatenate([np.arange(unknowns.size)[unknowns[name]] for name in sizes])
     assert sorted(places) == list(range(unknowns.size))
+    assert list(sizes) == ["base", *(row.name for row in unknowns.rows)]
     assert all(unknowns[name].stop - unknowns[name].start == size for name, size in sizes.items())
-    biases = (
-        "joint_zero",
-        "imu_tilt",
-        "accelerometer_bias",
-        "clock_offset",
-        "foot_radius",
-        "floor_slope",
-        "floor_warp",
-    )
-    inside = np.concatenate([np.arange(unknowns.size)[unknowns[name]] for name in biases])
-    assert list(inside) == list(np.arange(unknowns.size)[unknowns.biases])
+    np.testing.assert_array_equal(unknowns.columns(*sizes), places)
+    assert list(unknowns.columns("imu_tilt", "base")) == [*places[10 + 2 * joints :][:3], *range(10)]
 
 
 def test_one_unit_is_one_standard_deviation_of_the_prior(a1):
@@ -131,12 +124,12 @@ def test_one_unit_is_one_standard_deviation_of_the_prior(a1):
     stance = nominal_stance(a1)
     unknowns = Unknowns(a1, stance, priors)
     ones = np.ones(unknowns.size)
-    biases = unknowns.sensor_biases(ones)
-    np.testing.assert_allclose(biases.joint_zero, 0.01)
-    np.testing.assert_allclose(biases.imu_tilt, 0.02)
-    np.testing.assert_allclose(biases.accelerometer_bias, 0.3)
-    np.testing.assert_allclose(biases.floor_slope, 0.006)
-    assert (biases.clock_offset, biases.foot_radius) == pytest.approx((0.004, 1.05))
+    values = unknowns.values(ones)
+    np.testing.assert_allclose(values["joint_zero"], 0.01)
+    np.testing.assert_allclose(values["imu_tilt"], 0.02)
+    np.testing.assert_allclose(values["accelerometer_bias"], 0.3)
+    np.testing.assert_allclose(values["floor_slope"], 0.006)
+    assert (values["clock_offset"], values["foot_radius"]) == pytest.approx((0.004, 0.05))
     assert unknowns.value(ones, "floor_warp") == pytest.approx([0.007 * stance.hip_height])
     assert unknowns.value(ones, "torque_gain") == pytest.approx([0.08] * 12)
     assert unknowns.value(ones, "coulomb") == pytest.approx([0.9 * a1.mass * 9.81 * stance.hip_height / 38.0])
@@ -144,12 +137,12 @@ def test_one_unit_is_one_standard_deviation_of_the_prior(a1):
 
 
 def test_nothing_is_wrong_at_the_start(unknowns):
-    biases = unknowns.sensor_biases(unknowns.start())
-    assert biases.foot_radius == 1
-    assert biases.clock_offset == 0
-    assert not any(
-        np.any(x) for x in (biases.joint_zero, biases.imu_tilt, biases.accelerometer_bias, biases.floor_slope)
-    )
+    values = unknowns.values(unknowns.start())
+    assert list(values) == [row.name for row in unknowns.rows]
+    assert not any(value.any() for value in values.values())
+    assert {name: len(value) for name, value in values.items()} == {
+        name: len(value) for name, value in by_the_model(unknowns.robot).items()
+    }
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])

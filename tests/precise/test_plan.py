@@ -13,11 +13,12 @@ from equipoise import nominal_stance
 from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.posture import BodyPosture
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Priors, components
+from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.plan import Candidates, Durations, Goals, describe, make_plan, name_components
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.predict import Predictor
 from equipoise.precise.trials import LiftDesign
+from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
@@ -266,7 +267,7 @@ def test_a_predicted_lift_keeps_its_stance_feet_where_they_are(request, name, tu
     above = (first[in_air] @ posture.rotation[2]).min() - (first[~np.array(in_air)] @ posture.rotation[2]).max()
     assert above > 0.015
     np.testing.assert_allclose(lift.joint_velocity, np.gradient(lift.joint_position, lift.step, axis=0), atol=1e-9)
-    up = mounting @ lift.rest_acceleration
+    up = mounting @ lift.rest_acceleration_in_imu
     np.testing.assert_allclose(up, 9.81 * posture.rotation[2], atol=1e-12)
     assert (np.abs(lift.joint_velocity).max() > 0.3) == (turn is not None)
 
@@ -277,5 +278,5 @@ def test_a_predicted_robot_tips_to_where_its_com_is(a1, side):
     stance = nominal_stance(a1)
     predictor = Predictor(a1, stance, composite_parameters(a1, stance.joint_position).com)
     lift = predictor.lift(LiftDesign(BodyPosture(), "FL_RR", side))
-    assert np.sign(lift.angular_velocity[-1, 1]) == -side  # pitch
-    assert np.abs(lift.angular_velocity[-1]).max() > 0.05
+    assert np.sign(lift.angular_velocity_in_imu[-1, 1]) == -side  # pitch
+    assert np.abs(lift.angular_velocity_in_imu[-1]).max() > 0.05

@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from equipoise import nominal_stance
 from equipoise.experiments.posture import BodyPosture
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.measurements.planted_moves import PlantedRows, Posture, read_move
-from equipoise.precise.measurements.tilt_equation import SensorBiases
+from equipoise.precise.measurements.planted_moves import PlantedRows, RestReading, read_move
 from equipoise.precise.predict import Predictor
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
@@ -21,7 +20,12 @@ POSTURES = (
     BodyPosture(pitch=-0.2, yaw=0.2, crouch=0.1, aside=0.1),
     BodyPosture(crouch=0.3, ahead=0.1),
 )
-NOTHING_WRONG = SensorBiases.none(12)
+NOTHING_WRONG = {
+    "joint_zero": np.zeros(12),
+    "imu_tilt": np.zeros(3),
+    "accelerometer_bias": np.zeros(3),
+    "foot_radius": 0,
+}
 
 
 @pytest.fixture(scope="module", params=["a1", "skewed"])
@@ -53,7 +57,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
     rows, size = rows_of(robot, moves), 5e-3
     for joint in range(12):
         zero = size * np.eye(12)[joint]
-        biases = replace(NOTHING_WRONG, joint_zero=zero)
+        biases = NOTHING_WRONG | {"joint_zero": zero}
         found, heights = rows.residuals(biases)
         for number, (move, posture) in enumerate(zip(moves, POSTURES, strict=True)):
             before, after = (foot_positions(robot, rest.joint_position - zero) for rest in (move.before, move.after))
@@ -62,7 +66,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
             for row, feet, rotation in ((0, before, HOME.rotation), (1, after, posture.rotation)):
                 above = feet @ rotation[2]
                 np.testing.assert_allclose(heights[number, row], above - above.mean(), atol=1e-9)
-        half = replace(NOTHING_WRONG, joint_zero=zero / 2)
+        half = NOTHING_WRONG | {"joint_zero": zero / 2}
         for whole, part in zip((found, heights), rows.residuals(half), strict=True):
             np.testing.assert_allclose(part, whole / 2, atol=0.02 * np.abs(whole).max() + 1e-6)
         assert np.abs(found).max() > 5e-5  # of the millimetre that a foot moves, most is common to both postures
@@ -70,9 +74,11 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
 
 def seen_by(move, biases):
     """The move as sensors with these biases record it."""
-    tilt = Rotation.from_rotvec(biases.imu_tilt).as_matrix()
+    tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     before, after = (
-        Posture(rest.joint_position + biases.joint_zero, tilt.T @ rest.acceleration + biases.accelerometer_bias)
+        RestReading(
+            rest.joint_position + biases["joint_zero"], tilt.T @ rest.acceleration_in_imu + biases["accelerometer_bias"]
+        )
         for rest in (move.before, move.after)
     )
     return replace(move, before=before, after=after, rotation_to_before=tilt.T @ move.rotation_to_before @ tilt)
@@ -81,7 +87,7 @@ def seen_by(move, biases):
 @pytest.mark.parametrize("bias", ["joint_zero", "imu_tilt", "accelerometer_bias"])
 def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
     value = {"joint_zero": np.linspace(-8e-3, 6e-3, 12), "imu_tilt": np.array([0.02, -0.01, 0.03])}
-    biases = replace(NOTHING_WRONG, **{bias: value.get(bias, np.array([0.05, 0.08, -0.03]))})
+    biases = NOTHING_WRONG | {bias: value.get(bias, np.array([0.05, 0.08, -0.03]))}
     rows = rows_of(robot, [seen_by(move, biases) for move in moves])
     for found in rows.residuals(biases):
         assert np.abs(found).max() < 1e-6
@@ -93,7 +99,7 @@ def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
 
 def test_what_the_feet_rolled_is_taken_off(robot, moves):
     rolled = 1e-3 * np.arange(12.0).reshape(4, 3)
-    biases = replace(NOTHING_WRONG, foot_radius=1.1)
+    biases = NOTHING_WRONG | {"foot_radius": 0.1}
     found, _ = rows_of(robot, [replace(moves[0], rolled=rolled)]).residuals(biases)
     np.testing.assert_allclose(found[0], -1.1 * (rolled - rolled.mean(axis=0)), atol=1e-6)
 
@@ -116,6 +122,6 @@ def test_the_feet_of_a_simulated_move_stay_once_their_rolling_is_known(a1, ideal
 
 def test_a_rest_is_its_means(a1, ideal_motions):
     still = ideal_motions.move.phase("rest")
-    rest = Posture.of(still)
+    rest = RestReading.of(still)
     np.testing.assert_allclose(rest.joint_position, still.joints.position.mean(axis=0))
-    np.testing.assert_allclose(rest.acceleration, still.imu.acceleration.mean(axis=0))
+    np.testing.assert_allclose(rest.acceleration_in_imu, still.imu.acceleration.mean(axis=0))

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from tilting import SAMPLES, contact_jacobian, moving_robot
 
 from equipoise.platform.platform import Trajectory
-from equipoise.precise.measurements.tilt_equation import SensorBiases
 from equipoise.precise.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
+from equipoise.precise.unknowns import by_the_model
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.inertial import base_parameters, composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
@@ -25,7 +25,7 @@ def robot(request):
 
 
 def nothing_wrong(robot):
-    return SensorBiases.none(len(robot.joint_names))
+    return by_the_model(robot)
 
 
 def balance(robot, rows, torque, factors=None):
@@ -86,20 +86,19 @@ def test_friction_and_armature_take_from_the_motors_torque(robot):
 @pytest.mark.parametrize("name", ["a1", "skewed"])
 def test_known_biases_of_sensors_are_taken_off(request, name):
     robot, generator = request.getfixturevalue(name), np.random.default_rng(5)
-    biases = replace(
-        nothing_wrong(robot),
-        joint_zero=0.01 * generator.standard_normal(len(robot.joint_names)),
-        imu_tilt=0.02 * generator.standard_normal(3),
-        accelerometer_bias=0.1 * generator.standard_normal(3),
-    )
-    tilt = Rotation.from_rotvec(biases.imu_tilt).as_matrix()
+    biases = nothing_wrong(robot) | {
+        "joint_zero": 0.01 * generator.standard_normal(len(robot.joint_names)),
+        "imu_tilt": 0.02 * generator.standard_normal(3),
+        "accelerometer_bias": 0.1 * generator.standard_normal(3),
+    }
+    tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     true = moving_robot(robot, 6)
     seen = replace(
         true,
-        joint_position=true.joint_position + biases.joint_zero,
-        angular_velocity=true.angular_velocity @ tilt,
-        angular_acceleration=true.angular_acceleration @ tilt,
-        acceleration=true.acceleration @ tilt + biases.accelerometer_bias,
+        joint_position=true.joint_position + biases["joint_zero"],
+        angular_velocity_in_imu=true.angular_velocity_in_imu @ tilt,
+        angular_acceleration_in_imu=true.angular_acceleration_in_imu @ tilt,
+        acceleration_in_imu=true.acceleration_in_imu @ tilt + biases["accelerometer_bias"],
     )
     assert np.abs(balance(robot, torque_rows(robot, seen, biases), seen.joint_torque)).max() < 1e-8
     assert np.abs(balance(robot, torque_rows(robot, seen, nothing_wrong(robot)), seen.joint_torque)).max() > 0.1
@@ -107,7 +106,7 @@ def test_known_biases_of_sensors_are_taken_off(request, name):
 
 def test_worn_feet_touch_elsewhere(a1):
     samples = moving_robot(a1, 7)
-    worn = torque_rows(a1, samples, replace(nothing_wrong(a1), foot_radius=0.5))
+    worn = torque_rows(a1, samples, nothing_wrong(a1) | {"foot_radius": -0.5})
     assert np.abs(balance(a1, worn, samples.joint_torque)).max() > 0.05
 
 
@@ -131,10 +130,10 @@ def test_a_rest_is_its_means(a1):
     rest = TorqueSamples.of_rest(recording)
     np.testing.assert_allclose(rest.joint_torque, [recording.joints.torque.mean(axis=0)])
     np.testing.assert_allclose(rest.joint_position, [recording.joints.position.mean(axis=0)])
-    np.testing.assert_allclose(rest.acceleration, [recording.imu.acceleration.mean(axis=0)])
+    np.testing.assert_allclose(rest.acceleration_in_imu, [recording.imu.acceleration.mean(axis=0)])
     assert not any(
         np.any(getattr(rest, name))
-        for name in ("joint_velocity", "joint_acceleration", "angular_velocity", "angular_acceleration")
+        for name in ("joint_velocity", "joint_acceleration", "angular_velocity_in_imu", "angular_acceleration_in_imu")
     )
 
 
@@ -147,9 +146,9 @@ def test_a_motion_is_smoothed_with_its_derivatives(a1):
         "joint_velocity": wave(time, 0.1 * omega, phases + np.pi / 2),
         "joint_acceleration": wave(time, -0.1 * omega**2, phases),
         "joint_torque": wave(time, 5.0, phases),
-        "angular_velocity": wave(time, 0.5, phases[:3]),
-        "angular_acceleration": wave(time, 0.5 * omega, phases[:3] + np.pi / 2),
-        "acceleration": [0, 0, 9.81] + wave(time, 1.0, phases[:3]),
+        "angular_velocity_in_imu": wave(time, 0.5, phases[:3]),
+        "angular_acceleration_in_imu": wave(time, 0.5 * omega, phases[:3] + np.pi / 2),
+        "acceleration_in_imu": [0, 0, 9.81] + wave(time, 1.0, phases[:3]),
     }
     for name, values in expected.items():
         np.testing.assert_allclose(getattr(samples, name), values, atol=1e-4 * np.abs(values).max(), err_msg=name)

@@ -39,7 +39,7 @@ def test_a_number_is_the_same_robot_in_any_order_and_in_another_process():
     assert forward == backward
     code = SHOWN + "print(json.dumps([shown(draw(VARIED, trial)) for trial in (2, 0)]))"
     other = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1]
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parent
     )
     assert json.loads(other.stdout) == json_form([forward[2], forward[0]])
 

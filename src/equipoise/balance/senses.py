@@ -13,6 +13,7 @@ from equipoise.balance.posture import line_through, stance_legs
 from equipoise.conventions import FloatArray
 from equipoise.errors import FallError
 from equipoise.platform.platform import RobotState
+from equipoise.precise.unknowns import finding_names
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import Kinematics
@@ -46,10 +47,11 @@ class SensorKnowledge:
     def of(cls, calibration: Calibration, robot: RobotModel) -> SensorKnowledge:
         """What a calibration found; methods other than `precise` find nothing."""
         found = {finding.name: finding.value for finding in calibration.sensors}
-        zeros = np.array([found.get(f"{name} zero", 0.0) for name in robot.joint_names])
-        tilt = np.array([found.get(f"IMU {word}", 0.0) for word in ("rolled", "pitched", "yawed")])
-        bias = np.array([found.get(f"accelerometer bias {axis}", 0.0) for axis in "xyz"])
-        return cls(zeros, tilt, bias)
+
+        def values(unknown: str) -> FloatArray:
+            return np.array([found.get(name, 0.0) for name in finding_names(robot, unknown)])
+
+        return cls(values("joint_zero"), values("imu_tilt"), values("accelerometer_bias"))
 
     @property
     def any(self) -> bool:

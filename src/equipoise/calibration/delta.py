@@ -14,9 +14,10 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.parameters import COMPONENTS, Priors, base_vector, components
+from equipoise.precise.parameters import COMPONENTS, base_vector, components
 from equipoise.precise.screening import screen
 from equipoise.precise.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
+from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import NORMAL_95, BodyEstimate, Interval
 from equipoise.robot.inertial import InertialParameters, RobotInertia
@@ -103,11 +104,11 @@ def find_delta(
 
 
 def _delta(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str, ...]) -> Delta:
-    size = runs.unknowns.size
+    size, base = runs.unknowns.size, runs.unknowns["base"]
     both = np.concatenate([runs.first, runs.second])
 
     def added(x: FloatArray) -> FloatArray:
-        return base_vector(x[size : size + 10]) - base_vector(x[:10])
+        return base_vector(x[size:][base]) - base_vector(x[:size][base])
 
     def changed(x: FloatArray) -> FloatArray:
         body = runs.unknowns.robot_body

@@ -34,9 +34,9 @@ from equipoise.errors import (
 )
 from equipoise.experiments.sway import SwaySettings
 from equipoise.paper.trial_runner import ComSearchSettings
-from equipoise.precise.parameters import Priors
 from equipoise.precise.plan import Goals
 from equipoise.precise.routine import PreciseSettings
+from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.rosbag2 import METADATA, write_metadata
 from equipoise.recording.run_log import RunLog

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.support_planes import com_by_planes
 from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
@@ -31,7 +31,7 @@ _LEGS_DIFFER = 4.0
 _PLANES_AGREE = (7e-3, 25e-3)
 
 
-def judge(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> list[Check]:
+def judge(robot: RobotModel, evidence: RunEvidence, posterior: Posterior) -> list[Check]:
     """All checks, in the order in which a user should read them: causes before what they cause."""
     return [
         _enough(evidence, posterior),
@@ -41,7 +41,7 @@ def judge(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> list[C
         _converged(posterior),
         _halves_agree(posterior),
         _no_motion_outweighs(evidence, posterior),
-        _biases_plausible(robot, posterior),
+        _sensors_plausible(posterior),
         _left_and_right_agree(robot, posterior),
         _planes_agree(robot, evidence, posterior),
     ]
@@ -76,7 +76,7 @@ def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> 
     return np.array(shifts), np.array(deviations)
 
 
-def _enough(evidence: Evidence, posterior: Posterior) -> Check:
+def _enough(evidence: RunEvidence, posterior: Posterior) -> Check:
     used = sum(misfit.used for misfit in posterior.lifts)
     left_out = [motion for motion in evidence.motions if motion.left_out]
     reasons = sorted({str(motion.left_out) for motion in left_out})
@@ -87,7 +87,7 @@ def _enough(evidence: Evidence, posterior: Posterior) -> Check:
     return Check("evidence", used >= max(_FEWEST_LIFTS, 0.7 * lifts), message)
 
 
-def _lifts_fit(evidence: Evidence, lifts: tuple[Misfit, ...]) -> Check:
+def _lifts_fit(evidence: RunEvidence, lifts: tuple[Misfit, ...]) -> Check:
     if not lifts:
         return Check("lifts", False, "there is no lift of two feet: what is found is what joint torques say")
     message = _misfits(evidence, lifts, "lift")
@@ -97,7 +97,7 @@ def _lifts_fit(evidence: Evidence, lifts: tuple[Misfit, ...]) -> Check:
     return Check("lifts", passed, message)
 
 
-def _feet_stay(evidence: Evidence, moves: tuple[Misfit, ...]) -> Check:
+def _feet_stay(evidence: RunEvidence, moves: tuple[Misfit, ...]) -> Check:
     if not moves:
         return Check(
             "planted feet", False, "there is no move over planted feet: joint zeros cannot be told from the CoM"
@@ -126,7 +126,7 @@ def _converged(posterior: Posterior) -> Check:
     return Check("convergence", posterior.converged, message)
 
 
-def _misfits(evidence: Evidence, misfits: tuple[Misfit, ...], kind: str) -> str:
+def _misfits(evidence: RunEvidence, misfits: tuple[Misfit, ...], kind: str) -> str:
     chi = np.array([misfit.chi for misfit in misfits])
     worst = misfits[int(np.argmax(chi))]
     about = {key: value for key, value in evidence.motions[worst.motion].about.items() if key in ("diagonal", "turn")}
@@ -139,7 +139,7 @@ def _misfits(evidence: Evidence, misfits: tuple[Misfit, ...], kind: str) -> str:
     return message + (f"; left out: {', '.join(out)}" if out else "")
 
 
-def _no_motion_outweighs(evidence: Evidence, posterior: Posterior) -> Check:
+def _no_motion_outweighs(evidence: RunEvidence, posterior: Posterior) -> Check:
     motions = sorted(posterior.information)
     _, sds = _shifts_without(posterior, [[motion] for motion in motions])
     row, component = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
@@ -187,23 +187,13 @@ def _halves_agree(posterior: Posterior) -> Check:
     return Check("halves", passed, message)
 
 
-def _biases_plausible(robot: RobotModel, posterior: Posterior) -> Check:
-    unknowns, joints = posterior.unknowns, robot.joint_names
-    links = [robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints]
-    parts = {
-        "joint_zero": [f"joint zero of {joint}" for joint in joints],
-        "imu_tilt": [f"IMU tilt in {axis}" for axis in ("roll", "pitch", "yaw")],
-        "accelerometer_bias": [f"accelerometer bias {axis}" for axis in "xyz"],
-        "clock_offset": ["clock offset"],
-        "foot_radius": ["foot radius"],
-        "links": [f"mass of the link that {joint} moves" for joint in links],
-        "floor_slope": [f"floor slope along {axis}" for axis in "xy"],
-        "torque_gain": [f"torque gain of {joint}" for joint in joints],
-    }
+def _sensors_plausible(posterior: Posterior) -> Check:
+    unknowns = posterior.unknowns
     far = [
-        (abs(float(value)), name)
-        for block, names in parts.items()
-        for value, name in zip(posterior.x[unknowns[block]], names, strict=True)
+        (abs(float(value)), row.label.format(each=label))
+        for row in unknowns.rows
+        if row.judged
+        for value, label in zip(posterior.x[unknowns[row.name]], unknowns.labels(row), strict=True)
     ]
     worst = sorted(far, reverse=True)
     named = ", ".join(f"{name} ({size:.1f} sd)" for size, name in worst[:3])
@@ -240,12 +230,12 @@ def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
     """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
     unknowns = posterior.unknowns
     links = len(robot.legs["FL"].joint_ids)
-    block = posterior.covariance[unknowns["links"], unknowns["links"]]
+    block = posterior.covariance[unknowns["leg_mass"], unknowns["leg_mass"]]
     worst, name = 0.0, ""
     for left, right in ((0, 1), (2, 3)):
         for link in range(links):
             a, b = left * links + link, right * links + link
-            difference = float(posterior.x[unknowns["links"]][a] - posterior.x[unknowns["links"]][b])
+            difference = float(posterior.x[unknowns["leg_mass"]][a] - posterior.x[unknowns["leg_mass"]][b])
             # Two legs may differ by what the prior allows each, less what is not known of the difference.
             allowed = float(np.sqrt(max(2.0 - (block[a, a] + block[b, b] - 2 * block[a, b]), 0.05)))
             if abs(difference) / allowed > worst:
@@ -254,7 +244,7 @@ def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
     return Check("left and right", worst < _LEGS_DIFFER, message)
 
 
-def _planes_agree(robot: RobotModel, evidence: Evidence, posterior: Posterior) -> Check:
+def _planes_agree(robot: RobotModel, evidence: RunEvidence, posterior: Posterior) -> Check:
     """The same lifts read another way: where their support planes meet."""
     stance = posterior.unknowns.stance
     lifts = [motion.lift for motion in evidence.motions if motion.lift is not None]

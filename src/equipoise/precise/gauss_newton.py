@@ -11,7 +11,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 
 _ITERATIONS = 8
-_RENEWED = 2  # iteration of the first round at which the biases' columns are differentiated anew
+_RENEWED = 2  # iteration of the first round at which columns by differences are renewed
 _CONVERGED = 1e-2  # largest change of an unknown, in units of its posterior standard deviation
 _NEARLY = 0.5  # of that: a step that large at the end is no end
 
@@ -24,7 +24,7 @@ class Problem(Protocol):
         ...
 
     def differentiate(self, x: FloatArray) -> None:
-        """Renew the derivatives by sensor biases."""
+        """Renew the columns that are differences."""
         ...
 
     def renew_noise(self, x: FloatArray) -> None:
@@ -44,8 +44,8 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
     """The (size,) unknowns of least cost, and whether the last step was small; if not, something does not fit at all.
 
     Args:
-        start: (size,).
-        rounds: how often noise levels are renewed.
+        start: (size,) unknowns to start at.
+        rounds: number of times that noise levels are renewed.
 
     Raises:
         RecordingError: what was recorded does not determine the unknowns.
@@ -63,7 +63,7 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
 
 
 def _descend(problem: Problem, x: FloatArray, first_round: bool) -> tuple[FloatArray, bool]:
-    """Steps that are halved until they help; where no part of one does, the biases' columns are out of date."""
+    """Steps that are halved until they help; where no part of one does, columns by differences are out of date."""
     cost, full, deviation = problem.cost(x), np.full(len(x), np.inf), np.ones(len(x))
     renew = True
     for iteration in range(_ITERATIONS):

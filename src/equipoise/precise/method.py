@@ -15,7 +15,7 @@ from equipoise.experiments.posture import BodyPosture
 from equipoise.experiments.progress import Progress
 from equipoise.paper.method import estimate_sways
 from equipoise.precise.checks import judge
-from equipoise.precise.measurements.evidence import Motion, read_evidence
+from equipoise.precise.measurements.evidence import MotionReading, read_evidence
 from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.plan import describe
 from equipoise.precise.posterior import Posterior, estimate_posterior
@@ -91,7 +91,7 @@ def estimate(
         )
     with _Timed(timings, "check"):
         checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
-        findings = tuple(sensor_findings(robot, posterior))
+        findings = tuple(sensor_findings(posterior))
     with _Timed(timings, "the paper's I and C"):
         sways, fits, _ = estimate_sways(robot, recordings, posterior.robot_body.com, stance, settings.sway)
         sways = {axis: _explained(sway) for axis, sway in sways.items()}
@@ -132,7 +132,7 @@ def _uncertainty(body: InertialParameters, covariance: FloatArray, prior: FloatA
     return Uncertainty(intervals, tuple(tuple(float(value) for value in row) for row in covariance))
 
 
-def _trial(motion: Motion, posterior: Posterior) -> Trial:
+def _trial(motion: MotionReading, posterior: Posterior) -> Trial:
     misfits = {misfit.motion: misfit for misfit in (*posterior.lifts, *posterior.moves)}
     misfit = misfits.get(motion.index)
     about: Mapping[str, object] = motion.about

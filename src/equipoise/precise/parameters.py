@@ -1,19 +1,16 @@
-"""What the precise method takes to be unknown, what it believes of it beforehand, and in which order it is kept."""
+"""The vector that the precise method estimates, and the bodies that it stands for."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import SettingsError
-from equipoise.precise.measurements.tilt_equation import SensorBiases
+from equipoise.precise.unknowns import A1_TORQUE, Priors, Unknown, Values
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
-from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance
 
 COMPONENTS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -21,92 +18,44 @@ COMPONENTS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz", "Ixy", "Ix
 _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
 
 
-@dataclass(frozen=True)
-class Priors:
-    """Standard deviations of what is believed before anything is measured; all of mean zero (or of the model's value).
-
-    Attributes:
-        mass: of the whole robot, as a fraction of the model's. A payload of half the robot's mass is two of these.
-        first_moment: of the base's CoM, times the model's base mass, over the hip height.
-        inertia: of the base's tensor about its origin, over the model's largest moment.
-        leg_mass: of each leg link's mass, first moment and inertia, as a fraction.
-        joint_zero: [rad].
-        imu_tilt: per axis [rad].
-        accelerometer_bias: [m/s2].
-        clock_offset: of IMU against joint samples [s].
-        foot_radius: as a fraction, common to all feet.
-        floor_slope: per axis [rad].
-        floor_warp: height of two diagonal footholds against the other two, over the hip height.
-        torque_gain: true over reported torque, less one.
-        coulomb, viscous, armature: of an A1's joints; others' scale with m g h [Nm], [Nm s/rad], [kg m2].
-    """
-
-    mass: float = 0.3
-    first_moment: float = 0.3
-    inertia: float = 2.0
-    leg_mass: float = 0.03
-    joint_zero: float = 5e-3
-    imu_tilt: float = 6e-3
-    accelerometer_bias: float = 0.03
-    clock_offset: float = 1e-3
-    foot_radius: float = 0.02
-    floor_slope: float = 5e-3
-    floor_warp: float = 1e-3
-    torque_gain: float = 0.03
-    coulomb: float = 0.5
-    viscous: float = 0.1
-    armature: float = 0.02
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            if not getattr(self, field.name) > 0:
-                raise SettingsError(f"the prior of {field.name} is {getattr(self, field.name)}; it must be above zero")
-
-
 class Unknowns:
     """The vector of unknowns: ten log-Cholesky parameters of the base, then everything else in units of its prior.
 
+    Blocks are addressed by name: "base", and the names of the table's rows (unknowns.py).
+
     Attributes:
-        size: of the vector.
-        base, links, joint_zero, imu_tilt, accelerometer_bias, clock_offset, foot_radius: slices.
-        floor_slope, floor_warp, torque_gain, coulomb, viscous, armature: slices.
-        biases: slice of all that the kinematics depend on.
-        scale: (size,) what one unit is; one for the base.
-        torque_scale: the robot's m g h over an A1's.
+        rows: table of unknowns.
+        size: length of the vector.
+        scale: (size,) what one unit is, in the unit of each one's row; one for the base.
+        tabled: slice of all but the base.
+        torque_scale: m g h of the robot over that of an A1.
     """
 
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
-        self.robot, self.stance, self.priors = robot, stance, priors
-        joints = len(robot.joint_names)
-        self.torque_scale = Scale.of(robot.mass, stance.hip_height).torque
-        blocks = [
-            ("base", 10, 1.0),
-            ("links", joints, priors.leg_mass),
-            ("joint_zero", joints, priors.joint_zero),
-            ("imu_tilt", 3, priors.imu_tilt),
-            ("accelerometer_bias", 3, priors.accelerometer_bias),
-            ("clock_offset", 1, priors.clock_offset),
-            ("foot_radius", 1, priors.foot_radius),
-            ("floor_slope", 2, priors.floor_slope),
-            ("floor_warp", 1, priors.floor_warp * stance.hip_height),
-            ("torque_gain", joints, priors.torque_gain),
-            ("coulomb", 1, priors.coulomb * self.torque_scale),
-            ("viscous", 1, priors.viscous * self.torque_scale),
-            ("armature", 1, priors.armature * self.torque_scale),
-        ]
-        self._slices: dict[str, slice] = {}
-        position = 0
-        for name, count, _ in blocks:
-            self._slices[name] = slice(position, position + count)
-            position += count
-        self.size = position
-        self.scale = np.concatenate([np.full(count, size) for _, count, size in blocks])
-        self.biases = slice(self._slices["joint_zero"].start, self._slices["floor_warp"].stop)
+        self.robot, self.stance, self.priors, self.rows = robot, stance, priors, priors.rows()
+        self.torque_scale = A1_TORQUE.of(robot, stance)
+        self._slices = {"base": slice(0, 10)}
+        self.scale: FloatArray = np.ones(10)
+        for row in self.rows:
+            own = np.full(len(self.labels(row)), getattr(priors, row.name) * row.measure.of(robot, stance))
+            self._slices[row.name] = slice(len(self.scale), len(self.scale) + len(own))
+            self.scale = np.concatenate([self.scale, own])
+        self.size = len(self.scale)
+        self.tabled = slice(10, self.size)
         self.model_base = base_parameters(robot)
         self.model_base_vector = self.model_base.vector
 
     def __getitem__(self, name: str) -> slice:
         return self._slices[name]
+
+    def columns(self, *names: str) -> NDArray[np.intp]:
+        """Places of some blocks in the vector, in the order of the names."""
+        places: NDArray[np.intp] = np.arange(self.size)
+        return np.concatenate([places[self[name]] for name in names])
+
+    def labels(self, row: Unknown) -> tuple[str, ...]:
+        """What there is one of an unknown of."""
+        return row.each.labels(self.robot)
 
     def start(self) -> FloatArray:
         """(size,) the model's own values."""
@@ -118,27 +67,21 @@ class Unknowns:
         """A block in its own units."""
         return np.asarray(x[self[name]] * self.scale[self[name]])
 
-    def sensor_biases(self, x: FloatArray) -> SensorBiases:
-        """The blocks that the kinematics depend on."""
-        return SensorBiases(
-            self.value(x, "joint_zero"),
-            self.value(x, "imu_tilt"),
-            self.value(x, "accelerometer_bias"),
-            float(self.value(x, "clock_offset")[0]),
-            1 + float(self.value(x, "foot_radius")[0]),
-            self.value(x, "floor_slope"),
-        )
+    def values(self, x: FloatArray) -> Values:
+        """All blocks of the table, in their own units."""
+        scaled = x * self.scale
+        return {row.name: scaled[self[row.name]] for row in self.rows}
 
     def inertial(self, x: FloatArray) -> FloatArray:
         """(10 + links,) the base's parameters (Pinocchio's order, about its origin) and factors on the leg links."""
-        return np.concatenate([base_vector(x[self["base"]]), 1 + self.value(x, "links")])
+        return np.concatenate([base_vector(x[self["base"]]), 1 + self.value(x, "leg_mass")])
 
     def inertial_jacobian(self, x: FloatArray) -> FloatArray:
         """(10 + links, size) derivative of `inertial`."""
-        links = self["links"].stop - self["links"].start
-        jacobian = np.zeros((10 + links, self.size))
+        links = self["leg_mass"]
+        jacobian = np.zeros((10 + links.stop - links.start, self.size))
         jacobian[:10, self["base"]] = pin.LogCholeskyParameters(x[self["base"]]).calculateJacobian()
-        jacobian[10:, self["links"]] = self.priors.leg_mass * np.eye(links)
+        jacobian[10:, links] = np.diag(self.scale[links])
         return jacobian
 
     def base_body(self, x: FloatArray) -> InertialParameters:
@@ -157,7 +100,7 @@ class Unknowns:
         total = pin.Inertia.FromDynamicParameters(base_vector(x[self["base"]]))
         poses = Kinematics(self.robot).joint_poses(self.stance.joint_position)
         joints = [(joint, leg.joint_ids[-1]) for leg in self.robot.legs.values() for joint in leg.joint_ids]
-        for factor, (joint, knee) in zip(1 + self.value(x, "links"), joints, strict=True):
+        for factor, (joint, knee) in zip(1 + self.value(x, "leg_mass"), joints, strict=True):
             if below_knees or joint != knee:
                 link = self.robot.pinocchio.inertias[joint]
                 scaled = pin.Inertia(link.mass * factor, link.lever, link.inertia * factor)

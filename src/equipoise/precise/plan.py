@@ -21,11 +21,12 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, components
+from equipoise.precise.parameters import COMPONENTS, Unknowns, components
 from equipoise.precise.posterior import body_jacobian, prior_rows
 from equipoise.precise.predict import Predictor
 from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock
 from equipoise.precise.trials import AMPLITUDES, LiftDesign, check_lift
+from equipoise.precise.unknowns import Priors
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
 
@@ -253,8 +254,7 @@ class Candidates:
         for block in (lifts, planted):
             block.prepare(x)
             block.differentiate(x)
-            jacobian = block.jacobian(x)
-            self.information += [jacobian[rows].T @ jacobian[rows] for _, rows in block.motions]
+            self.information += [information for _, information, _ in block.by_motion(x)]
 
 
 def make_plan(

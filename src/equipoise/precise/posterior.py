@@ -17,14 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.precise.gauss_newton import solve
-from equipoise.precise.measurements.evidence import Evidence
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, components
-from equipoise.precise.residual_blocks import Misfit, PlantedBlock, TiltBlock, TorqueBlock
+from equipoise.precise.parameters import COMPONENTS, Unknowns, components
+from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, TiltBlock, TorqueBlock
+from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -38,15 +38,17 @@ class Posterior:
 
     Attributes:
         unknowns: layout of x.
-        x: (size,) the estimate.
-        covariance: (size, size).
-        information: by motion index, (size, size): what each motion adds.
-        gradient: by motion index, (size,): where each motion pulls.
-        robot_body, base_body, stance_effective_body: at the estimate.
-        robot_covariance, base_covariance, stance_effective_covariance: (10, 10) in the order of COMPONENTS.
-        prior_deviation, base_prior_deviation: (10,) of the whole robot's and the base's parameters before any motion (a
-            scale's mass not counted).
-        lifts, moves: misfit of each.
+        x: (size,) most probable unknowns.
+        covariance: (size, size) covariance of x.
+        information: (size, size) information that each motion adds, by motion index.
+        gradient: (size,) gradient of each motion's squared residuals, halved, by motion index.
+        robot_body, base_body, stance_effective_body: bodies at the estimate.
+        robot_covariance, base_covariance, stance_effective_covariance: (10, 10) covariance of each, in the order of
+            COMPONENTS.
+        prior_deviation, base_prior_deviation: (10,) standard deviations of the whole robot's and the base's parameters
+            before any motion (a scale's mass not counted).
+        informed: names of the unknowns that some evidence depends on.
+        lifts, moves: misfits of the lifts and of the planted moves.
         torque_chi: misfit of the torque rows; None without torques.
         converged: whether the last step was small; if not, something does not fit at all.
     """
@@ -64,6 +66,7 @@ class Posterior:
     stance_effective_covariance: FloatArray
     prior_deviation: FloatArray
     base_prior_deviation: FloatArray
+    informed: frozenset[str]
     lifts: tuple[Misfit, ...]
     moves: tuple[Misfit, ...]
     torque_chi: float | None
@@ -78,7 +81,7 @@ class Posterior:
 def estimate_posterior(
     robot: RobotModel,
     stance: Stance,
-    evidence: Evidence,
+    evidence: RunEvidence,
     priors: Priors | None = None,
     mass: tuple[float, float] | None = None,
     rounds: int = 2,
@@ -87,8 +90,8 @@ def estimate_posterior(
     """The most probable unknowns given all evidence.
 
     Args:
-        mass: of the whole robot from a scale, and its standard deviation [kg].
-        rounds: how often noise levels are renewed.
+        mass: mass of the whole robot from a scale, and its standard deviation [kg].
+        rounds: number of times that noise levels are renewed.
         lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
 
     Raises:
@@ -102,7 +105,7 @@ class MapProblem:
     """What one run adds to a maximum a posteriori estimate: residual blocks and priors, in a run's unknowns.
 
     Args:
-        mass: from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
+        mass: mass from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
         lifts_needed: whether evidence without any lift is refused.
 
     Raises:
@@ -110,26 +113,18 @@ class MapProblem:
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors, mass: tuple[float, float] | None,
+        self, robot: RobotModel, stance: Stance, evidence: RunEvidence, priors: Priors, mass: tuple[float, float] | None,
         lifts_needed: bool,
     ) -> None:  # fmt: skip
         self.mass = mass
         self.unknowns = Unknowns(robot, stance, priors)
-        legs = LegChains(robot)
-        lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
-        torques = [(motion.index, sample) for motion in evidence.motions for sample in motion.torques]
-        if not lifts and (lifts_needed or not torques):
+        enough = any(motion.lift or (motion.torques and not lifts_needed) for motion in evidence.motions)
+        if not enough:
             reasons = {motion.left_out for motion in evidence.motions if motion.left_out}
             raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")
-        moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
-        rotation = np.array(robot.imu_in_base.rotation)
-        self.tilt = TiltBlock(self.unknowns, legs, rotation, lifts) if lifts else None
-        self.planted = PlantedBlock(self.unknowns, legs, rotation, moves) if moves else None
-        self.torque = TorqueBlock(self.unknowns, torques) if torques else None
-
-    @property
-    def blocks(self) -> list[TiltBlock | PlantedBlock | TorqueBlock]:
-        return [block for block in (self.tilt, self.planted, self.torque) if block is not None]
+        legs = LegChains(robot)
+        made = [make(self.unknowns, legs, evidence) for make in BLOCKS]
+        self.blocks = [block for block in made if block is not None]
 
     def prepare(self, x: FloatArray) -> None:
         """Noise levels of a round."""
@@ -137,7 +132,7 @@ class MapProblem:
             block.prepare(x)
 
     def differentiate(self, x: FloatArray) -> None:
-        """Renew the derivatives by sensor biases."""
+        """Renew the columns that are differences."""
         for block in self.blocks:
             block.differentiate(x)
 
@@ -162,8 +157,8 @@ class MapProblem:
         information, gradient = np.zeros((size, size)), np.zeros(size)
         for block in self.blocks:
             residual, jacobian = block.residual(x), block.jacobian(x)
-            information += jacobian.T @ jacobian
-            gradient += jacobian.T @ residual
+            information[np.ix_(block.columns, block.columns)] += jacobian.T @ jacobian
+            gradient[block.columns] += jacobian.T @ residual
         return information, gradient
 
     def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -176,15 +171,13 @@ class MapProblem:
         """The estimate at x, with its covariance."""
         information, _ = self.normal_equations(x)
         covariance = np.asarray(np.linalg.inv(information), dtype=float)
+        unknowns, start = self.unknowns, self.unknowns.start()
         by_motion: dict[int, FloatArray] = {}
         gradients: dict[int, FloatArray] = {}
         for block in self.blocks:
-            alive()
-            residual, jacobian = block.residual(x), block.jacobian(x)
-            for motion, rows in block.motions:
-                by_motion[motion] = by_motion.get(motion, 0.0) + jacobian[rows].T @ jacobian[rows]
-                gradients[motion] = gradients.get(motion, 0.0) + jacobian[rows].T @ residual[rows]
-        unknowns, start = self.unknowns, self.unknowns.start()
+            for motion, own, pull in block.by_motion(x):
+                by_motion[motion] = by_motion.get(motion, 0.0) + own
+                gradients[motion] = gradients.get(motion, 0.0) + pull
         _, prior = prior_rows(unknowns, start, None)
         before = np.asarray(np.linalg.inv(prior.T @ prior), dtype=float)
 
@@ -206,9 +199,12 @@ class MapProblem:
             stance_effective_covariance=spread(unknowns.stance_effective_body, x, covariance),
             prior_deviation=np.sqrt(np.diag(spread(unknowns.robot_body, start, before))),
             base_prior_deviation=np.sqrt(np.diag(spread(unknowns.base_body, start, before))),
-            lifts=() if self.tilt is None else self.tilt.misfits(x),
-            moves=() if self.planted is None else self.planted.misfits(x),
-            torque_chi=None if self.torque is None else self.torque.chi,
+            informed=frozenset(name for block in self.blocks for name in block.depends_on),
+            lifts=tuple(misfit for block in self.blocks if isinstance(block, TiltBlock) for misfit in block.misfits(x)),
+            moves=tuple(
+                misfit for block in self.blocks if isinstance(block, PlantedBlock) for misfit in block.misfits(x)
+            ),
+            torque_chi=next((block.chi for block in self.blocks if isinstance(block, TorqueBlock)), None),
             converged=converged,
         )
 
@@ -220,7 +216,7 @@ def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray]
         body: one of `unknowns.robot_body`, `base_body` and `stance_effective_body`.
     """
     jacobian = np.zeros((len(COMPONENTS), unknowns.size))
-    for index in range(unknowns["links"].stop):
+    for index in unknowns.columns("base", "leg_mass"):
         ahead, behind = x.copy(), x.copy()
         ahead[index] += 1e-5
         behind[index] -= 1e-5
@@ -231,7 +227,8 @@ def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray]
 def prior_rows(unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | None) -> tuple[FloatArray, FloatArray]:
     """Residuals of the priors and of the scale, and their derivative."""
     residual, jacobian = body_prior_rows(unknowns, x, mass)
-    return np.concatenate([residual, x[10:]]), np.concatenate([jacobian, np.eye(unknowns.size)[10:]])
+    rows = unknowns.tabled
+    return np.concatenate([residual, x[rows]]), np.concatenate([jacobian, np.eye(unknowns.size)[rows]])
 
 
 def body_prior_rows(

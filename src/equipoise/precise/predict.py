@@ -13,9 +13,9 @@ import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
-from equipoise.precise.measurements.evidence import Evidence, Motion
+from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
 from equipoise.precise.measurements.lift_samples import LiftSamples, attitudes
-from equipoise.precise.measurements.planted_moves import PlantedMove, Posture
+from equipoise.precise.measurements.planted_moves import PlantedMove, RestReading
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.precise.trials import (
     LiftDesign,
@@ -44,8 +44,8 @@ class Predictor:
     """Predicts motions of a robot.
 
     Attributes:
-        robot: as it is thought to be.
-        stance: nominal.
+        robot: robot as it is thought to be.
+        stance: nominal stance.
         com: (3,) CoM in the base frame [m].
     """
 
@@ -68,7 +68,7 @@ class Predictor:
         """What the time on two feet would look like."""
         robot, stance = self.robot, self.stance
         settings, times = lift_settings(stance), Times.of(stance)
-        time, velocity_noise, turning_noise = self._noise
+        time, velocity_noise, angular_velocity_noise = self._noise
         _, lifted = lift_feet(stance, self.com, design, settings.height)
         position = inverse_kinematics(robot, lifted, stance.joint_position)
         left = design.posture.rotation.T @ stance_line(stance, design.diagonal)[0]
@@ -90,7 +90,9 @@ class Predictor:
         axis = np.zeros(3)
         if design.turn is not None:
             axis[("roll", "pitch", "yaw").index(design.turn)] = 1.0
-        turning = np.outer(tilt_rate, left) + np.outer(angle_rate, axis - (axis @ left) * left * about_com / about_line)
+        angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(
+            angle_rate, axis - (axis @ left) * left * about_com / about_line
+        )
         # Small motions of the feet in the base frame, through each leg's Jacobian.
         nearby = 1e-3
         moved = (turned_feet(lifted, self.com, design.turn, nearby) - lifted) / nearby
@@ -98,7 +100,7 @@ class Predictor:
         inverse = np.linalg.pinv(foot_jacobians(robot, position))
         per_angle[robot.leg_joints] = np.einsum("lji,li->lj", inverse, moved)
         mounting = np.array(robot.imu_in_base.rotation)
-        in_imu = turning @ mounting
+        in_imu = angular_velocity_in_base @ mounting
         up = design.posture.rotation[2] @ mounting
         return LiftSamples(
             design.diagonal,
@@ -112,7 +114,7 @@ class Predictor:
             GRAVITY * up,
             _REST_ATTITUDE_NOISE,
             velocity_noise,
-            turning_noise,
+            angular_velocity_noise,
             _GYRO_NOISE / np.sqrt(_RATE),
             _REST_TO_AIR * settings.lift_time,
         )
@@ -124,14 +126,16 @@ class Predictor:
         turned = mounting.T @ before.rotation.T @ after.rotation @ mounting
         return PlantedMove(rests[0], rests[1], turned, np.zeros((4, 3)))
 
-    def _rest(self, posture: BodyPosture, mounting: FloatArray) -> Posture:
+    def _rest(self, posture: BodyPosture, mounting: FloatArray) -> RestReading:
         feet = feet_in_posture(self.stance, self.com, posture)
         position = check_posture(self.robot, self.stance, feet)
-        return Posture(position, GRAVITY * posture.rotation[2] @ mounting)
+        return RestReading(position, GRAVITY * posture.rotation[2] @ mounting)
 
-    def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> Evidence:
+    def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> RunEvidence:
         """All of them as evidence; motions are numbered lifts first."""
-        motions = [Motion(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)]
+        motions = [
+            MotionReading(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)
+        ]
         for index, (before, after) in enumerate(moves, start=len(lifts)):
-            motions.append(Motion(index, {}, None, self.move(before, after), (), None, 0.0))
-        return Evidence(tuple(motions))
+            motions.append(MotionReading(index, {}, None, self.move(before, after), (), None, 0.0))
+        return RunEvidence(tuple(motions))

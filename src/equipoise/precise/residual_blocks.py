@@ -1,20 +1,21 @@
 """The posterior's residuals in units of their own noise: one block per kind of evidence.
 
-Every block gives its residual and its derivative at a vector of unknowns; which rows belong to which motion; and how well
-each motion fits. `differentiate` renews the columns of the sensor biases, `renew_noise` the noise levels.
+Every block says by name which unknowns its rows depend on, and gives its residual and the derivative by these; which rows
+belong to which motion; and how well each motion fits.
 """
 
 from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from equipoise.alive import alive
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.planted_moves import PlantedMove, PlantedRows
@@ -22,6 +23,7 @@ from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
 from equipoise.precise.parameters import Unknowns
 
+_INERTIAL = ("base", "leg_mass")  # what `Unknowns.inertial` is made of
 _DIFFERENCE = 0.1  # of a prior's standard deviation
 _OUTLIER = 3.0  # times the median misfit
 _FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
@@ -53,35 +55,81 @@ class Misfit:
     used: bool
 
 
-class _MotionBlock(ABC):
-    """Rows that depend on sensor biases, of motions that each have a noise level of their own.
+class ResidualBlock(ABC):
+    """Rows of one equation.
 
     Attributes:
+        depends_on: names of the unknowns that the rows depend on.
+        columns: places of these in the vector of unknowns: the Jacobian's columns.
         motions: index of each recording, and its rows.
-        scale: (motions,) noise of each over what its sensors explain.
     """
 
-    def __init__(self, unknowns: Unknowns, biases: slice, motions: list[tuple[int, slice]]) -> None:
+    depends_on: tuple[str, ...]
+
+    def __init__(self, unknowns: Unknowns, motions: list[tuple[int, slice]]) -> None:
         self.unknowns, self.motions = unknowns, motions
-        self.scale = np.ones(len(motions))
-        self._biases, self._bias_columns = biases, np.zeros((0, 0))
+        self.columns = unknowns.columns(*self.depends_on)
+
+    def prepare(self, x: FloatArray) -> None:  # noqa: B027
+        """Noise levels of a round; nothing to do where they do not depend on x."""
+
+    def differentiate(self, x: FloatArray) -> None:  # noqa: B027
+        """Renew the columns that are differences; nothing to do where none is."""
 
     @abstractmethod
     def residual(self, x: FloatArray) -> FloatArray:
-        """All rows."""
+        """(rows,) residual, in units of its noise."""
+
+    @abstractmethod
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """(rows, len(columns)) derivative of the residual."""
+
+    def by_motion(self, x: FloatArray) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+        """Of each motion: its index, its (size, size) information and its (size,) gradient."""
+        residual, jacobian = self.residual(x), self.jacobian(x)
+        places = np.ix_(self.columns, self.columns)
+        for motion, rows in self.motions:
+            alive()
+            information, gradient = np.zeros((self.unknowns.size, self.unknowns.size)), np.zeros(self.unknowns.size)
+            information[places] = jacobian[rows].T @ jacobian[rows]
+            gradient[self.columns] = jacobian[rows].T @ residual[rows]
+            yield motion, information, gradient
+
+    def renew_noise(self, x: FloatArray) -> None:  # noqa: B027
+        """Raise the noise of what does not fit; nothing to do where noise is known."""
+
+    def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
+        """How each motion fits; empty where that is not told motion by motion."""
+        return ()
+
+
+class _MotionBlock(ResidualBlock):
+    """Rows of motions that each have a noise level of their own, with columns by differences.
+
+    Attributes:
+        differentiated: names of the unknowns whose columns are differences; the last of `depends_on`.
+        scale: (motions,) noise of each over what its sensors explain.
+    """
+
+    differentiated: tuple[str, ...]
+
+    def __init__(self, unknowns: Unknowns, motions: list[tuple[int, slice]]) -> None:
+        super().__init__(unknowns, motions)
+        self.scale = np.ones(len(motions))
+        self._differences = np.zeros((0, 0))
 
     @abstractmethod
     def chi(self, x: FloatArray) -> FloatArray:
         """(motions,) misfit of each, over what its sensors' noise explains."""
 
     def differentiate(self, x: FloatArray) -> None:
-        """Columns of the sensor biases, by differences."""
-        here = self.residual(x)
-        self._bias_columns = np.zeros((len(here), self.unknowns.size))
-        for index in range(self._biases.start, self._biases.stop):
+        """Renew the columns that are differences."""
+        here, columns = self.residual(x), self.unknowns.columns(*self.differentiated)
+        self._differences = np.empty((len(here), len(columns)))
+        for number, column in enumerate(columns):
             ahead = x.copy()
-            ahead[index] += _DIFFERENCE
-            self._bias_columns[:, index] = (self.residual(ahead) - here) / _DIFFERENCE
+            ahead[column] += _DIFFERENCE
+            self._differences[:, number] = (self.residual(ahead) - here) / _DIFFERENCE
 
     def renew_noise(self, x: FloatArray) -> None:
         chi = self.chi(x)
@@ -98,21 +146,29 @@ class _MotionBlock(ABC):
 class TiltBlock(_MotionBlock):
     """Rows of the tilt equation of all lifts, whitened."""
 
+    differentiated = TiltEquation.DEPENDS_ON
+    depends_on = (*_INERTIAL, *differentiated)
+
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, lifts: Sequence[tuple[int, LiftSamples]]
     ) -> None:
         self.lifts = [lift for _, lift in lifts]
         self.equation = TiltEquation(legs, rotation, self.lifts)
         motions = [(index, rows) for (index, _), rows in zip(lifts, self.equation.trials, strict=True)]
-        # All but the floor's warp: two feet do not feel it.
-        super().__init__(unknowns, slice(unknowns.biases.start, unknowns["floor_warp"].start), motions)
+        super().__init__(unknowns, motions)
         self._whitening: list[FloatArray] = []
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TiltBlock | None:
+        """All lifts of a run; None if there is none."""
+        lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
+        return cls(unknowns, legs, np.array(unknowns.robot.imu_in_base.rotation), lifts) if lifts else None
 
     def prepare(self, x: FloatArray) -> None:
         """Noise of each trial's residual, propagated from that of its sensors."""
-        biases, inertial = self.unknowns.sensor_biases(x), self.unknowns.inertial(x)
-        _, line_inertia = self.equation.rows(biases)
-        sensitivity = self.equation.velocity_sensitivity(biases, inertial) / (line_inertia @ inertial)
+        values, inertial = self.unknowns.values(x), self.unknowns.inertial(x)
+        _, line_inertia = self.equation.rows(values)
+        sensitivity = self.equation.velocity_sensitivity(values, inertial) / (line_inertia @ inertial)
         growth = self.unknowns.robot.mass * GRAVITY * 0.85 * self.unknowns.stance.hip_height / (line_inertia @ inertial)
         self._whitening = [
             _whitening(scale**2 * tilt_noise(lift, by_velocity, rate) + _FREE_CONSTANT)
@@ -120,7 +176,7 @@ class TiltBlock(_MotionBlock):
         ]
 
     def residual(self, x: FloatArray) -> FloatArray:
-        return self._residual(*self.equation.rows(self.unknowns.sensor_biases(x)), self.unknowns.inertial(x))
+        return self._residual(*self.equation.rows(self.unknowns.values(x)), self.unknowns.inertial(x))
 
     def _residual(self, rows: FloatArray, line_inertia: FloatArray, inertial: FloatArray) -> FloatArray:
         momentum, inertia = rows @ inertial, line_inertia @ inertial
@@ -132,7 +188,7 @@ class TiltBlock(_MotionBlock):
         )
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        rows, line_inertia = self.equation.rows(self.unknowns.sensor_biases(x))
+        rows, line_inertia = self.equation.rows(self.unknowns.values(x))
         inertial = self.unknowns.inertial(x)
         momentum, inertia = rows @ inertial, line_inertia @ inertial
         parts: list[FloatArray] = []
@@ -141,7 +197,8 @@ class TiltBlock(_MotionBlock):
             centred = rows[trial] - rows[trial].mean(axis=0)
             residual = (momentum[trial] - momentum[trial].mean()) / about_line
             parts.append(whitening @ (centred - np.outer(residual, line_inertia[index])) / about_line)
-        return np.concatenate(parts) @ self.unknowns.inertial_jacobian(x) + self._bias_columns
+        inertial_columns = self.unknowns.inertial_jacobian(x)[:, self.unknowns.columns(*_INERTIAL)]
+        return np.hstack([np.concatenate(parts) @ inertial_columns, self._differences])
 
     def chi(self, x: FloatArray) -> FloatArray:
         residual = self.residual(x)
@@ -166,7 +223,7 @@ def tilt_noise(lift: LiftSamples, by_velocity: float, growth: float) -> FloatArr
     wandered = np.cumsum(wander[before:], axis=0) * step * growth
     ramp = growth * np.hypot(lift.rest_attitude_noise, _ATTITUDE_FLOOR) * time
     drift = lift.gyro_density / np.sqrt(60.0) * (1 + growth * (time * lift.since_rest + time**2 / 2))
-    noise = lift.turning_noise + by_velocity**2 * lift.velocity_noise + wandered @ wandered.T
+    noise = lift.angular_velocity_noise + by_velocity**2 * lift.velocity_noise + wandered @ wandered.T
     return noise + np.outer(ramp, ramp) + np.outer(drift, drift) + _TILT_FLOOR**2 * np.eye(count)
 
 
@@ -178,11 +235,13 @@ def _whitening(covariance: FloatArray) -> FloatArray:
 class PlantedBlock(_MotionBlock):
     """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
 
+    differentiated = depends_on = (*PlantedRows.DEPENDS_ON, "floor_slope", "floor_warp")
+
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, moves: Sequence[tuple[int, PlantedMove]]
     ) -> None:
         motions = [(index, slice(20 * k, 20 * k + 20)) for k, (index, _) in enumerate(moves)]
-        super().__init__(unknowns, unknowns.biases, motions)
+        super().__init__(unknowns, motions)
         self.rows = PlantedRows(legs, rotation, [move for _, move in moves])
         feet = unknowns.stance.feet_in_base - unknowns.stance.feet_in_base.mean(axis=0)
         size = unknowns.stance.scale.length
@@ -196,14 +255,16 @@ class PlantedBlock(_MotionBlock):
         self._whitening = whitening
         self._plane = feet[:, :2]
 
-    def prepare(self, x: FloatArray) -> None:
-        """Nothing to do: these rows' noise does not depend on x."""
+    @classmethod
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> PlantedBlock | None:
+        """All planted moves of a run; None if there is none."""
+        moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
+        return cls(unknowns, legs, np.array(unknowns.robot.imu_in_base.rotation), moves) if moves else None
 
     def _unscaled(self, x: FloatArray) -> FloatArray:
-        biases = self.unknowns.sensor_biases(x)
-        warp = float(self.unknowns.value(x, "floor_warp")[0])
-        floor = -self._plane @ biases.floor_slope + warp * np.array([1.0, -1.0, -1.0, 1.0])
-        moved, heights = self.rows.residuals(biases)
+        values = self.unknowns.values(x)
+        floor = -self._plane @ values["floor_slope"] + values["floor_warp"] * np.array([1.0, -1.0, -1.0, 1.0])
+        moved, heights = self.rows.residuals(values)
         count = len(self.scale)
         return np.hstack([moved.reshape(count, 12), (heights - floor).reshape(count, 8)]) @ self._whitening.T
 
@@ -211,31 +272,43 @@ class PlantedBlock(_MotionBlock):
         return (self._unscaled(x) / self.scale[:, None]).ravel()
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        return self._bias_columns
+        return self._differences
 
     def chi(self, x: FloatArray) -> FloatArray:
         # Of a move's 20 rows 15 say something: means are taken off.
         return np.sqrt((self._unscaled(x) ** 2).sum(axis=1) / 15)
 
 
-class TorqueBlock:
-    """Rows of the torque balance, at the sensor biases of the last round. Whitened."""
+class TorqueBlock(ResidualBlock):
+    """Rows of the torque balance, at the last round's values of all that it is not linear in. Whitened.
+
+    Attributes:
+        chi: misfit of all rows.
+    """
+
+    actuators = ("torque_gain", "coulomb", "viscous", "armature")
+    depends_on = (*_INERTIAL, *actuators)
 
     def __init__(self, unknowns: Unknowns, torques: Sequence[tuple[int, TorqueSamples]]) -> None:
-        self.unknowns = unknowns
+        super().__init__(unknowns, [])
         self.samples = TorqueSamples.joined([sample for _, sample in torques])
         counts = [len(sample.joint_position) for _, sample in torques]
         self._correlation = np.repeat([1.0 if count == 1 else _TORQUE_CORRELATION for count in counts], counts)
         self._owner = np.repeat([index for index, _ in torques], counts)
-        self.motions: list[tuple[int, slice]] = []
         self.chi = 1.0
         self._matrix, self._target = np.zeros((0, 0)), np.zeros(0)
         self._per_sample = 0
 
+    @classmethod
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TorqueBlock | None:
+        """All torques of a run; None if there are none."""
+        torques = [(motion.index, sample) for motion in evidence.motions for sample in motion.torques]
+        return cls(unknowns, torques) if torques else None
+
     def prepare(self, x: FloatArray) -> None:
-        """The rows as a linear system in (inertial, gains, coulomb, viscous, armature), whitened."""
+        """The rows as a linear system in the inertial parameters and what the actuators do, whitened."""
         unknowns = self.unknowns
-        rows = torque_rows(unknowns.robot, self.samples, unknowns.sensor_biases(x))
+        rows = torque_rows(unknowns.robot, self.samples, unknowns.values(x))
         scale = unknowns.torque_scale
         coulomb = max(float(np.abs(unknowns.value(x, "coulomb")[0])), 0.02 * scale)
         direction = np.abs(rows.friction_direction)
@@ -248,16 +321,13 @@ class TorqueBlock:
         noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
         level = self.chi * np.sqrt(self._correlation)
         whitening = _whitening(noise) / level[:, None, None]
-        base_and_links = np.concatenate([rows.base, rows.links], axis=2)
-        friction = np.stack(
-            [
-                np.einsum("nrj,nj->nr", rows.torque, signal)
-                for signal in (rows.friction_direction, rows.joint_velocity, rows.joint_acceleration)
-            ],
-            axis=-1,
-        )
-        gains = -rows.torque * rows.reported[:, None]
-        system = np.concatenate([base_and_links, gains, friction], axis=2)
+        terms = {
+            "torque_gain": -rows.torque * rows.reported[:, None],
+            "coulomb": _summed(rows.torque, rows.friction_direction),
+            "viscous": _summed(rows.torque, rows.joint_velocity),
+            "armature": _summed(rows.torque, rows.joint_acceleration),
+        }
+        system = np.concatenate([rows.base, rows.links, *(terms[name] for name in self.actuators)], axis=2)
         self._matrix = (whitening @ system).reshape(-1, system.shape[2])
         self._target = (whitening @ np.einsum("nrj,nj->nr", rows.torque, rows.reported)[..., None]).reshape(-1)
         self._per_sample = system.shape[1]
@@ -268,8 +338,8 @@ class TorqueBlock:
         ]
 
     def _linear(self, x: FloatArray) -> FloatArray:
-        names = ("torque_gain", "coulomb", "viscous", "armature")
-        return np.concatenate([self.unknowns.inertial(x), *(self.unknowns.value(x, name) for name in names)])
+        values = self.unknowns.values(x)
+        return np.concatenate([self.unknowns.inertial(x), *(values[name] for name in self.actuators)])
 
     def residual(self, x: FloatArray) -> FloatArray:
         # Over the mean gain: the balance is homogeneous, and lighter robots with weaker motors would fit any noise better.
@@ -278,21 +348,30 @@ class TorqueBlock:
     def _mean_gain(self, x: FloatArray) -> float:
         return 1 + float(self.unknowns.value(x, "torque_gain").mean())
 
-    def differentiate(self, x: FloatArray) -> None:
-        """Nothing to do: the sensor biases are the last round's."""
-
     def jacobian(self, x: FloatArray) -> FloatArray:
-        unknowns = self.unknowns
-        gain, gains = self._mean_gain(x), unknowns["torque_gain"]
-        inertial = unknowns.inertial_jacobian(x)
-        jacobian = self._matrix[:, : len(inertial)] @ inertial
-        own = slice(unknowns["torque_gain"].start, unknowns["armature"].stop)
-        jacobian[:, own] = self._matrix[:, len(inertial) :] * unknowns.scale[own]
-        each = unknowns.scale[gains] / (gains.stop - gains.start)
-        jacobian[:, gains] -= np.outer(self.residual(x), each)
+        unknowns, gain = self.unknowns, self._mean_gain(x)
+        inertial_columns = unknowns.inertial_jacobian(x)[:, unknowns.columns(*_INERTIAL)]
+        count = len(inertial_columns)
+        jacobian = self._matrix * unknowns.scale[self.columns]
+        jacobian[:, :count] = self._matrix[:, :count] @ inertial_columns
+        gains = np.isin(self.columns, unknowns.columns("torque_gain"))
+        jacobian[:, gains] -= np.outer(self.residual(x), unknowns.scale[self.columns[gains]] / gains.sum())
         return jacobian / gain
 
     def renew_noise(self, x: FloatArray) -> None:
         residual = self.residual(x) * self.chi
         residual = residual * np.repeat(np.sqrt(self._correlation), self._per_sample)
         self.chi = max(1.0, float(np.sqrt(np.mean(residual**2))))
+
+
+def _summed(torque: FloatArray, signal: FloatArray) -> FloatArray:
+    """(n, r, 1) columns of what all joints have in common, of (n, r, nj) rows and an (n, nj) signal of each joint."""
+    return np.einsum("nrj,nj->nr", torque, signal)[..., None]
+
+
+BLOCKS: tuple[Callable[[Unknowns, LegChains, RunEvidence], ResidualBlock | None], ...] = (
+    TiltBlock.of,
+    PlantedBlock.of,
+    TorqueBlock.of,
+)
+"""Makers of the blocks of all evidence; a maker gives None where there is none of its kind."""

@@ -183,8 +183,8 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
         angles: list[float] = []
         for move, (before, after) in zip(moves, rests, strict=True):
             alive()
-            turning = move.between(before.time[0], after.time[0]).imu
-            path = attitudes(turning.time, (turning.angular_velocity - bias) * factor)
+            imu = move.between(before.time[0], after.time[0]).imu
+            path = attitudes(imu.time, (imu.angular_velocity - bias) * factor)
             up, then = before.acceleration.mean(axis=0), after.acceleration.mean(axis=0)
             cosine = up @ path.as_matrix()[-1] @ then / np.linalg.norm(up) / np.linalg.norm(then)
             angles.append(float(np.arccos(np.clip(cosine, -1, 1))))

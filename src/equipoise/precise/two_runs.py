@@ -6,7 +6,9 @@ The unknowns are x, of the first run, and y, what is other in the second one:
     x_2 = y  where nothing is kept: the base, the clock, the floor,
     x_2 = x + f y  where it drifts, f being a fraction of what is believed of it beforehand;
 
-and g, by which a scale reads too much in both runs.
+and g, by which a scale reads too much in both runs. The table of unknowns says which is which (`drift`): joint zeros, the
+IMU's mounting, link masses and the feet do not change while nobody takes the robot apart; biases and friction change with
+temperature.
 """
 
 from __future__ import annotations
@@ -18,16 +20,12 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.precise.gauss_newton import solve
-from equipoise.precise.measurements.evidence import Evidence
-from equipoise.precise.parameters import Priors, Unknowns
+from equipoise.precise.measurements.evidence import RunEvidence
+from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import MapProblem, body_prior_rows, prior_rows, total_mass
+from equipoise.precise.unknowns import Priors
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-
-# Fractions f. Joint zeros, the IMU's mounting, link masses and the feet do not change while nobody takes the robot apart;
-# biases and friction change with temperature.
-_DRIFTS = {"accelerometer_bias": 0.2, "torque_gain": 0.1, "coulomb": 0.2, "viscous": 0.2}
-_ANEW = ("base", "clock_offset", "floor_slope", "floor_warp")
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class ScaleReadings:
     """What a scale said of the whole robot in the two runs.
 
     Attributes:
-        masses: in each run [kg]; None: it was not weighed.
+        masses: mass in each run [kg]; None: it was not weighed.
         gain: standard deviation of the scale's factor, which both readings have in common.
         noise: standard deviation of each reading beside that, over the mass.
     """
@@ -59,8 +57,8 @@ class TwoRuns:
 
     Attributes:
         unknowns: layout of a run's unknowns.
-        first, second: (size,) each run's unknowns.
-        covariance: (2 size, 2 size) of both.
+        first, second: (size,) unknowns of each run.
+        covariance: (2 size, 2 size) covariance of both.
         converged: whether the last step was small.
     """
 
@@ -74,7 +72,7 @@ class TwoRuns:
 def estimate_two_runs(
     robot: RobotModel,
     stance: Stance,
-    evidences: tuple[Evidence, Evidence],
+    evidences: tuple[RunEvidence, RunEvidence],
     priors: Priors | None = None,
     scale: ScaleReadings | None = None,
     rounds: int = 2,
@@ -98,11 +96,11 @@ class _TwoProblems:
     """Squared residuals of z = (x, y, g).
 
     Attributes:
-        to_first, to_second: (size, len(z)) each run's unknowns are these times z.
+        to_first, to_second: (size, len(z)) matrices from z to the unknowns of each run.
     """
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, evidences: tuple[Evidence, Evidence], priors: Priors,
+        self, robot: RobotModel, stance: Stance, evidences: tuple[RunEvidence, RunEvidence], priors: Priors,
         scale: ScaleReadings,
     ) -> None:  # fmt: skip
         self.problems = [
@@ -112,15 +110,14 @@ class _TwoProblems:
         self.unknowns = self.problems[0].unknowns
         self._scale = scale
         size = self.unknowns.size
-        fractions = np.zeros(size)
-        for name in _ANEW:
-            fractions[self.unknowns[name]] = 1.0
-        kept = np.diag(1 - fractions)
-        for name, fraction in _DRIFTS.items():
-            fractions[self.unknowns[name]] = fraction
+        kept, drift = np.ones(size), np.zeros(size)
+        kept[self.unknowns["base"]], drift[self.unknowns["base"]] = 0.0, 1.0
+        for row in self.unknowns.rows:
+            block = self.unknowns[row.name]
+            kept[block], drift[block] = (0.0, 1.0) if row.drift is None else (1.0, row.drift)
         nothing = np.zeros((size, 1))
         self.to_first = np.hstack([np.eye(size), np.zeros((size, size)), nothing])
-        self.to_second = np.hstack([kept, np.diag(fractions), nothing])
+        self.to_second = np.hstack([np.diag(kept), np.diag(drift), nothing])
 
     def start(self) -> FloatArray:
         """(len(z),) both runs of the robot that the model says."""
@@ -162,8 +159,9 @@ class _TwoProblems:
         unknowns, size = self.unknowns, self.unknowns.size
         first, second = self.to_first @ z, self.to_second @ z
         parts = [prior_rows(unknowns, first, None), body_prior_rows(unknowns, second, None)]
-        rows = [parts[0][0], parts[1][0], z[size + 10 :] / np.append(np.ones(size - 10), self._scale.gain)]
-        changes = np.eye(len(z))[size + 10 :]
+        changed = slice(size + unknowns.tabled.start, None)  # y but for the base, and g
+        changes = np.eye(len(z))[changed]
+        rows = [parts[0][0], parts[1][0], z[changed] / np.append(np.ones(len(changes) - 1), self._scale.gain)]
         changes[-1] /= self._scale.gain
         columns = [parts[0][1] @ self.to_first, parts[1][1] @ self.to_second, changes]
         for mass, run, to_run in zip(self._scale.masses, (first, second), (self.to_first, self.to_second), strict=True):
@@ -178,7 +176,7 @@ class _TwoProblems:
         return np.concatenate(rows), np.concatenate(columns)
 
 
-def _named(which: str, robot: RobotModel, stance: Stance, evidence: Evidence, priors: Priors) -> MapProblem:
+def _named(which: str, robot: RobotModel, stance: Stance, evidence: RunEvidence, priors: Priors) -> MapProblem:
     try:
         return MapProblem(robot, stance, evidence, priors, None, lifts_needed=True)
     except RecordingError as error:

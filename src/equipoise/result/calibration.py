@@ -20,7 +20,7 @@ from equipoise.conventions import AXES, FloatArray
 from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.paper.equations import AxisFit
-from equipoise.precise.measurements.evidence import Motion
+from equipoise.precise.measurements.evidence import MotionReading
 from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.posterior import Posterior
 from equipoise.recording.recording import Recording
@@ -243,7 +243,7 @@ class Evidence:
     fits: Mapping[str, AxisFit]
     feet_in_base: FloatArray
     recordings: tuple[Recording, ...] = ()
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[MotionReading, ...] = ()
     posterior: Posterior | None = None
 
 

@@ -19,7 +19,7 @@ from equipoise.errors import EquipoiseError
 from equipoise.experiments.tilt import SupportPlane, support_plane_of, tilt_of
 from equipoise.paper.equations import between, commanded_plane, find_intersection
 from equipoise.paper.trial_runner import lift_heights, shifted_feet
-from equipoise.precise.measurements.evidence import Evidence, read_evidence
+from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.support_planes import centre_shift
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.recording.recording import Recording
@@ -92,7 +92,7 @@ class _Precise:
         """The posterior of the first trials."""
         motions, settings = self._motions[:trials], self._settings
         posterior = estimate_posterior(
-            self._robot, self._stance, Evidence(motions), settings.priors, settings.scale,
+            self._robot, self._stance, RunEvidence(motions), settings.priors, settings.scale,
             lifts_needed=any(motion.lift for motion in motions),
         )  # fmt: skip
         covariance = posterior.robot_covariance[1:4, 1:4]

@@ -21,7 +21,7 @@ from equipoise.robot.stance import Stance
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionReading:
     """One recording: what it is, and what could be read from it.
 
     Attributes:
@@ -42,17 +42,17 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class RunEvidence:
     """All motions of a run.
 
     Attributes:
         motions: in order.
     """
 
-    motions: tuple[Motion, ...]
+    motions: tuple[MotionReading, ...]
 
 
-def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Evidence:
+def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> RunEvidence:
     """Read all recordings of a run; broken ones are noted, not raised.
 
     Raises:
@@ -66,14 +66,14 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
     # The median over rests: one in which the robot still swayed does not count.
     bias = np.median([recording.phase("rest").imu.angular_velocity.mean(axis=0) for recording in rested], axis=0)
     legs = LegChains(robot)
-    return Evidence(
+    return RunEvidence(
         tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))
     )
 
 
 def _read(
     robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray
-) -> Motion:
+) -> MotionReading:
     alive()
     about = recording.trial
     lift: LiftSamples | None = None
@@ -103,4 +103,4 @@ def _read(
             torques += [] if samples is None else [samples]
     except RecordingError as error:
         left_out = str(error)
-    return Motion(index, about, lift, move, tuple(torques), left_out, recording.duration)
+    return MotionReading(index, about, lift, move, tuple(torques), left_out, recording.duration)

@@ -22,12 +22,12 @@ class LegMotion:
     """Links and feet of n samples, in base axes about the base's origin. Velocities lack the base origin's own.
 
     Attributes:
-        com: (n, 4, k, 3) of the k links of each leg [m].
-        com_velocity: (n, 4, k, 3) [m/s].
+        com: (n, 4, k, 3) CoM of each of the k links of each leg [m].
+        com_velocity: (n, 4, k, 3) velocity of that [m/s].
         spin: (n, 4, k, 3) angular momentum of each link about its own CoM [kg m2/s].
         foot: (n, 4, 3) centres of the feet [m].
-        foot_velocity: (n, 4, 3) [m/s].
-        foot_angular_velocity: (n, 4, 3) of the links below the knees [rad/s].
+        foot_velocity: (n, 4, 3) velocity of that [m/s].
+        foot_angular_velocity: (n, 4, 3) angular velocity of the links below the knees [rad/s].
     """
 
     com: FloatArray
@@ -43,8 +43,8 @@ class LegChains:
 
     Attributes:
         joints: (4, k) indices in the joint vector.
-        mass: (4, k) of the links, with all that is fixed to them, by the model [kg].
-        foot_radius: (4,) [m].
+        mass: (4, k) mass of each link, with all that is fixed to it, by the model [kg].
+        foot_radius: (4,) radius of each foot [m].
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -75,24 +75,26 @@ class LegChains:
         """(n, 4, 3) centres of the feet in the base frame, of (n, nj) joint positions [m]."""
         return self.motion(joint_position, np.zeros_like(joint_position), np.zeros((len(joint_position), 3))).foot
 
-    def motion(self, joint_position: FloatArray, joint_velocity: FloatArray, angular_velocity: FloatArray) -> LegMotion:
+    def motion(
+        self, joint_position: FloatArray, joint_velocity: FloatArray, angular_velocity_in_base: FloatArray
+    ) -> LegMotion:
         """Links and feet of n samples, by the recursion of velocities along each leg.
 
         Args:
-            joint_position: (n, nj) [rad].
-            joint_velocity: (n, nj) [rad/s].
-            angular_velocity: (n, 3) of the base, in base axes [rad/s].
+            joint_position: (n, nj) joint positions [rad].
+            joint_velocity: (n, nj) joint velocities [rad/s].
+            angular_velocity_in_base: (n, 3) angular velocity of the base [rad/s].
         """
         alive()
         count, links = len(joint_position), self.joints.shape[1]
         rotation = np.broadcast_to(np.eye(3), (count, 4, 3, 3))
         position, velocity = np.zeros((count, 4, 3)), np.zeros((count, 4, 3))
-        turning = np.broadcast_to(angular_velocity[:, None], (count, 4, 3))
+        angular_velocity = np.broadcast_to(angular_velocity_in_base[:, None], (count, 4, 3))
         com, com_velocity, spin = (np.empty((count, 4, links, 3)) for _ in range(3))
         for link in range(links):
             arm = _turned(rotation, self._placement_translation[:, link])
             position = position + arm
-            velocity = velocity + cross(turning, arm)
+            velocity = velocity + cross(angular_velocity, arm)
             angle = joint_position[:, self.joints[:, link], None, None]
             about_axis = (  # Rodrigues' formula
                 np.eye(3)
@@ -100,14 +102,19 @@ class LegChains:
                 + (1 - np.cos(angle)) * self._axis_cross_squared[:, link]
             )
             rotation = rotation @ (self._placement_rotation[:, link] @ about_axis)
-            turning = turning + _turned(rotation, self._axis[:, link]) * joint_velocity[:, self.joints[:, link], None]
+            angular_velocity = (
+                angular_velocity
+                + _turned(rotation, self._axis[:, link]) * joint_velocity[:, self.joints[:, link], None]
+            )
             lever = _turned(rotation, self._lever[:, link])
             com[:, :, link] = position + lever
-            com_velocity[:, :, link] = velocity + cross(turning, lever)
-            in_link = np.swapaxes(rotation, -1, -2) @ turning[..., None]
+            com_velocity[:, :, link] = velocity + cross(angular_velocity, lever)
+            in_link = np.swapaxes(rotation, -1, -2) @ angular_velocity[..., None]
             spin[:, :, link] = (rotation @ (self._inertia[:, link] @ in_link))[..., 0]
         arm = _turned(rotation, self._foot)
-        return LegMotion(com, com_velocity, spin, position + arm, velocity + cross(turning, arm), turning)
+        return LegMotion(
+            com, com_velocity, spin, position + arm, velocity + cross(angular_velocity, arm), angular_velocity
+        )
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

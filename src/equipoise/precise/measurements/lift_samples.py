@@ -31,20 +31,21 @@ _LEAST_ENCODER_NOISE, _LEAST_VELOCITY_NOISE, _LEAST_GYRO_NOISE = 2e-5, 2e-3, 2e-
 
 @dataclass(frozen=True, eq=False)
 class LiftSamples:
-    """The time on two feet of one lift trial. IMU quantities are in the IMU frame, as sensed less the gyroscope's bias.
+    """The time on two feet of one lift trial. Gyroscope readings are less the gyroscope's bias.
 
     Attributes:
-        diagonal: that the robot stood on.
+        diagonal: diagonal that the robot stood on.
         start: time of the first sample [s].
         step: time between samples [s].
-        joint_position, joint_velocity: (n, nj), smoothed [rad], [rad/s].
-        angular_velocity, angular_acceleration: (n, 3), smoothed [rad/s], [rad/s2].
-        rotation_to_rest: (n, 3, 3) the IMU's attitude relative to that at rest.
-        rest_acceleration: (3,) mean of the accelerometer at rest [m/s2].
+        joint_position, joint_velocity: (n, nj) joint positions and velocities, smoothed [rad], [rad/s].
+        angular_velocity_in_imu, angular_acceleration_in_imu: (n, 3) angular velocity and acceleration of the IMU,
+            smoothed [rad/s], [rad/s2].
+        rotation_to_rest: (n, 3, 3) rotation from the IMU frame to the IMU frame at rest.
+        rest_acceleration_in_imu: (3,) mean of the accelerometer at rest [m/s2].
         rest_attitude_noise: standard deviation of the attitude that it gives, from how steady it was [rad].
         velocity_noise: (n, n) covariance of any joint's smoothed velocity [rad2/s2].
-        turning_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
-        gyro_density: of the gyroscope's white noise [rad/s/sqrt(Hz)].
+        angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
+        gyro_density: density of the gyroscope's white noise [rad/s/sqrt(Hz)].
         since_rest: time from the rest's end to the first sample [s].
     """
 
@@ -53,13 +54,13 @@ class LiftSamples:
     step: float
     joint_position: FloatArray
     joint_velocity: FloatArray
-    angular_velocity: FloatArray
-    angular_acceleration: FloatArray
+    angular_velocity_in_imu: FloatArray
+    angular_acceleration_in_imu: FloatArray
     rotation_to_rest: FloatArray
-    rest_acceleration: FloatArray
+    rest_acceleration_in_imu: FloatArray
     rest_attitude_noise: float
     velocity_noise: FloatArray
-    turning_noise: FloatArray
+    angular_velocity_noise: FloatArray
     gyro_density: float
     since_rest: float
 
@@ -76,9 +77,9 @@ def read_lift(
     """The time on two feet of a lift trial, or why there is none.
 
     Args:
-        recording: with phases "rest", "unload" and "lower".
-        stance: nominal.
-        gyro_bias: (3,) in the IMU frame [rad/s].
+        recording: recording with phases "rest", "unload" and "lower".
+        stance: nominal stance.
+        gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
     """
     clock = stance.scale.time
     diagonal = str(recording.event("trial").data["diagonal"])
@@ -119,20 +120,20 @@ def read_lift(
         joints.time[joint_part], joints.position[joint_part], _KNOT * clock,
         None if joints.velocity is None else joints.velocity[joint_part], encoder_noise / velocity_noise,
     )  # fmt: skip
-    turning = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock)
+    angular_velocity = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock)
     return LiftSamples(
         diagonal,
         float(start),
         step,
         position.spline(time),
         position.spline.derivative()(time),
-        turning.spline(time),
-        turning.spline.derivative()(time),
+        angular_velocity.spline(time),
+        angular_velocity.spline.derivative()(time),
         Rotation.from_rotvec(at_times(time, imu.time, path.as_rotvec())).as_matrix(),
         rest_acceleration,
         _unsteadiness(rest.imu.acceleration),
         encoder_noise**2 * position.noise(time, derivative=1),
-        gyro_noise**2 * turning.noise(time),
+        gyro_noise**2 * angular_velocity.noise(time),
         gyro_noise * float(np.sqrt(np.mean(np.diff(imu.time)))),
         float(start - rest.imu.time[-1]),
     )
@@ -154,8 +155,8 @@ def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
     """(n) rotations from a body's axes at each time to its axes at the first, by integrating its angular velocity.
 
     Args:
-        time: (n,) [s].
-        angular_velocity: (n, 3) in the body's axes [rad/s].
+        time: (n,) times [s].
+        angular_velocity: (n, 3) angular velocity of the body, in its own axes [rad/s].
     """
     steps = Rotation.from_rotvec(
         (angular_velocity[1:] + angular_velocity[:-1]) / 2 * np.diff(time)[:, None]
@@ -178,7 +179,7 @@ def _time_on_two_feet(
     """First and last time of the longest run of samples with both lifted feet off the floor.
 
     Args:
-        up: (n, 3) in the base frame, at each joint sample.
+        up: (n, 3) direction against gravity in the base frame, at each joint sample.
         clear: height above the floor that counts as off it [m].
     """
     time = moving.joints.time

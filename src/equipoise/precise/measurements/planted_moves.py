@@ -14,25 +14,26 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
-from equipoise.precise.measurements.tilt_equation import SensorBiases
+from equipoise.precise.measurements.tilt_equation import mounting
+from equipoise.precise.unknowns import Values
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class RestReading:
     """A planted robot at rest: means over that rest.
 
     Attributes:
-        joint_position: (nj,) [rad].
-        acceleration: (3,) in the IMU frame [m/s2].
+        joint_position: (nj,) mean of the joint positions [rad].
+        acceleration_in_imu: (3,) mean of the accelerometer [m/s2].
     """
 
     joint_position: FloatArray
-    acceleration: FloatArray
+    acceleration_in_imu: FloatArray
 
     @classmethod
-    def of(cls, still: Recording) -> Posture:
+    def of(cls, still: Recording) -> RestReading:
         """Of a recording in which nothing moves."""
         return cls(still.joints.position.mean(axis=0), still.imu.acceleration.mean(axis=0))
 
@@ -42,13 +43,13 @@ class PlantedMove:
     """A move between two rests, all feet planted.
 
     Attributes:
-        before, after: the rests.
-        rotation_to_before: (3, 3) attitude of the IMU after the move, in its axes before, by the gyroscope.
-        rolled: (4, 3) how far the feet's centres rolled, in base axes before the move [m].
+        before, after: rests on either side.
+        rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
+        rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
     """
 
-    before: Posture
-    after: Posture
+    before: RestReading
+    after: RestReading
     rotation_to_before: FloatArray
     rolled: FloatArray
 
@@ -59,13 +60,15 @@ def read_move(
     """A move and the rests on either side of it; the three recordings follow each other."""
     rotation = np.array(robot.imu_in_base.rotation)
     attitude = attitudes(moving.imu.time, moving.imu.angular_velocity - gyro_bias)
-    first, last = Posture.of(before), Posture.of(after)
-    up = attitude.inv().apply(first.acceleration / np.linalg.norm(first.acceleration)) @ rotation.T
+    first, last = RestReading.of(before), RestReading.of(after)
+    up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
     joints = moving.joints
     up = at_times(joints.time, moving.imu.time, up)
     velocity = joints.velocity if joints.velocity is not None else np.gradient(joints.position, joints.time, axis=0)
-    turning = at_times(joints.time, moving.imu.time, (moving.imu.angular_velocity - gyro_bias) @ rotation.T)
-    foot = legs.motion(joints.position, velocity, turning).foot_angular_velocity
+    angular_velocity_in_base = at_times(
+        joints.time, moving.imu.time, (moving.imu.angular_velocity - gyro_bias) @ rotation.T
+    )
+    foot = legs.motion(joints.position, velocity, angular_velocity_in_base).foot_angular_velocity
     rolling = cross(foot, legs.foot_radius[:, None] * up[:, None])
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
@@ -74,28 +77,37 @@ def read_move(
 
 
 class PlantedRows:
-    """Residuals of planted moves and rests at any sensor biases."""
+    """Residuals of planted moves and rests, at any values of the unknowns that they depend on.
+
+    Attributes:
+        DEPENDS_ON: names of these unknowns.
+    """
+
+    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "foot_radius")
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, moves: Sequence[PlantedMove]) -> None:
         self.legs, self._rotation = legs, rotation_imu_to_base
         self._position = np.array([[move.before.joint_position, move.after.joint_position] for move in moves])
-        self._acceleration = np.array([[move.before.acceleration, move.after.acceleration] for move in moves])
+        self._acceleration = np.array(
+            [[move.before.acceleration_in_imu, move.after.acceleration_in_imu] for move in moves]
+        )
         self._to_before = np.array([move.rotation_to_before for move in moves])
         self._rolled = np.array([move.rolled for move in moves])
 
-    def residuals(self, biases: SensorBiases) -> tuple[FloatArray, FloatArray]:
-        """What should be zero at the right biases.
+    def residuals(self, values: Values) -> tuple[FloatArray, FloatArray]:
+        """What should be zero at the right values.
 
         Returns:
             (moves, 4, 3) by how much the feet seem to have moved relative to their mean, in base axes before [m];
             (moves, 2, 4) heights of the feet's centres above their mean, against gravity, at the rests [m].
         """
-        mounting = biases.tilted(self._rotation)
+        rotation = mounting(self._rotation, values["imu_tilt"])
         count = len(self._position)
-        feet = self.legs.feet((self._position - biases.joint_zero).reshape(2 * count, -1)).reshape(count, 2, 4, 3)
-        to_before = mounting @ self._to_before @ mounting.T
-        moved = np.einsum("mij,mlj->mli", to_before, feet[:, 1]) - feet[:, 0] - biases.foot_radius * self._rolled
-        gravity = (self._acceleration - biases.accelerometer_bias) @ mounting.T
+        feet = self.legs.feet((self._position - values["joint_zero"]).reshape(2 * count, -1)).reshape(count, 2, 4, 3)
+        to_before = rotation @ self._to_before @ rotation.T
+        rolled = (1 + values["foot_radius"]) * self._rolled
+        moved = np.einsum("mij,mlj->mli", to_before, feet[:, 1]) - feet[:, 0] - rolled
+        gravity = (self._acceleration - values["accelerometer_bias"]) @ rotation.T
         up = gravity / np.linalg.norm(gravity, axis=2, keepdims=True)
         heights = np.einsum("mrlj,mrj->mrl", feet, up)
         return moved - moved.mean(axis=1, keepdims=True), heights - heights.mean(axis=2, keepdims=True)

@@ -17,8 +17,8 @@ class SplineFit:
     """A fitted spline, and how far noise of the samples moves it.
 
     Attributes:
-        spline: of all columns.
-        covariance: (k, k) of the coefficients of any column, for samples with a standard deviation of one.
+        spline: spline of all columns.
+        covariance: (k, k) covariance of the coefficients of any column, for samples with a standard deviation of one.
     """
 
     spline: BSpline
@@ -41,11 +41,11 @@ def fit_spline(
     """The quintic spline nearest to samples, and to samples of its derivative where there are any (least squares).
 
     Args:
-        time: (n,) increasing [s].
-        values: (n, k).
-        knot_spacing: smaller follows faster signals and more noise [s].
-        derivative: (n, k) measured rate of change, or None.
-        derivative_weight: of a derivative's residual, relative to a value's: the ratio of their noises [s].
+        time: (n,) increasing times [s].
+        values: (n, k) samples.
+        knot_spacing: time between knots; a smaller one follows faster signals and more noise [s].
+        derivative: (n, k) samples of the rate of change, or None.
+        derivative_weight: weight of a derivative's residual, relative to a value's: the ratio of their noises [s].
     """
     start, end = float(time[0]), float(time[-1])
     intervals = max(1, int(np.ceil((end - start) / knot_spacing)))

@@ -15,7 +15,8 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples
-from equipoise.precise.measurements.tilt_equation import SensorBiases, TiltEquation
+from equipoise.precise.measurements.tilt_equation import TiltEquation
+from equipoise.precise.unknowns import by_the_model
 from equipoise.robot.inertial import base_parameters
 from equipoise.robot.model import RobotModel
 
@@ -27,8 +28,8 @@ class CentreShift:
     """What one lift says of the CoM, with everything else by the model.
 
     Attributes:
-        normal: (3,) of the support plane at rest, in the base frame, pointing forward.
-        distance: by how much the CoM is farther along the normal than the model has it [m].
+        normal: (3,) normal of the support plane at rest, in the base frame, pointing forward.
+        distance: distance by which the CoM is farther along the normal than the model has it [m].
     """
 
     normal: FloatArray
@@ -40,9 +41,9 @@ class PlaneReading:
     """The CoM by support planes.
 
     Attributes:
-        com: (3,) at the nominal stance, in the base frame [m].
+        com: (3,) CoM at the nominal stance, in the base frame [m].
         deviation: (3,) standard deviations, from how well the planes meet [m].
-        misses: (n,) by how much each plane misses it [m].
+        misses: (n,) distance by which each plane misses it [m].
     """
 
     com: FloatArray
@@ -54,9 +55,9 @@ def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSample
     """The point nearest to all support planes (least squares); None if there are fewer than six lifts.
 
     Args:
-        robot: its base is what the CoM is thought to be.
+        robot: model whose base gives the CoM that is thought to be.
         com: (3,) CoM of that model at the nominal stance, in the base frame [m].
-        lifts: in postures that lean.
+        lifts: lifts in postures that lean.
     """
     shifts = [centre_shift(robot, lift) for lift in lifts]
     if len(shifts) < _FEWEST_PLANES:
@@ -74,15 +75,15 @@ def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
     """Solve the tilt equation of one lift for a shift of the CoM along the support plane's normal.
 
     Args:
-        robot: its base is what the CoM is thought to be.
-        lift: a passive lift.
+        robot: model whose base gives the CoM that is thought to be.
+        lift: passive lift.
     """
     legs = LegChains(robot)
     rotation = np.array(robot.imu_in_base.rotation)
     equation = TiltEquation(legs, rotation, [lift])
-    rows, _ = equation.rows(SensorBiases.none(len(robot.joint_names)))
+    rows, _ = equation.rows(by_the_model(robot))
     inertial = np.concatenate([base_parameters(robot).vector, np.ones(legs.links)])
-    up = rotation @ lift.rest_acceleration / np.linalg.norm(lift.rest_acceleration)
+    up = rotation @ lift.rest_acceleration_in_imu / np.linalg.norm(lift.rest_acceleration_in_imu)
     left_foot, right_foot = lift.stance_feet
     feet = legs.feet(lift.joint_position[:1])[0]
     normal = np.cross(feet[left_foot] - feet[right_foot], up)

@@ -19,7 +19,8 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
-from equipoise.precise.measurements.tilt_equation import SensorBiases
+from equipoise.precise.measurements.tilt_equation import mounting
+from equipoise.precise.unknowns import Values
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel
@@ -34,8 +35,12 @@ class TorqueSamples:
     """A planted robot with torques: smoothed samples of one motion, or the means of one rest.
 
     Attributes:
-        joint_position, joint_velocity, joint_acceleration, joint_torque: (n, nj) [rad], [rad/s], [rad/s2], [Nm].
-        angular_velocity, angular_acceleration, acceleration: (n, 3) in the IMU frame [rad/s], [rad/s2], [m/s2].
+        joint_position, joint_velocity, joint_acceleration: (n, nj) joint positions and their derivatives [rad], [rad/s],
+            [rad/s2].
+        joint_torque: (n, nj) joint torques as reported [Nm].
+        angular_velocity_in_imu, angular_acceleration_in_imu: (n, 3) angular velocity and acceleration of the IMU
+            [rad/s], [rad/s2].
+        acceleration_in_imu: (n, 3) accelerometer readings [m/s2].
         period: (n,) time between two of the samples that were smoothed [s].
     """
 
@@ -43,9 +48,9 @@ class TorqueSamples:
     joint_velocity: FloatArray
     joint_acceleration: FloatArray
     joint_torque: FloatArray
-    angular_velocity: FloatArray
-    angular_acceleration: FloatArray
-    acceleration: FloatArray
+    angular_velocity_in_imu: FloatArray
+    angular_acceleration_in_imu: FloatArray
+    acceleration_in_imu: FloatArray
     period: FloatArray
 
     @classmethod
@@ -67,7 +72,7 @@ class TorqueSamples:
         All signals go through the same filter: what differs between them would look like inertia or friction.
 
         Args:
-            gyro_bias: (3,) in the IMU frame [rad/s].
+            gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
             time_scale: factor on times, of the robot's scale; one on an A1.
         """
         joints, imu = moving.joints, moving.imu
@@ -79,11 +84,11 @@ class TorqueSamples:
         knot = _KNOT * time_scale
         position = fit_spline(joints.time, joints.position, knot).spline
         torque = fit_spline(joints.time, joints.torque, knot).spline
-        turning = fit_spline(imu.time, imu.angular_velocity - gyro_bias, knot).spline
+        angular_velocity = fit_spline(imu.time, imu.angular_velocity - gyro_bias, knot).spline
         acceleration = fit_spline(imu.time, imu.acceleration, knot).spline
         return cls(
             position(time), position.derivative()(time), position.derivative(2)(time), torque(time),
-            turning(time), turning.derivative()(time), acceleration(time),
+            angular_velocity(time), angular_velocity.derivative()(time), acceleration(time),
             np.full(len(time), np.median(np.diff(joints.time))),
         )  # fmt: skip
 
@@ -98,12 +103,12 @@ class TorqueRows:
     """Rows of the balance, linear in everything unknown: base pi + links s + torque - gain . g' + ... = 0.
 
     Attributes:
-        base: (n, r, 10) for the base's parameters, in Pinocchio's order about the base's origin.
-        links: (n, r, links) for a factor on each leg link.
-        torque: (n, r, nj) for each joint's link torque, to be subtracted.
-        reported: (n, nj) torques as reported [Nm].
+        base: (n, r, 10) columns of the base's parameters, in Pinocchio's order about the base's origin.
+        links: (n, r, links) columns of a factor on each leg link.
+        torque: (n, r, nj) columns of each joint's link torque, to be subtracted.
+        reported: (n, nj) joint torques as reported [Nm].
         friction_direction: (n, nj) tanh(v / v_0).
-        joint_velocity, joint_acceleration: (n, nj).
+        joint_velocity, joint_acceleration: (n, nj) derivatives of the joint positions [rad/s], [rad/s2].
         acceleration_rows: (n, r, 6) how the base's acceleration times the robot's inertia enters, for its noise.
     """
 
@@ -117,20 +122,24 @@ class TorqueRows:
     acceleration_rows: FloatArray
 
 
-def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases) -> TorqueRows:
-    """The balance's rows of all samples at given sensor biases."""
+def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> TorqueRows:
+    """The balance's rows of all samples, at given values of the unknowns that are not of it."""
     model = robot.pinocchio.copy()
     model.gravity.linear = np.zeros(3)
     data = model.createData()
-    mounting = biases.tilted(np.array(robot.imu_in_base.rotation))
+    rotation = mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
     arm = np.array(robot.imu_in_base.translation)
-    turning = samples.angular_velocity @ mounting.T
-    turning_rate = samples.angular_acceleration @ mounting.T
-    sensed = (samples.acceleration - biases.accelerometer_bias) @ mounting.T
-    at_base = sensed - np.cross(turning_rate, arm) - np.cross(turning, np.cross(turning, arm))
-    position = samples.joint_position - biases.joint_zero
+    angular_velocity_in_base = samples.angular_velocity_in_imu @ rotation.T
+    angular_acceleration_in_base = samples.angular_acceleration_in_imu @ rotation.T
+    sensed = (samples.acceleration_in_imu - values["accelerometer_bias"]) @ rotation.T
+    at_base = (
+        sensed
+        - np.cross(angular_acceleration_in_base, arm)
+        - np.cross(angular_velocity_in_base, np.cross(angular_velocity_in_base, arm))
+    )
+    position = samples.joint_position - values["joint_zero"]
     legs = list(robot.legs.values())
-    radii = np.array([leg.foot_radius for leg in legs]) * biases.foot_radius
+    radii = np.array([leg.foot_radius for leg in legs]) * (1 + values["foot_radius"])
     # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
     down = -floor_normals_by_fit(LegChains(robot).feet(position))[0]
     count, joints = position.shape
@@ -138,8 +147,8 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, biases: SensorBiases)
     contact = np.empty((count, 12, 6 + joints))
     for index in range(count):
         q = robot.configuration(position[index])
-        v = np.concatenate([np.zeros(3), turning[index], samples.joint_velocity[index]])
-        a = np.concatenate([at_base[index], turning_rate[index], samples.joint_acceleration[index]])
+        v = np.concatenate([np.zeros(3), angular_velocity_in_base[index], samples.joint_velocity[index]])
+        a = np.concatenate([at_base[index], angular_acceleration_in_base[index], samples.joint_acceleration[index]])
         regressor[index] = pin.computeJointTorqueRegressor(model, data, q, v, a)
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
@@ -175,8 +184,8 @@ def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArr
     side. A sample is one moment of them; joint accelerations, which come from positions, are their mean.
 
     Args:
-        period: (n,) of control [s].
-        stiffness: of the joints' position control [Nm/rad].
+        period: (n,) control period [s].
+        stiffness: stiffness of the joints' position control [Nm/rad].
     """
     half_step = stiffness * period[:, None] / 2 * rows.joint_velocity
     return np.linalg.norm(np.einsum("nrj,nj->nr", rows.torque, half_step), axis=1)

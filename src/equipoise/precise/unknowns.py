@@ -1,0 +1,238 @@
+"""The table of unknowns: what the precise method takes to be unknown beside the base, and what it believes beforehand.
+
+A field of `Priors` is a row. Its value is the standard deviation of the prior, a setting; the rest of the row says what one
+is per robot, its unit, where the prior comes from, what a report calls it and advises, and what becomes of it between two
+runs. Layout, priors, columns of the Jacobian, findings, checks, the estimate of two runs and the documents follow from it.
+A new unknown is a row here, and its name in the equation that it enters (`values["name"]`, and in what the equation says it
+depends on).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import SettingsError
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+Values = Mapping[str, FloatArray]
+"""Value of every unknown, an array each, by its row's name and in its row's unit; zero is what the model says."""
+
+_ROW = "unknown"
+
+
+@dataclass(frozen=True)
+class Each:
+    """What there is one of an unknown of.
+
+    Attributes:
+        name: in words.
+        labels: names of all of them, for a robot.
+    """
+
+    name: str
+    labels: Callable[[RobotModel], tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What the number that a prior is given as is a fraction of.
+
+    Attributes:
+        name: in words.
+        of: its size in the unknown's unit.
+    """
+
+    name: str
+    of: Callable[[RobotModel, Stance], float]
+
+
+def _named(*labels: str) -> Each:
+    return Each(", ".join(labels), lambda robot: labels)
+
+
+def _link_joints(robot: RobotModel) -> tuple[str, ...]:
+    return tuple(robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints)
+
+
+ROBOT = Each("robot", lambda robot: ("",))
+JOINT = Each("joint", lambda robot: tuple(robot.joint_names))
+LEG_LINK = Each("leg link, by the joint that moves it", _link_joints)
+AXIS = _named("x", "y", "z")
+
+ITSELF = Measure("", lambda robot, stance: 1.0)
+HIP_HEIGHT = Measure("hip height", lambda robot, stance: stance.hip_height)
+A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A row of the table.
+
+    Attributes:
+        meaning: noun phrase, with sign and frame.
+        unit: SI; empty for a fraction.
+        each: what there is one of it of.
+        source: of the prior.
+        name: in code, in settings and as a key.
+        measure: what the prior's number is a fraction of.
+        label: name of one of them in prose, with {each}.
+        finding: name of one of them among the findings, in reports and JSON, with {each}; empty: not reported.
+        advice: sentence about one of them, with {each}, {value}, {deviation} and {size}, the value without its sign, in the
+            unit shown.
+        advice_below: the same where the value is not above zero; empty: no difference.
+        shown: how many of the unit shown are one in the unit.
+        notable: least value that is worth fixing.
+        drift: what it changes by between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
+        judged: whether a value far from zero speaks against a result.
+    """
+
+    meaning: str
+    unit: str
+    each: Each
+    source: str
+    name: str = ""
+    measure: Measure = ITSELF
+    label: str = ""
+    finding: str = ""
+    advice: str = ""
+    advice_below: str = ""
+    shown: float = 1.0
+    notable: float = math.inf
+    drift: float | None = 0.0
+    judged: bool = True
+
+    def sentence(self, each: str, value: float, deviation: float) -> str:
+        """What is to be said of one of them.
+
+        Args:
+            each: its label.
+            value: in the row's unit.
+            deviation: posterior standard deviation of that.
+        """
+        form = self.advice_below if self.advice_below and value <= 0 else self.advice
+        value, deviation = value * self.shown, deviation * self.shown
+        return form.format(each=each, value=value, deviation=deviation, size=abs(value))
+
+
+def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, **more: Any) -> float:
+    """A row of the table as a field of `Priors`; the arguments are those of `Unknown`.
+
+    Args:
+        prior: standard deviation, as a multiple of the row's measure.
+    """
+    return field(default=prior, metadata={_ROW: Unknown(meaning, unit, each, source, **more)})
+
+
+_REALISTIC = "assumed; what the simulation's `realistic` sensors have"
+_DEGREES = math.degrees(1.0)
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations of what is believed before anything is measured; all of mean zero (or of the model's value).
+
+    The first three are of the base and the whole robot; all others are rows of the table of unknowns, in its order.
+
+    Attributes:
+        mass: mass of the whole robot, as a fraction of the model's. A payload of half the robot's mass is two of these.
+        first_moment: first moment of the base, over the model's base mass times the hip height.
+        inertia: inertia of the base about its origin, over the model's largest moment.
+    """
+
+    mass: float = 0.3
+    first_moment: float = 0.3
+    inertia: float = 2.0
+    leg_mass: float = unknown(
+        0.03, "mass, first moment and inertia of a leg link over the model's, less one", "", LEG_LINK, _REALISTIC,
+        label="mass of the link that {each} moves",
+    )  # fmt: skip
+    joint_zero: float = unknown(
+        5e-3, "encoder reading less joint position", "rad", JOINT, _REALISTIC,
+        label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3,
+        advice="{each}: the encoder's zero is off by {value:+.2f} deg (sd {deviation:.2f})",
+    )  # fmt: skip
+    imu_tilt: float = unknown(
+        6e-3, "rotation vector of the IMU in the frame where it should be", "rad", _named("roll", "pitch", "yaw"),
+        "assumed; the simulation's `realistic` sensors have 5 mrad",
+        label="IMU tilt in {each}", finding="IMU {each}ed", shown=_DEGREES, notable=4e-3,
+        advice="the IMU is {each}ed by {value:+.2f} deg (sd {deviation:.2f})",
+    )  # fmt: skip
+    accelerometer_bias: float = unknown(
+        0.03, "accelerometer reading less specific force, in the IMU frame", "m/s2", AXIS, _REALISTIC,
+        label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
+        advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
+    )  # fmt: skip
+    clock_offset: float = unknown(
+        1e-3, "time by which an IMU sample is younger than a joint sample of the same stamp", "s", ROBOT,
+        "assumed; a sample of a 500 Hz bus is up to 2 ms old",
+        label="clock offset", finding="clock offset", shown=1000.0, notable=1e-3, drift=None,
+        advice="IMU samples are {size:.2f} ms younger than joint samples of the same stamp",
+        advice_below="IMU samples are {size:.2f} ms older than joint samples of the same stamp",
+    )  # fmt: skip
+    foot_radius: float = unknown(
+        0.02, "radius of all feet over the model's, less one", "", ROBOT, "assumed; rubber wears and gives",
+        label="foot radius", finding="foot radius", notable=0.03,
+        advice="the feet roll as if their radius were {value:+.1%} off the model's",
+    )  # fmt: skip
+    floor_slope: float = unknown(
+        5e-3, "floor's normal less up, in base axes at the nominal stance", "rad", _named("x", "y"), _REALISTIC,
+        label="floor slope along {each}", finding="floor slope {each}", shown=_DEGREES, notable=8e-3, drift=None,
+        advice="the floor leans along {each} by {value:+.2f} deg (sd {deviation:.2f})",
+    )  # fmt: skip
+    floor_warp: float = unknown(
+        1e-3, "height of two diagonal footholds above the mean of all four", "m", ROBOT, "assumed; an indoor floor",
+        measure=HIP_HEIGHT, label="floor warp", drift=None, judged=False,
+    )  # fmt: skip
+    torque_gain: float = unknown(
+        0.03, "true over reported joint torque, less one", "", JOINT, _REALISTIC,
+        label="torque gain of {each}", finding="{each} torque gain", notable=0.05, drift=0.1,
+        advice="{each}: the true torque is {value:+.1%} off the reported one (sd {deviation:.1%})",
+    )  # fmt: skip
+    coulomb: float = unknown(
+        0.5, "Coulomb friction of every joint", "Nm", ROBOT, "wide: the simulation's `realistic` joints have 0.3",
+        measure=A1_TORQUE, label="Coulomb friction", finding="coulomb of the joints", drift=0.2, judged=False,
+        advice="coulomb of the joints: {value:.3f} Nm",
+    )  # fmt: skip
+    viscous: float = unknown(
+        0.1, "viscous friction of every joint", "Nm s/rad", ROBOT, "wide: the simulation's `realistic` joints have 0.05",
+        measure=A1_TORQUE, label="viscous friction", finding="viscous of the joints", drift=0.2, judged=False,
+        advice="viscous of the joints: {value:.3f} Nm s/rad",
+    )  # fmt: skip
+    armature: float = unknown(
+        0.02, "rotor inertia seen at every joint", "kg m2", ROBOT, "wide: the simulation's `realistic` joints have 0.01",
+        measure=A1_TORQUE, label="armature", finding="armature of the joints", judged=False,
+        advice="armature of the joints: {value:.3f} kg m2",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        for prior in fields(self):
+            if not getattr(self, prior.name) > 0:
+                raise SettingsError(f"the prior of {prior.name} is {getattr(self, prior.name)}; it must be above zero")
+
+    @classmethod
+    def rows(cls) -> tuple[Unknown, ...]:
+        """The table of unknowns."""
+        return tuple(replace(row.metadata[_ROW], name=row.name) for row in fields(cls) if _ROW in row.metadata)
+
+    @classmethod
+    def row(cls, name: str) -> Unknown:
+        """The row of a name."""
+        return next(row for row in cls.rows() if row.name == name)
+
+
+def by_the_model(robot: RobotModel) -> dict[str, FloatArray]:
+    """`Values` of a robot that is as its model says, with perfect sensors on a level floor: all zero."""
+    return {row.name: np.zeros(len(row.each.labels(robot))) for row in Priors.rows()}
+
+
+def finding_names(robot: RobotModel, name: str) -> list[str]:
+    """What the findings about an unknown are called, one of each; `name` is that of its row."""
+    row = Priors.row(name)
+    return [row.finding.format(each=label) for label in row.each.labels(robot)]
