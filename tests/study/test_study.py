@@ -17,7 +17,7 @@ from equipoise.study.study import SOURCES, Study, draw
 from equipoise.study.trial import check_study
 
 VARIED = Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5)
-SHOWN = "import json, sys; from equipoise.study.study import Study, draw; from test_study import VARIED, shown; "
+SHOWN = f"import json, sys; sys.path[:0] = {[str(Path(__file__).parents[at]) for at in (0, 1)]}; from equipoise.study.study import Study, draw; from test_study import VARIED, shown; "
 
 
 def shown(drawn):
@@ -38,9 +38,7 @@ def test_a_number_is_the_same_robot_in_any_order_and_in_another_process():
     backward = {trial: shown(draw(VARIED, trial)) for trial in reversed(range(4))}
     assert forward == backward
     code = SHOWN + "print(json.dumps([shown(draw(VARIED, trial)) for trial in (2, 0)]))"
-    other = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parent
-    )
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(other.stdout) == json_form([forward[2], forward[0]])
 
 
