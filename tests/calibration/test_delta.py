@@ -14,6 +14,7 @@ from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.parameters import COMPONENTS, Priors
 from equipoise.precise.routine import PreciseSettings
 from equipoise.precise.two_runs import _TwoProblems
+from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import InertialParameters
 
 PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
@@ -125,7 +126,7 @@ def test_scales_that_cannot_be_are_refused():
 
 
 def test_a_run_without_lifts_is_named(a1, bare, precise_run):
-    no_lifts = [recording for recording in bare[0] if recording.trial.get("kind") != "lift"]
+    no_lifts = [recording for recording in bare[0] if not isinstance(recording.trial, LiftTrial)]
     with pytest.raises(RecordingError, match="the second run: no lift trial can be used"):
         find_delta(a1, precise_run.recordings, no_lifts)
 
