@@ -30,6 +30,7 @@ from equipoise import CalibrationSettings, Recording, calibrate, load_robot, nom
 from equipoise.errors import EquipoiseError
 from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings
+from equipoise.recording.trials import LiftTrial
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.simulation import Simulation
@@ -86,8 +87,8 @@ def run(name: str, seed: int, budget: int) -> Row:
             row |= {"truth": truth.tolist(), "error": error.tolist(), "sd": sd}
             row["alarms"] = [check.name for check in result.checks if not check.passed]
         leaning.append(simulation.witness.look().tilt)
-    lifts = [recording for recording in recordings if recording.trial.get("kind") == "lift"]
-    lifted = sum(recording.has_phase("lower") for recording in lifts)
+    lifts = [recording for recording in recordings if isinstance(recording.trial, LiftTrial)]
+    lifted = sum(recording.complete for recording in lifts)
     return row | {"fell": bool(max(leaning) > FALLEN), "lifts": lifted, "refused": len(lifts) - lifted}
 
 

@@ -12,12 +12,13 @@ from robots import load_text, quadruped_urdf
 
 import equipoise
 from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance, simulate
-from equipoise.experiments.posture import BodyPosture
 from equipoise.experiments.stand import stand_up
+from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.routine import PreciseSettings
-from equipoise.precise.trials import LiftDesign, PreciseTrials
+from equipoise.precise.trials import PreciseTrials
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.posture import BodyPosture
 
 # A loaded machine is slow now and then, and the same commit passes or fails always.
 settings.register_profile("equipoise", deadline=None, derandomize=True)

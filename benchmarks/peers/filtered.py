@@ -20,7 +20,9 @@ from scipy.signal import butter, sosfiltfilt
 
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import attitudes, read_lift
+from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import LiftTrial
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
@@ -34,6 +36,11 @@ _STRIDE = 2  # of the samples before differentiating; 250 Hz are left
 _KEPT = 2  # of those, one in two is kept afterwards
 _MARGIN = 0.15  # [s] cut off both ends of a recording, where a filter has not all it needs
 _REST_OF = {"shake": "rest", "posture": "before", "sway": "settle", "lift": "rest", "stand": "rest"}
+
+
+def kind_of(recording: Recording) -> str:
+    """What a recording says that it is: a trial of a calibration, or a shake; empty if it does not say."""
+    return next((str(event.data["kind"]) for event in recording.events if event.name == TRIAL), "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,21 +92,21 @@ def read_all(
             two feet of its lifts too.
     """
     legs = LegChains(robot)
-    chosen = [r for r in recordings if motions != "shake" or r.trial.get("kind") == "shake"]
-    rests = [r.phase(_REST_OF[r.trial["kind"]]) for r in chosen if r.trial.get("kind") in ("shake", "posture", "lift")]
+    chosen = [(kind_of(r), r) for r in recordings if motions != "shake" or kind_of(r) == "shake"]
+    rests = [r.phase(_REST_OF[kind]) for kind, r in chosen if kind in ("shake", "posture", "lift")]
     gyro_bias = np.median([rest.imu.angular_velocity.mean(axis=0) for rest in rests], axis=0)
     parts: list[Filtered] = []
-    for recording in chosen:
-        kind = str(recording.trial.get("kind"))
+    for kind, recording in chosen:
         if kind not in _REST_OF or not recording.has_phase(_REST_OF[kind]):
             continue
         four = np.ones(4, dtype=bool)
         rest = recording.phase(_REST_OF[kind])
         windows = [(float(rest.joints.time[0]), float(recording.joints.time[-1]), four)]
-        if kind == "lift":
+        if isinstance(trial := recording.trial, LiftTrial):
             windows = [(float(rest.joints.time[0]), float(rest.joints.time[-1]), four)]
-            lift = read_lift(robot, legs, recording, stance, gyro_bias) if recording.has_phase("lower") else ""
-            if motions == "all" and not isinstance(lift, str):
+            whole = motions == "all" and recording.complete
+            lift = read_lift(robot, legs, recording, trial.diagonal, stance, gyro_bias) if whole else ""
+            if not isinstance(lift, str):
                 two = np.array([leg in DIAGONALS[lift.diagonal] for leg in LEG_NAMES])
                 windows.append((lift.start, lift.start + lift.step * (len(lift.joint_position) - 1), two))
         parts += read(robot, recording, rest, windows, gyro_bias, cutoff / stance.scale.time, acceleration)

@@ -35,6 +35,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation import mujoco_model
 from equipoise.simulation.sensors import IDEAL, REALISTIC, DrawnErrors
+from peers.filtered import kind_of
 
 FloatArray = NDArray[np.float64]
 
@@ -287,12 +288,11 @@ def read_pieces(
 ) -> list[Piece]:
     """The shake's beginning, and lifts of both diagonals in postures as different as there are."""
     settings = problem.settings
-    lifts = [i for i, r in enumerate(recordings) if r.trial.get("kind") == "lift" and r.has_phase("lower")]
+    lifts = [i for i, r in enumerate(recordings) if kind_of(r) == "lift" and r.complete]
     chosen = [lifts[i] for i in np.unique(np.linspace(0, len(lifts) - 1, settings.lifts).astype(int))] if lifts else []
     pieces: list[Piece] = []
     for index, recording in enumerate(recordings):
-        kind = recording.trial.get("kind")
-        if kind == "shake":
+        if kind_of(recording) == "shake":
             start = float(recording.phase("rest").joints.time[0])
             part = recording.between(start, start + settings.shake)
         elif index in chosen:

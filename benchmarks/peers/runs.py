@@ -23,10 +23,11 @@ from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, nom
 from equipoise.errors import RecordingError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import stand_up
-from equipoise.experiments.sway import why_not_planted
+from equipoise.paper.sway import why_not_planted
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
 from equipoise.precise.parameters import components
-from equipoise.recording.recording import TRIAL, Recording
+from equipoise.recording.event import TRIAL
+from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import feet_under_base
 from equipoise.robot.model import RobotModel

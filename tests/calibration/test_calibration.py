@@ -116,7 +116,7 @@ def test_an_interrupted_run_is_estimated_from_what_is_complete(ideal, a1):
 
 def test_a_run_without_a_complete_search_is_refused(ideal, a1):
     with pytest.raises(RecordingError, match="no complete search on FR_RL"):
-        estimate(a1, [recording for recording in ideal[1] if recording.trial.get("diagonal") != "FR_RL"], PAPER)
+        estimate(a1, [recording for recording in ideal[1] if recording.trial.about != "FR_RL"], PAPER)
 
 
 def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):

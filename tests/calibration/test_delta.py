@@ -15,6 +15,7 @@ from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.routine import PreciseSettings
 from equipoise.precise.two_runs import _TwoProblems
 from equipoise.precise.unknowns import Priors
+from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import InertialParameters
 
 PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
@@ -126,7 +127,7 @@ def test_scales_that_cannot_be_are_refused():
 
 
 def test_a_run_without_lifts_is_named(a1, bare, precise_run):
-    no_lifts = [recording for recording in bare[0] if recording.trial.get("kind") != "lift"]
+    no_lifts = [recording for recording in bare[0] if not isinstance(recording.trial, LiftTrial)]
     with pytest.raises(RecordingError, match="the second run: no lift trial can be used"):
         find_delta(a1, precise_run.recordings, no_lifts)
 

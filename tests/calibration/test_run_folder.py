@@ -97,8 +97,8 @@ def test_a_run_is_its_model_its_settings_its_recordings_and_its_result(calibrate
     }  # fmt: skip
     trials = [recording.trial for recording in folder.recordings()]
     assert len(trials) == len(calibration.trials)
-    assert trials[0]["diagonal"] == calibration.trials[0].about
-    assert [trial["axis"] for trial in trials[-3:]] == ["roll", "pitch", "yaw"]
+    assert trials[0].diagonal == calibration.trials[0].about
+    assert [trial.about for trial in trials[-3:]] == ["roll", "pitch", "yaw"]
 
 
 def test_a_run_folder_is_a_bag_for_ros(calibrated):
@@ -254,7 +254,7 @@ def test_an_interrupted_trial_is_passed_over(run, calibrated):
 
 
 def test_a_run_without_a_complete_search_says_what_it_lacks(run):
-    rewritten(run, lambda recording: recording.trial.get("diagonal") != "FR_RL")
+    rewritten(run, lambda recording: recording.trial.about != "FR_RL")
     with pytest.raises(RecordingError, match="no complete search on FR_RL with a tolerance of 10 mm: of 0 lifts"):
         RunFolder.open(run).estimate()
 

@@ -7,10 +7,11 @@ from tilting import sides
 
 from equipoise import nominal_stance
 from equipoise.errors import ReachError
-from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
+from equipoise.experiments.posture import check_posture, feet_in_posture, stance_line
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.posture import BodyPosture
 
 POSTURES = (
     BodyPosture(),

@@ -18,18 +18,19 @@ from equipoise.experiments import tipping
 from equipoise.experiments.lift import tipping_from
 from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.experiments.posture import feet_in_posture
 from equipoise.experiments.tilt import line_axes
 from equipoise.experiments.tipping import SAFE, Pendulum
 from equipoise.platform.ramp import smooth_step
-from equipoise.precise import safe_lift
-from equipoise.precise import trials as precise_trials
+from equipoise.precise import lift_design, safe_lift
+from equipoise.precise.lift_design import LiftDesign, check_lift, offset_of
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.safe_lift import doubt_after_a_lift, found_doubt, unknown_doubt
-from equipoise.precise.trials import LiftDesign, PreciseTrials, check_lift, offset_of
+from equipoise.precise.trials import PreciseTrials
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.posture import BodyPosture
 
 UP = np.array([0.0, 0.0, 1.0])
 LIFT, LOWER, DELAY = 0.03, 0.2, 0.05
@@ -179,8 +180,8 @@ def tilt_after_a_lift(robot, share, monkeypatch):
     """Of a robot with 30 % more mass than it knows of, high up, and drives 30 % softer, its CoM well beside the line [rad]."""
     monkeypatch.setattr(tipping, "SAFE", share)
     monkeypatch.setattr(safe_lift, "_LEAST_UP", -np.inf)  # such a lift is not planned
-    monkeypatch.setattr(precise_trials, "_TILT_LIMIT", 0.3)
-    monkeypatch.setattr(precise_trials, "_OFFSET", 0.015)
+    monkeypatch.setattr(lift_design, "_TILT_LIMIT", 0.3)
+    monkeypatch.setattr(lift_design, "_OFFSET", 0.015)
     stance = nominal_stance(robot)
     with simulate(robot, "realistic", payload="4,0,0,0.15", seed=3) as simulation:
         simulation.errors.torque_gain[:] *= 0.7

@@ -20,6 +20,7 @@ from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.recording import PHASE
+from equipoise.recording.trials import DesignedLift
 from equipoise.robot.description import RobotDescription
 from equipoise.simulation.sensors import REALISTIC
 
@@ -356,7 +357,7 @@ def test_samples_dropped_here_and_there_do_no_harm(a1, run, fraction):
 def with_gaps(recordings, count, length, streams):
     """Gaps in the middle of the time on two feet of so many lifts."""
     changed = list(recordings)
-    lifts = [index for index, r in enumerate(recordings) if r.trial.get("kind") == "lift" and r.trial.get("turn")]
+    lifts = [index for index, r in enumerate(recordings) if isinstance(r.trial, DesignedLift) and r.trial.turn]
     for index in lifts[:count]:
         starts = {e.data["name"]: e.time for e in recordings[index].events if e.name == PHASE}
         start = starts["lift"] + 0.1

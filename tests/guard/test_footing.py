@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from equipoise import nominal_stance
-from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.experiments.posture import feet_in_posture
 from equipoise.guard.footing import Footing
-from equipoise.precise.trials import LiftDesign, lift_feet, lift_settings, turned_feet
+from equipoise.precise.lift_design import LiftDesign, lift_feet, lift_settings, turned_feet
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.posture import BodyPosture
 
 LEVEL = BodyPosture()
 TURNED = [BodyPosture(roll=0.15, yaw=0.2, crouch=0.1), BodyPosture(pitch=-0.15)]

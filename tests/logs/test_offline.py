@@ -18,6 +18,7 @@ from equipoise.logs.offline import estimate_log
 from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import LiftTrial
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_a_log_gives_what_our_own_events_give(found, precise_run):
     assert np.abs(off - own_off)[1:4].max() < 1e-3  # [m] of the centre of mass
     assert found.result.trustworthy
     used = [one for one in found.report.segments if one.kind == "lift" and one.used]
-    assert len(used) >= sum(one.trial["kind"] == "lift" for one in precise_run.recordings) - 2
+    assert len(used) >= sum(isinstance(one.trial, LiftTrial) for one in precise_run.recordings) - 2
 
 
 def test_the_estimates_verdict_is_on_the_segment(found):

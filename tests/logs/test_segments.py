@@ -19,6 +19,7 @@ from equipoise.logs.segments import find_segments, usable
 from equipoise.logs.track import Integral, Track, true_runs
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.recording.recording import ImuStream, JointStream, Recording
+from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
@@ -122,26 +123,27 @@ def test_pieces_cover_the_whole_recording_without_overlaps(a1, stance, outing):
 def test_a_lift_found_is_the_lift_that_was_made(a1, stance, outing):
     (one,) = [one for one in find_segments(a1, stance, outing.log) if one.kind == "lift"]
     trial = one.recording.trial
-    assert (trial["kind"], trial["diagonal"]) == ("lift", "FR_RL")
+    assert isinstance(trial, LiftTrial)
+    assert trial.diagonal == "FR_RL"
     rest = one.recording.phase("rest")
     assert rest.joints.time[-1] <= outing.began["lift"] + 0.15
-    assert one.recording.has_phase("lower")
+    assert one.recording.complete
 
 
 def test_all_lifts_and_postures_of_a_calibration_are_found(a1, precise_run):
     segments = find_segments(a1, precise_run.stance, as_log(precise_run.recordings))
     # Feet that are replanted before a move are off the floor for a moment: who reads a log takes that for a lift.
-    moved = [one.joints.time[[0, -1]] for one in precise_run.recordings if one.trial["kind"] == "posture"]
+    moved = [one.joints.time[[0, -1]] for one in precise_run.recordings if isinstance(one.trial, PostureTrial)]
     steps = [one for one in segments if any(first <= one.start <= last for first, last in moved)]
     lifts = [one for one in segments if one.kind == "lift" and one not in steps]
-    ours = [one for one in precise_run.recordings if one.trial["kind"] == "lift"]
+    ours = [one for one in precise_run.recordings if isinstance(one.trial, LiftTrial)]
     assert len(lifts) == len(ours)
     for found, made in zip(lifts, ours, strict=True):
-        assert found.recording.trial["diagonal"] == made.trial["diagonal"]
+        assert found.recording.trial.diagonal == made.trial.diagonal
         unload = next(event.time for event in made.events if event.data.get("name") == "unload")
         assert -0.05 < found.start - unload < 0.2
     moves = [one for one in segments if one.kind == "move" and one.used]
-    for made in (one for one in precise_run.recordings if one.trial["kind"] == "posture"):
+    for made in (one for one in precise_run.recordings if isinstance(one.trial, PostureTrial)):
         start = next(event.time for event in made.events if event.data.get("name") == "move")
         assert min(abs(one.start - start) for one in moves) < 0.15
 
@@ -285,7 +287,7 @@ def test_a_body_that_goes_up_over_planted_feet_moves(a1, stance):
     )
     (motion,) = [one for one in segments if one.kind != "rest"]
     assert (motion.kind, motion.why_not) == ("move", None)
-    assert motion.recording.trial["kind"] == "posture"
+    assert isinstance(motion.recording.trial, PostureTrial)
     for phase in ("before", "move", "rest"):
         assert motion.recording.has_phase(phase)
 

@@ -7,18 +7,18 @@ import pytest
 
 from equipoise import CalibrationSettings, ComSearchSettings, SwaySettings, calibrate, nominal_stance, simulate
 from equipoise.errors import NotEstimatedError
-from equipoise.paper.method import com_by_iteration
+from equipoise.paper.iterations import com_by_iteration
 from equipoise.robot.model import DIAGONALS
 
 SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.004), sway=SwaySettings(duration=1.0))
 
 
 def calibrated(robot, payload, tolerance=SETTINGS.com_search.tolerance):
-    """A realistic run: its result, the bounds that it began with, and the true CoM."""
+    """A realistic run: its result, the bracket that it began with, and the true CoM."""
     settings = replace(SETTINGS, com_search=replace(SETTINGS.com_search, tolerance=tolerance))
     with simulate(robot, "realistic", payload=payload, seed=3, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, robot, settings)
-    return result, settings.com_search.bounds(nominal_stance(robot)), simulation.truth.composite.com
+    return result, settings.com_search.bracket(nominal_stance(robot)), simulation.truth.composite.com
 
 
 @pytest.fixture(scope="module")
@@ -38,28 +38,27 @@ def run(request):
 
 
 def test_the_last_iteration_is_the_result(run):
-    result, bounds, _ = run
-    path = com_by_iteration(result, bounds)
+    result, start, _ = run
+    path = com_by_iteration(result, start)
     assert np.allclose(path[-1], result.composite.com_in_base[:2], atol=1e-12)
 
 
 def test_there_is_a_point_for_each_offset_tried(run):
-    result, bounds, _ = run
-    path = com_by_iteration(result, bounds)
+    result, start, _ = run
+    path = com_by_iteration(result, start)
     offsets = {
         about: {trial.offset for trial in result.trials if trial.kind == "lift" and trial.about == about}
         for about in DIAGONALS
     }
     assert len(path) == max(map(len, offsets.values()))
-    lower, upper = bounds
-    assert len(path) >= np.ceil(np.log2((upper - lower) / SETTINGS.com_search.tolerance))
+    assert len(path) >= np.ceil(np.log2(start.width / SETTINGS.com_search.tolerance))
 
 
 def test_the_bracket_halves_at_every_step(usual):
     """So the point moves by a quarter, an eighth ... of the bounds, until feet and noise decide."""
-    result, bounds, truth = usual
-    path = com_by_iteration(result, bounds)
-    width = bounds[1] - bounds[0]
+    result, start, truth = usual
+    path = com_by_iteration(result, start)
+    width = start.width
     for index, step in enumerate(np.abs(np.diff(path[:, 0]))):
         assert step <= width / 2 ** (index + 2) + 1.5e-3
     errors = np.linalg.norm(path - truth[:2], axis=1)
@@ -68,19 +67,19 @@ def test_the_bracket_halves_at_every_step(usual):
 
 
 def test_a_coarser_search_is_the_beginning_of_a_finer_one(a1, usual):
-    coarse, bounds, _ = calibrated(a1, "1,0.05,0.02,0.08", tolerance=0.02)
-    short, whole = (com_by_iteration(each, bounds) for each in (coarse, usual[0]))
+    coarse, start, _ = calibrated(a1, "1,0.05,0.02,0.08", tolerance=0.02)
+    short, whole = (com_by_iteration(each, start) for each in (coarse, usual[0]))
     assert len(short) < len(whole)
     assert np.allclose(short[:, 0], whole[: len(short), 0], atol=3e-3)
 
 
 def test_a_widened_bracket_ends_beyond_the_first_bounds(widened):
-    result, bounds, _ = widened
-    path = com_by_iteration(result, bounds)
-    assert path[0, 0] < bounds[1] < max(path[:, 0])
+    result, start, _ = widened
+    path = com_by_iteration(result, start)
+    assert path[0, 0] < start.upper < max(path[:, 0])
 
 
 def test_without_the_planes_it_is_said_where_they_are(usual):
-    result, bounds, _ = usual
+    result, start, _ = usual
     with pytest.raises(NotEstimatedError, match="open the run folder"):
-        com_by_iteration(replace(result, evidence=None), bounds)
+        com_by_iteration(replace(result, evidence=None), start)

@@ -5,10 +5,11 @@ import pytest
 
 from equipoise import ComSearchSettings, RobotDescription, load_robot, nominal_stance, simulate
 from equipoise.errors import BracketError, ImuMountingError, ReachError, SettingsError
-from equipoise.experiments.lift import lift_trial
 from equipoise.experiments.stand import stand_up
-from equipoise.experiments.tilt import support_plane_of, tilt_of
+from equipoise.experiments.tilt import tilt_of
+from equipoise.paper.bracket import Bracket
 from equipoise.paper.com_search import find_com, find_support_vector
+from equipoise.paper.lift_trial import lift_trial, read_lift_trial
 from equipoise.paper.trial_runner import TrialRunner, shifted_feet
 
 DIAGONALS = ("FL_RR", "FR_RL")
@@ -32,9 +33,8 @@ def trials(a1):
         for diagonal in DIAGONALS:
             for offset in (-0.05, 0.03):
                 feet = shifted_feet(stance, offset)
-                found[diagonal, offset] = lift_trial(
-                    runner.planted, diagonal, offset, feet, runner.settings.lift(stance)
-                )
+                recording = lift_trial(runner.planted, diagonal, offset, feet, runner.settings.lift(stance))
+                found[diagonal, offset] = read_lift_trial(a1, recording, stance.joint_position)
         return found, simulation.truth
 
 
@@ -51,17 +51,16 @@ def test_the_tilt_is_about_the_line_and_hardly_across_it(trials):
         assert trial.tilt.across_line < 0.3 * abs(trial.tilt.about_line)
 
 
-def test_the_measured_plane_says_which_way_the_robot_tips(trials, a1):
+def test_the_measured_plane_says_which_way_the_robot_tips(trials):
     found, truth = trials
-    stance = nominal_stance(a1).joint_position
     for trial in found.values():
-        distance = support_plane_of(a1, trial.recording, trial.diagonal, stance).distance_to(truth.composite.com)
+        distance = trial.plane.distance_to(truth.composite.com)
         assert np.sign(distance) == (1 if trial.tilt.verdict == "forward" else -1)
 
 
 def test_the_verdict_depends_on_the_recording_alone(trials, a1):
     for trial in trials[0].values():
-        assert tilt_of(a1, trial.recording, trial.diagonal, 0.01) == trial.tilt
+        assert tilt_of(a1, trial.recording, trial.recording.trial) == trial.tilt
 
 
 def test_a_trial_goes_through_its_phases_in_order(trials):
@@ -75,19 +74,20 @@ def test_the_last_bounds_are_within_the_tolerance_and_hold_the_balance(a1, toler
     with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=tolerance)
         found = find_support_vector(runner, "FL_RR", 0.06, -0.06)
-        assert 0 <= found.upper - found.lower <= tolerance
-        forward = [trial.offset for trial in found.trials if trial.tilt.verdict == "forward"]
-        backward = [trial.offset for trial in found.trials if trial.tilt.verdict == "backward"]
-        assert max(forward) == found.lower
-        assert min(backward) == found.upper
-        assert found.lower <= found.offset <= found.upper
+        lower, upper = found.bracket.lower, found.bracket.upper
+        assert 0 <= upper - lower <= tolerance
+        forward = [lift.trial.offset for lift in found.lifts if lift.tilt.verdict == "forward"]
+        backward = [lift.trial.offset for lift in found.lifts if lift.tilt.verdict == "backward"]
+        assert max(forward) == lower
+        assert min(backward) == upper
+        assert lower <= found.offset <= upper
 
 
 def test_halvings_follow_the_bracket(a1):
     with simulate(a1, "ideal") as simulation:
         runner, _ = runner_on(simulation, a1, tolerance=0.005)
         found = find_support_vector(runner, "FR_RL", 0.06, -0.06)
-    offsets = list(dict.fromkeys(trial.offset for trial in found.trials))
+    offsets = list(dict.fromkeys(lift.trial.offset for lift in found.lifts))
     assert len(offsets) <= 6  # 120 mm to 5 mm takes five, as the paper's Fig. 3 shows about six
     assert offsets[0] == 0
 
@@ -97,7 +97,7 @@ def test_a_bracket_that_misses_the_balance_is_widened_once(a1):
         runner, _ = runner_on(simulation, a1, tolerance=0.01)
         found = find_support_vector(runner, "FL_RR", 0.06, 0.005)
     assert -0.05 < found.offset < 0.005
-    assert any(trial.offset == 0.005 for trial in found.trials)  # the end was tried before widening
+    assert any(lift.trial.offset == 0.005 for lift in found.lifts)  # the end was tried before widening
 
 
 def test_a_com_beyond_the_widened_bracket_is_an_error_that_carries_the_trials(a1):
@@ -154,12 +154,13 @@ def test_a_lift_grows_only_when_no_tilt_is_seen(a1):
         # A quarter of a second is too short to tip far near the balance (at -7 to -6 mm), and long enough beyond.
         for offset in offsets:
             runner, _ = runner_on(simulation, a1, lift_height=0.0035, t_thres=0.25)
-            trials = []
-            verdict = runner.tilt_at("FL_RR", float(offset), -0.06, 0.06, trials)
-            heights = [trial.lift_height for trial in trials]
+            lifts = []
+            start = Bracket(-0.06, 0.06, 0.005, runner.heights[-1])
+            verdict = runner.tilt_at("FL_RR", float(offset), start, lifts).verdict
+            heights = [lift.trial.lift_height for lift in lifts]
             assert heights == pytest.approx(runner.heights[: len(heights)])
-            assert all(trial.tilt.verdict == "balanced" for trial in trials[:-1])
-            assert verdict == trials[-1].tilt.verdict
-            assert verdict != "balanced" or len(trials) == 3
-            grown += len(trials) > 1
+            assert all(lift.tilt.verdict == "balanced" for lift in lifts[:-1])
+            assert verdict == lifts[-1].tilt.verdict
+            assert verdict != "balanced" or len(lifts) == 3
+            grown += len(lifts) > 1
     assert 0 < grown < len(offsets)

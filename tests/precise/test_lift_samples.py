@@ -50,7 +50,7 @@ def smooth(part):
 
 
 def read(a1, stance, recording):
-    return read_lift(a1, LegChains(a1), recording, stance, BIAS)
+    return read_lift(a1, LegChains(a1), recording, recording.trial.diagonal, stance, BIAS)
 
 
 # --- attitudes
@@ -181,7 +181,8 @@ def test_samples_that_are_missing_are_a_reason(a1, stance, stream):
 
 
 def test_a_simulated_lift_is_read_with_its_turn(a1, ideal_motions):
-    lift = read_lift(a1, LegChains(a1), ideal_motions.lift, ideal_motions.stance, np.zeros(3))
+    recording = ideal_motions.lift
+    lift = read_lift(a1, LegChains(a1), recording, recording.trial.diagonal, ideal_motions.stance, np.zeros(3))
     assert isinstance(lift, LiftSamples)
     assert lift.diagonal == "FL_RR"
     # To and fro about the roll axis: the integral of what the gyroscope felt is the attitude that is carried.

@@ -11,17 +11,18 @@ from robots import load_text, quadruped_urdf
 
 from equipoise import nominal_stance
 from equipoise.errors import ReachError, SettingsError
-from equipoise.experiments.posture import BodyPosture
+from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.plan import Candidates, Durations, Goals, describe, make_plan, name_components
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.predict import Predictor
-from equipoise.precise.trials import LiftDesign
 from equipoise.precise.unknowns import Priors
+from equipoise.recording.trials import DesignedLift, PostureTrial
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.posture import BodyPosture
 
 BUDGETS = (30.0, 45.0, 60.0, 90.0, 120.0)
 
@@ -154,14 +155,14 @@ def test_the_plan_is_json(plans):
 def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates):
     """The run's own lifts and moves, predicted: within a factor of two for what lifts tell."""
     lifts = [
-        LiftDesign(BodyPosture(**about["posture"]), about["diagonal"], about["side"], about["turn"])
-        for about in (recording.trial for recording in precise_run.recordings)
-        if about["kind"] == "lift"
+        LiftDesign(trial.posture, trial.diagonal, trial.side, trial.turn)
+        for trial in (recording.trial for recording in precise_run.recordings)
+        if isinstance(trial, DesignedLift)
     ]
     postures = [
-        BodyPosture(**{name: about[name] for name in BodyPosture.__dataclass_fields__})
-        for about in (recording.trial for recording in precise_run.recordings)
-        if about["kind"] == "posture"
+        trial.posture
+        for trial in (recording.trial for recording in precise_run.recordings)
+        if isinstance(trial, PostureTrial)
     ]
     moves = list(itertools.pairwise([BodyPosture(), *postures]))
     evidence = candidates.predictor.evidence(lifts, moves)

@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from equipoise import nominal_stance
-from equipoise.experiments.posture import BodyPosture
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.planted_moves import PlantedRows, RestReading, read_move
 from equipoise.precise.predict import Predictor
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.posture import BodyPosture
 
 HOME = BodyPosture(crouch=0.05)
 POSTURES = (

@@ -14,6 +14,7 @@ from equipoise.precise import routine as precise_routine
 from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.plan import make_plan
 from equipoise.precise.routine import PreciseRoutine, PreciseSettings
+from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.terminal.calibration import print_calibration
 
 
@@ -56,7 +57,7 @@ def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, mo
         assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
     assert replanned[0] < 4
     searched = 4
-    assert sum(recording.trial["kind"] == "lift" for recording in recordings) >= searched + 4
+    assert sum(isinstance(recording.trial, LiftTrial) for recording in recordings) >= searched + 4
 
 
 def test_estimating_again_gives_the_same_numbers(a1, precise_run):
@@ -65,7 +66,7 @@ def test_estimating_again_gives_the_same_numbers(a1, precise_run):
 
 
 def test_recordings_of_another_method_are_refused(a1, precise_run):
-    moves = [recording for recording in precise_run.recordings if recording.trial.get("kind") == "posture"]
+    moves = [recording for recording in precise_run.recordings if isinstance(recording.trial, PostureTrial)]
     with pytest.raises(RecordingError, match="no lift trial can be used"):
         estimate(a1, moves)
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from tilting import GRAVITY, lift_samples, pendulum, sides, wandering
 
 from equipoise import nominal_stance
-from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.experiments.posture import feet_in_posture
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.support_planes import centre_shift
@@ -18,6 +18,7 @@ from equipoise.precise.unknowns import by_the_model
 from equipoise.robot.inertial import base_parameters, composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import LEG_NAMES
+from equipoise.robot.posture import BodyPosture
 
 STEP = 0.01
 DIAGONALS = ("FL_RR", "FR_RL")

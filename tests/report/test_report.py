@@ -12,10 +12,20 @@ import numpy as np
 import pytest
 from plotly.offline import get_plotlyjs
 
-from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
+from equipoise import (
+    Calibration,
+    CalibrationSettings,
+    ComSearchSettings,
+    calibrate,
+    load_robot,
+    nominal_stance,
+    simulate,
+)
 from equipoise.errors import OutputError, SettingsError
 from equipoise.experiments.tilt import SupportPlane, tilt_curve
+from equipoise.paper.iterations import tried_offsets
 from equipoise.precise.parameters import COMPONENTS
+from equipoise.recording.trials import LiftTrial
 from equipoise.report.advice import outlook
 from equipoise.report.blocks import short
 from equipoise.report.comparison import comparison_contents
@@ -199,16 +209,15 @@ def test_the_planes_of_the_lifts_pass_near_the_com(precise):
 
 def test_bounds_narrow_to_those_of_the_support_line(paper):
     for diagonal, line in paper.support_lines.items():
-        lifts = [trial for trial in paper.trials if trial.about == diagonal]
-        lower, upper = narrowing(lifts, (-0.06, 0.06))
+        start = ComSearchSettings().bracket(nominal_stance(paper.robot_model))
+        lower, upper = narrowing(tried_offsets(paper, diagonal), start)
         assert np.all(np.diff(lower) >= 0)
         assert np.all(np.diff(upper) <= 0)
-        if lifts[-1].verdict != "balanced":
-            assert (lower[-1], upper[-1]) == (line.lower, line.upper)
+        assert (lower[-1], upper[-1]) == (line.lower, line.upper)
 
 
 def test_a_tilt_curve_ends_where_the_trial_was_judged(paper):
-    lifts = [r for r in paper.evidence.recordings if r.trial["kind"] == "lift" and r.has_phase("lower")]
+    lifts = [r for r in paper.evidence.recordings if isinstance(r.trial, LiftTrial) and r.complete]
     for recording, trial in zip(lifts, (t for t in paper.trials if t.kind == "lift"), strict=True):
         time, angle = tilt_curve(paper.robot_model, recording, trial.about, 40)
         assert len(time) == len(angle) <= 40

@@ -11,12 +11,13 @@ from hypothesis.extra import numpy as hnp
 from robots import load_text, quadruped_urdf
 
 from equipoise.experiments.motion import Motion, Target
-from equipoise.experiments.posture import BodyPosture, feet_in_posture
+from equipoise.experiments.posture import feet_in_posture
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.floor import floor_normal_by_diagonals
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.model import DIAGONALS
+from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import nominal_stance
 from equipoise.robot.statics import foot_forces, static_torques
 from equipoise.simulation.simulation import simulate

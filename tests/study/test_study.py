@@ -17,7 +17,12 @@ from equipoise.study.study import SOURCES, Study, draw
 from equipoise.study.trial import check_study
 
 VARIED = Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5)
-SHOWN = f"import json, sys; sys.path[:0] = {[str(Path(__file__).parents[at]) for at in (0, 1)]}; from equipoise.study.study import Study, draw; from test_study import VARIED, shown; "
+SHOWN = f"""
+import json, sys
+sys.path[:0] = {[str(Path(__file__).parents[above]) for above in (0, 1)]}
+from equipoise.study.study import Study, draw
+from test_study import VARIED, shown
+"""
 
 
 def shown(drawn):

@@ -85,7 +85,7 @@ def test_what_the_precise_method_finds_is_where_its_estimates_end(a1, precise_ru
 
 def test_frames_show_the_trial_its_line_and_its_tilt(viewing, paper_run):
     camera, film = viewing.camera, viewing.film
-    lifts = [trial for trial in film.trials if trial.kind == "lift"]
+    lifts = [trial for trial in film.trials if trial.diagonal is not None]
     first, result = lifts[0], paper_run[1]
     before = camera.frame(first.time - 0.1)
     assert (before.trial, before.tilt, before.support_line, before.complete) == (None, None, None, 0)
@@ -98,10 +98,10 @@ def test_frames_show_the_trial_its_line_and_its_tilt(viewing, paper_run):
         assert frame.complete == trial.number - 1
         if known.verdict != "balanced":  # soft legs let the base turn by up to two degrees by themselves
             assert np.sign(frame.tilt) == {"forward": 1, "backward": -1}[known.verdict] or abs(frame.tilt) < 0.04
-        stands = {"FL_RR": [True, False, False, True], "FR_RL": [False, True, True, False]}[trial.about["diagonal"]]
+        stands = {"FL_RR": [True, False, False, True], "FR_RL": [False, True, True, False]}[trial.diagonal]
         assert frame.standing[stands].all()
         right, left = frame.support_line
-        feet = {"FL_RR": (3, 0), "FR_RL": (1, 2)}[trial.about["diagonal"]]
+        feet = {"FL_RR": (3, 0), "FR_RL": (1, 2)}[trial.diagonal]
         assert np.allclose([right, left], frame.contacts[list(feet)])
         assert np.abs(frame.support_line[:, 2]).max() < 5e-3, "it lies on the floor"
     assert expected_trials(film) >= len(film.trials)
@@ -131,7 +131,7 @@ def test_the_words_say_the_trial_its_tilt_and_the_com(viewing):
     second = film.trials[1]
     frame = camera.frame(film.phase_start("lower", second, 1e6) + STEP)
     text = trial_text(frame, 13, False)
-    assert text.startswith(f"**Trial 2 of about 13: lift FL_RR {1000 * second.about['offset']:+.1f} mm**")
+    assert text.startswith(f"**Trial 2 of about 13: lift FL_RR {1000 * second.what.offset:+.1f} mm**")
     assert "putting the feet down" in text
     assert "tilt about the line **" in text
     assert "after 1 trial; brackets of the offset:" in com_text(frame)
@@ -192,7 +192,7 @@ def test_logs_that_are_not_ours_show_the_trials_that_are_found_in_them(paper_run
     showing = open_log(path, a1, read_log(path, a1))
     with Viewing(showing) as viewing:
         assert viewing.refresh()
-        assert sum(trial.kind == "lift" for trial in viewing.film.trials) >= 4
+        assert sum(trial.diagonal is not None for trial in viewing.film.trials) >= 4
         assert viewing.film.span[1] > 10
         frame = viewing.camera.frame(viewing.film.trials[0].time + 2)
         assert abs(frame.position[2] - viewing.film.stance.base_height) < 0.05

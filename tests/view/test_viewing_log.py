@@ -11,15 +11,16 @@ import pytest
 
 from equipoise import CalibrationSettings, nominal_stance, simulate
 from equipoise.errors import RecordingError
-from equipoise.experiments.posture import BodyPosture
 from equipoise.experiments.stand import stand_up
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
-from equipoise.precise.trials import LiftDesign, PreciseTrials
+from equipoise.precise.lift_design import LiftDesign
+from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log import RunLog
 from equipoise.recording.run_log_reader import read_log
 from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.posture import BodyPosture
 from equipoise.view.base_motion import BaseTracker
 from equipoise.view.even_steps import STEP, EvenSteps
 from equipoise.view.film import Film

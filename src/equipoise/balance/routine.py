@@ -18,6 +18,7 @@ from equipoise.errors import MotionError, SettingsError
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState
 from equipoise.platform.ramp import smooth_step
+from equipoise.recording.phases import Phase
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics_best_effort
 from equipoise.robot.model import DIAGONALS, RobotModel
@@ -162,7 +163,7 @@ class _Trial:
 
     def rest(self, knowledge: SensorKnowledge) -> tuple[Senses, Bearings]:
         """Stand still, and learn where up is and where the feet are."""
-        self._begin("rest")
+        self._begin(Phase.REST)
         states = [self._send(self.home, self.home_torque) for _ in range(self._periods(self.settings.rest_time))]
         senses = Senses(self.robot, knowledge, states, self.platform.control_period)
         return senses, Bearings(self.believed, self.diagonal, senses)
@@ -180,9 +181,9 @@ class _Trial:
     def move_over_line(self, senses: Senses, planted: Posture) -> None:
         """Bring the body over the support line on four feet, then take the load off the two that will be lifted."""
         on_four = static_torques(self.believed, planted.joint_position, LEG_NAMES)
-        self._begin("move")
+        self._begin(Phase.MOVE)
         self._glide(senses.command_for(planted.joint_position), on_four, self.settings.move_time, senses)
-        self._begin("unload")
+        self._begin(Phase.UNLOAD)
         self._glide(self._target, planted.torque, self.settings.unload_time, senses)
 
     def lift_and_balance(
@@ -201,10 +202,10 @@ class _Trial:
         path = _lift_path(postures, self._periods(settings.lift_time))
         law.begin(senses.joint_position - path[0][0], senses.lean)
         lift_off, touched = self._state.time, 0.0
-        self._begin("lift")
+        self._begin(Phase.LIFT)
         for step in range(self._periods(settings.lift_time + settings.duration)):
             if step == len(path):
-                self._begin("balance")
+                self._begin(Phase.BALANCE)
             time = step * period
             position, torque = path[min(step, len(path) - 1)]
             offset = law.update(
@@ -229,14 +230,14 @@ class _Trial:
     def put_feet_back(self, duration: float | None = None) -> None:
         """To four feet from wherever the robot is: the joints go to the stance and stay there."""
         self._state = self.platform.read()
-        self._begin("lower")
+        self._begin(Phase.LOWER)
         self._glide(self.home, self.home_torque, duration or self.settings.lower_time)
         self._glide(self.home, self.home_torque, self.settings.rest_time)
 
     def catch_fall(self) -> None:
         """Drop the body between the feet: all legs are drawn up at once, and the belly is what it lands on."""
         self._state = self.platform.read()
-        self._begin("catch")
+        self._begin(Phase.CATCH)
         feet = foot_positions(self.robot, self.home) + np.array([0.0, 0.0, _CROUCH * self._hip_height])
         self._target = inverse_kinematics_best_effort(self.robot, feet, self.home)
         self._torque = np.zeros_like(self._torque)

@@ -15,11 +15,12 @@ from equipoise.calibration.settings import CalibrationSettings
 from equipoise.conventions import AXES, FloatArray
 from equipoise.errors import ReachError
 from equipoise.experiments.posture import feet_in_posture
-from equipoise.experiments.sway import SwaySettings, extreme_feet, sway_time, why_unreachable
+from equipoise.experiments.sway import SwaySettings, extreme_feet, why_unreachable
 from equipoise.paper.trial_runner import lift_heights, shifted_feet
+from equipoise.precise.lift_design import AMPLITUDES, lift_feet, lift_settings, turned_feet
 from equipoise.precise.plan import Plan, describe
 from equipoise.precise.routine import plan_ahead
-from equipoise.precise.trials import AMPLITUDES, lift_feet, lift_settings, turned_feet
+from equipoise.precise.sway import sway_time
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel

@@ -1,1 +1,1 @@
-"""What we make a robot do: lift trials, the search for the CoM, the sway."""
+"""Motions and parts of trials that all methods use: standing up, planted feet, lifts, sways, and when a lift ends."""

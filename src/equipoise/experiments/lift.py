@@ -1,4 +1,4 @@
-"""One lift trial: stand on a diagonal, lift the other two feet, watch, put them back."""
+"""What all lifts of two diagonal feet have in common: rest before them, when they end, replanted feet after them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import FallError, TrackingError
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.tilt import Tilt, still_means, tilt_of
+from equipoise.experiments.tilt import still_means
 from equipoise.experiments.tipping import Pendulum
 from equipoise.platform.tilt_limit import TiltLimit
-from equipoise.recording.recording import TRIAL, Recording
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 _STEP_RATIO = 0.6  # height of a replanting step over that of a lift
@@ -61,55 +62,6 @@ class LiftSettings:
     max_settling: int = 10
 
 
-@dataclass(frozen=True, eq=False)
-class LiftTrial:
-    """One lift trial and what it showed.
-
-    Attributes:
-        diagonal: that the robot stood on, "FL_RR" or "FR_RL".
-        offset: of the support line from where it is at the nominal stance, along the base's x axis [m].
-        lift_height: commanded [m].
-        recording: all of it, with phases replant, move, settle, rest, unload, lift, watch, lower.
-        tilt: which way the robot tipped.
-    """
-
-    diagonal: str
-    offset: float
-    lift_height: float
-    recording: Recording
-    tilt: Tilt
-
-
-def lift_trial(
-    planted: PlantedRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
-) -> LiftTrial:
-    """Move over the support line, lift the other diagonal's feet, watch, and return to four feet.
-
-    Args:
-        feet_in_base: (4, 3) where all four feet are to be in the base frame, still planted [m].
-
-    Raises:
-        TrackingError: the joints did not come to rest near their targets.
-    """
-    before = _move_over(planted, diagonal, offset, feet_in_base, settings)
-    tipping = tipping_from(planted, before.phase("rest"), diagonal)
-    # The CoM is what is searched: what the model says of it must not end a lift before it shows.
-    plain = tipping.from_rest(2 * settings.tilt_threshold)
-    safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
-    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
-    stance_legs = DIAGONALS[diagonal]
-    lifted = np.array(feet_in_base)
-    lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
-    up = planted.motion().phase("unload").shift_load(stance_legs, settings.unload_time)
-    up.phase("lift").move_feet(lifted, settings.lift_time).phase("watch").hold(settings.watch_time)
-    planted.play(up, limit)
-    down = planted.motion().phase("lower").move_feet(feet_in_base, settings.lower_time)
-    planted.play(down.shift_load(LEG_NAMES, settings.unload_time))
-    recording = planted.finish()
-    tilt = tilt_of(planted.robot, recording, diagonal, settings.tilt_threshold)
-    return LiftTrial(diagonal, offset, settings.height, recording, tilt)
-
-
 def tipping_from(planted: PlantedRobot, still: Recording, diagonal: str) -> Pendulum:
     """How the robot would tip on a diagonal from where it rests.
 
@@ -143,23 +95,8 @@ def tilt_limit(
     )
 
 
-def _move_over(
-    planted: PlantedRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
-) -> Recording:
-    """Replant the feet, move, settle until the joints are near their targets and still, and rest."""
-    motion = planted.motion().event(
-        TRIAL, kind="lift", diagonal=diagonal, offset=offset, lift_height=settings.height,
-        tilt_threshold=settings.tilt_threshold,
-    )  # fmt: skip
-    home = planted.home
-    motion.phase("replant").move_feet(home, planted.move_time(home, motion.target.feet_in_base, settings.move_time))
-    replant(motion, home, diagonal, settings)
-    motion.phase("move").move_feet(feet_in_base, planted.move_time(feet_in_base, home, settings.move_time))
-    return come_to_rest(planted, motion, settings, f"before a lift on {diagonal}")
-
-
 def come_to_rest(
-    planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = "rest"
+    planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = Phase.REST
 ) -> Recording:
     """Play a motion, settle as `settle` does, and rest.
 
@@ -170,7 +107,7 @@ def come_to_rest(
     return Recording.concatenate([settled, rest(planted, settings, rest_phase)])
 
 
-def rest(planted: PlantedRobot, settings: LiftSettings, phase: str = "rest") -> Recording:
+def rest(planted: PlantedRobot, settings: LiftSettings, phase: str = Phase.REST) -> Recording:
     """Do nothing for a while."""
     return planted.play(planted.motion().phase(phase).hold(settings.rest_time))
 
@@ -185,7 +122,7 @@ def settle(planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: 
     Raises:
         TrackingError: the robot did not come to rest near its targets.
     """
-    parts = [planted.play(motion.phase("settle").hold(settings.settle_time))]
+    parts = [planted.play(motion.phase(Phase.SETTLE).hold(settings.settle_time))]
     problem: str | None = None
     for _ in range(settings.max_settling):
         recording = Recording.concatenate(parts)

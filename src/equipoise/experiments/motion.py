@@ -14,7 +14,8 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.ramp import smooth_step
-from equipoise.recording.recording import PHASE, Event
+from equipoise.recording.event import PHASE, TRIAL, Event
+from equipoise.recording.trials import RecordedTrial
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.kinematics import foot_positions, inverse_kinematics
 from equipoise.robot.model import RobotModel
@@ -84,6 +85,10 @@ class Motion:
         """Note an event at the present moment."""
         self._events.append(Event(self.time, name, data))
         return self
+
+    def begin(self, trial: RecordedTrial) -> Motion:
+        """Say what the motion's recording is."""
+        return self.event(TRIAL, **trial.to_data())
 
     def phase(self, name: str) -> Motion:
         """Begin a phase."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.kinematics import Kinematics, feet_under_base, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import static_torques
 
@@ -19,30 +17,6 @@ _SHORTEST_LEG = 0.35
 _LIMIT_MARGIN = 0.03  # [rad]
 _TORQUE_MARGIN = 0.9  # of the effort limit
 _INSIDE = 0.15  # of the stance's half width and length: the CoM of a planted robot stays that far inside its feet
-
-
-@dataclass(frozen=True)
-class BodyPosture:
-    """Where the base is, compared with the nominal stance.
-
-    Attributes:
-        roll, pitch, yaw: of the base; intrinsic z-y'-x'' angles [rad].
-        crouch: by how much the CoM is lower, over the hip height.
-        ahead, aside: of the CoM, forward from over the feet's middle, and to the left of the nominal stance's, over the
-            hip height.
-    """
-
-    roll: float = 0.0
-    pitch: float = 0.0
-    yaw: float = 0.0
-    crouch: float = 0.0
-    ahead: float = 0.0
-    aside: float = 0.0
-
-    @property
-    def rotation(self) -> FloatArray:
-        """(3, 3) of the base."""
-        return np.array(pin.rpy.rpyToMatrix(np.array([self.roll, self.pitch, self.yaw])))
 
 
 def feet_in_posture(

@@ -9,6 +9,7 @@ from equipoise.errors import SettingsError
 from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.platform.platform import Platform
+from equipoise.recording.phases import Phase
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
@@ -65,7 +66,7 @@ def _rise(planted: PlantedRobot, stance: Stance) -> FloatArray:
     robot = planted.robot
     folded, _ = lying_posture(robot, stance)
     swept = float(np.abs(folded - planted.target.joint_position).max())
-    motion = planted.motion().phase("fold").move_joints(folded, max(_SHORTEST, swept / _FOLDING_SPEED))
+    motion = planted.motion().phase(Phase.FOLD).move_joints(folded, max(_SHORTEST, swept / _FOLDING_SPEED))
     planted.play(motion.shift_load(LEG_NAMES, _SHORTEST))
     move_to(planted, stance.feet_in_base)
     return foot_positions(robot, folded)
@@ -75,5 +76,5 @@ def move_to(planted: PlantedRobot, feet_in_base: FloatArray) -> None:
     """Move the feet in the base frame slowly enough for feet that carry the robot."""
     distance = float(np.linalg.norm(feet_in_base - planted.target.feet_in_base, axis=1).max())
     duration = max(_SHORTEST, 2 * distance / (_SPEED_RATIO * planted.robot.leg_length))
-    planted.play(planted.motion().phase("stand").move_feet(feet_in_base, duration).hold(_SHORTEST))
+    planted.play(planted.motion().phase(Phase.STAND).move_feet(feet_in_base, duration).hold(_SHORTEST))
     planted.take()

@@ -13,7 +13,9 @@ import numpy as np
 
 from equipoise.conventions import ACCELERATION_AT_REST, FloatArray
 from equipoise.errors import RecordingError
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import CommandedLift
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
@@ -99,7 +101,7 @@ def still_means(robot: RobotModel, still: Recording) -> Rest:
     )
 
 
-def tilt_of(robot: RobotModel, recording: Recording, diagonal: str, threshold: float) -> Tilt:
+def tilt_of(robot: RobotModel, recording: Recording, trial: CommandedLift) -> Tilt:
     """Which way the robot tipped in a lift trial.
 
     On soft legs the base turns by two degrees when two feet lift, whichever way the robot then tips. So what counts is how
@@ -107,25 +109,25 @@ def tilt_of(robot: RobotModel, recording: Recording, diagonal: str, threshold: f
     gyroscope (less its mean at rest) the attitude.
 
     Args:
+        robot: the robot.
         recording: with phases "rest", "unload" and "lower"; the robot tips in between.
-        diagonal: that the robot stood on.
-        threshold: smallest rotation that counts as a tilt [rad].
+        trial: what was commanded.
     """
     rest = rest_of(robot, recording)
-    lifted = recording.phase("unload", until="lower")
+    lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
     turned = _turned(robot, lifted, rest)
     up = rest.up_in_base - np.cross(turned, rest.up_in_base)
     end = lifted.between(lifted.joints.time[-1] - _LAST, np.inf).joints.position.mean(axis=0)
+    diagonal = trial.diagonal
     before, height = _lean(robot, rest.joint_position, rest.up_in_base, diagonal)
     after, _ = _lean(robot, end, up / np.linalg.norm(up), diagonal)
     about_line = (after - before) / height
     _, normal, _ = line_axes(robot, rest.joint_position, rest.up_in_base, diagonal)
     verdict: Verdict = "balanced"
-    if abs(about_line) >= threshold:
+    if abs(about_line) >= trial.tilt_threshold:
         verdict = "forward" if about_line > 0 else "backward"
     rise = _rise(robot, rest.joint_position, end, rest.up_in_base, diagonal)
-    wanted = float(recording.event("trial").data["lift_height"])
-    return Tilt(about_line, abs(float(turned @ normal)), verdict, rise, rise >= 0.5 * wanted)
+    return Tilt(about_line, abs(float(turned @ normal)), verdict, rise, rise >= 0.5 * trial.lift_height)
 
 
 def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: int) -> tuple[FloatArray, FloatArray]:
@@ -140,7 +142,7 @@ def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: i
         (n,) times since the rest [s], and (n,) rotation of the CoM about l, positive forward [rad].
     """
     rest = rest_of(robot, recording)
-    lifted = recording.phase("unload", until="lower")
+    lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
     imu, joints = lifted.imu, lifted.joints
     turning = (imu.angular_velocity - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
     steps = (turning[1:] + turning[:-1]) / 2 * np.diff(imu.time)[:, None]

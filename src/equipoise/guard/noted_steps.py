@@ -9,6 +9,7 @@ from equipoise.platform.piece_log import MotionLog
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepping import Steps
 from equipoise.recording.event import PHASE, Event
+from equipoise.recording.phases import Phase
 
 
 class NotedSteps:
@@ -39,7 +40,7 @@ class NotedSteps:
         """Log what was noted, as a motion of one phase, `ending`; raises what the log raises, or RecordingError."""
         if self._steps is not None and self._steps.count:
             log.begin(self._steps.count)
-            log.add(self._steps.recording((Event(0.0, PHASE, {"name": "ending"}),)))
+            log.add(self._steps.recording((Event(0.0, PHASE, {"name": Phase.ENDING}),)))
 
     def _note(self, command: JointCommand, act: Callable[[JointCommand], RobotState]) -> RobotState:
         if self._steps is None:

@@ -16,6 +16,7 @@ from equipoise.logs.segments import Segment, find_segments, usable
 from equipoise.precise import method as precise
 from equipoise.precise.screening import screen_log
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -138,7 +139,7 @@ def _not_told(result: Calibration, report: LogReport, settings: CalibrationSetti
     """What the result does not know, causes first."""
     used = [segment for segment in report.segments if segment.used and segment.recording is not None]
     trials = [segment.recording.trial for segment in used if segment.recording is not None]
-    diagonals = {str(trial["diagonal"]) for trial in trials if trial.get("kind") == "lift"}
+    diagonals = {trial.diagonal for trial in trials if isinstance(trial, LiftTrial)}
     said: list[str] = []
     if not diagonals:
         said.append(
@@ -150,7 +151,7 @@ def _not_told(result: Calibration, report: LogReport, settings: CalibrationSetti
             f"All lifts are on {diagonals.pop()}: the centre of mass is known across that line, and along it only as well as "
             "joint torques tell it."
         )
-    if not any(trial.get("kind") == "posture" for trial in trials):
+    if not any(isinstance(trial, PostureTrial) for trial in trials):
         said.append(
             "There is no move over planted feet from rest to rest: a joint's zero cannot be told from an offset of the centre "
             "of mass."

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -22,8 +22,11 @@ from equipoise.logs.rests import Rest, find_rests
 from equipoise.logs.track import Track
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.screening import screen
+from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.gaps import split_at_gaps
-from equipoise.recording.recording import PHASE, TRIAL, Event, Recording
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, StandTrial, SwayTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -103,7 +106,7 @@ def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[Rest]
     if standing * 2 > len(rests):
         return
     upright = [rest for rest in rests if not rest.folded]
-    screen(robot, [_marked(recording, [("rest", rest.start)], rest.start, rest.end) for rest in upright])
+    screen(robot, [_marked(recording, [(Phase.REST, rest.start)], rest.start, rest.end) for rest in upright])
 
 
 class _PieceReader:
@@ -140,7 +143,7 @@ class _PieceReader:
         recording = None
         if index not in self._weighed and self.recording.joints.torque is not None:
             start, end = self._before(index)
-            recording = _marked(self.recording, [("rest", start)], start, end, kind="stand")
+            recording = _marked(self.recording, [(Phase.REST, start)], start, end, trial=StandTrial(found_at=start))
         return Segment(rest.start, rest.end, "rest", "rest on four feet", None, recording)
 
     def _motion(self, index: int, until: float, after: Rest | None) -> list[Segment]:
@@ -175,11 +178,11 @@ class _PieceReader:
             return Segment(rest.end, until, "steps", f"steps, the first on {first.diagonal}", why_not)
         what = f"lift on {first.diagonal}, {first.end - first.start:.2f} s on two feet"
         begin, leaves = self._before(index)
-        phases = [("rest", begin), ("unload", leaves), ("lower", first.end)]
+        phases = [(Phase.REST, begin), (Phase.UNLOAD, leaves), (Phase.LOWER, first.end)]
         landed = min(first.end + _LANDED * scale.time, until)
         whole = self.recording if index not in self._weighed else _without_torques(self.recording)
         self._weighed.add(index)
-        recording = _marked(whole, phases, begin, landed, kind="lift", diagonal=first.diagonal)
+        recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.diagonal, found_at=begin))
         return Segment(rest.end, until, "lift", what, None, recording)
 
     # --- planted feet
@@ -213,9 +216,10 @@ class _PieceReader:
         if slid > _SLID * self.stance.scale.length:
             return Segment(start, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
         (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
-        phases = [("before", begin), ("move", leaves), ("rest", arrives)]
+        phases = [(Phase.BEFORE, begin), (Phase.MOVE, leaves), (Phase.REST, arrives)]
+        trial = PostureTrial(posture=None, found_at=begin)
         self._weighed.add(index + 1)
-        return Segment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, kind="posture"))
+        return Segment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, trial))
 
     def _sway(self, start: float, end: float) -> Segment | None:
         """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
@@ -240,8 +244,9 @@ class _PieceReader:
         return Segment(start, end, "sway", f"motion over planted feet, {end - start:.1f} s", None, recording)
 
     def _swaying(self, start: float, end: float, steady: Oscillation) -> Recording:
-        phases = [("ramp", start), ("sway", steady.start), ("end", steady.end)]
-        return _marked(self.recording, phases, start, end, kind="sway", axis="all", frequencies=steady.frequencies)
+        phases = [(Phase.RAMP, start), (Phase.SWAY, steady.start), (Phase.END, steady.end)]
+        trial = SwayTrial(frequencies=steady.frequencies, found_at=start)
+        return _marked(self.recording, phases, start, end, trial)
 
     def _not_planted(self, rest: Rest, paths: FootPaths, until: float, after: Rest | None) -> list[Segment]:
         """Walking, or sliding; with a sway in it, if the feet stay for long enough somewhere."""
@@ -291,9 +296,14 @@ def _without_torques(recording: Recording) -> Recording:
 
 
 def _marked(
-    recording: Recording, phases: Sequence[tuple[str, float]], start: float, end: float, **trial: Any
+    recording: Recording,
+    phases: Sequence[tuple[str, float]],
+    start: float,
+    end: float,
+    trial: RecordedTrial | None = None,
 ) -> Recording:
     """A part of a recording, with the events that say what it is."""
-    trial["at"] = f"at {start:.1f} s"
-    events = (Event(start, TRIAL, trial), *(Event(time, PHASE, {"name": name}) for name, time in phases))
+    events = [Event(time, PHASE, {"name": name}) for name, time in phases]
+    if trial is not None:
+        events.insert(0, Event(start, TRIAL, trial.to_data()))
     return replace(recording.between(start, end), events=tuple(sorted(events, key=lambda event: event.time)))

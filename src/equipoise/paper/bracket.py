@@ -1,86 +1,98 @@
-"""What a bisection does when it converges to an end of its bracket."""
+"""The bracket of Algorithm 1: a state, a step and when it is done.
+
+The search, the estimate from its recordings, Fig. 3 and the viewer fold this one over the lifts that were tried.
+"""
 
 from __future__ import annotations
 
-from typing import NoReturn
+from dataclasses import dataclass, replace
 
-from equipoise.errors import BracketError, ImuMountingError, ReachError
-from equipoise.experiments.lift import LiftTrial
-from equipoise.paper.trial_runner import TrialRunner, check_offset
+from equipoise.experiments.tilt import SupportPlane, Verdict
+
+_SAME_HEIGHT = 0.999  # heights are products of floats
 
 
-def check_end(
-    runner: TrialRunner,
-    diagonal: str,
-    x_l: float,
-    x_u: float,
-    first_l: float,
-    first_u: float,
-    trials: list[LiftTrial],
-) -> tuple[float, float]:
-    """A search converged to an end of its bracket, which was never tried: try it, and widen once if need be.
+@dataclass(frozen=True, eq=False)
+class TriedOffset:
+    """What one lift of a search showed.
 
-    Args:
-        runner: does the trials.
-        diagonal: that is searched.
-        x_l, x_u: where the search converged [m].
-        first_l, first_u: the bracket that it began with [m].
-        trials: to append to.
-
-    Returns:
-        bounds that hold the balance, equal if the robot stayed balanced there: the old ones, or those of a widened
-        bracket.
-
-    Raises:
-        BracketError: the robot tips the same way at both ends, also after widening once.
-        ImuMountingError: at both ends it tips away from where its CoM must be.
+    Attributes:
+        offset: x_m [m].
+        lift_height: commanded height of the lifted feet [m].
+        verdict: which way the robot tipped.
+        plane: support plane at the nominal stance in the base frame, or None if it is not at hand.
     """
-    at_upper = x_u == first_u
-    end, expected = (x_u, "backward") if at_upper else (x_l, "forward")
-    tilt = runner.tilt_at(diagonal, end, x_l, x_u, trials)
-    if tilt == "balanced":
-        return end, end
-    if tilt == expected:
-        return x_l, x_u
-    width = (first_u - first_l) / 2
-    wider = _reachable_end(runner, end, end + width if at_upper else end - width)
-    if abs(wider - end) > runner.settings.tolerance:
-        tilt = runner.tilt_at(diagonal, wider, min(end, wider), max(end, wider), trials)
-        if tilt == "balanced":
-            return wider, wider
-        if tilt == expected:
-            return min(end, wider), max(end, wider)
-    _refuse_bracket(runner, diagonal, first_l if at_upper else first_u, not at_upper, wider, trials)
+
+    offset: float
+    lift_height: float
+    verdict: Verdict
+    plane: SupportPlane | None = None
 
 
-def _refuse_bracket(
-    runner: TrialRunner, diagonal: str, other_end: float, other_is_upper: bool, wider: float, trials: list[LiftTrial]
-) -> NoReturn:
-    """Say why no support line balances the robot: the CoM is elsewhere, or the IMU tells tilts the wrong way round."""
-    tilt = runner.tilt_at(diagonal, other_end, min(other_end, wider), max(other_end, wider), trials)
-    recordings = tuple(trial.recording for trial in trials)
-    if tilt == ("forward" if other_is_upper else "backward"):
-        raise ImuMountingError(
-            f"on {diagonal} the robot tips away from its centre of mass at both ends of the search: the IMU seems mounted "
-            "turned; give its pose under imu_rpy in a robot description",
-            recordings,
-        )
-    side = "behind" if other_is_upper else "ahead of"
-    raise BracketError(
-        f"on {diagonal} the robot tips the same way at every support line from {min(other_end, wider) * 1000:.0f} mm to "
-        f"{max(other_end, wider) * 1000:.0f} mm: its centre of mass is {side} all of them. Move the payload towards the "
-        "middle, or give wider bounds if the legs reach them",
-        recordings,
-    )
+@dataclass(frozen=True, eq=False)
+class Bracket:
+    """Bounds between which the offset lies at which the robot balances.
+
+    Attributes:
+        lower, upper: x_l and x_u, offsets of the support line [m].
+        tolerance: width at which the search ends [m].
+        highest_lift: height from which on a robot that does not tip counts as balanced [m]; below, it is lifted higher.
+        at_lower, at_upper: the lift tried at each end, tipping forward and backward; None where an end is only assumed.
+            The same lift, if the robot stayed balanced in it.
+        widened: whether an end was moved outward because the robot tipped the wrong way there.
+    """
+
+    lower: float
+    upper: float
+    tolerance: float
+    highest_lift: float
+    at_lower: TriedOffset | None = None
+    at_upper: TriedOffset | None = None
+    widened: bool = False
+
+    @property
+    def middle(self) -> float:
+        """(x_l + x_u) / 2 [m]."""
+        return (self.lower + self.upper) / 2
+
+    @property
+    def width(self) -> float:
+        """x_u - x_l [m]; not positive once an end is refuted."""
+        return self.upper - self.lower
+
+    @property
+    def balanced(self) -> bool:
+        """Whether the robot stayed balanced at an offset."""
+        return self.at_lower is not None and self.at_lower is self.at_upper
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the robot tipped the wrong way at an end: the balance is beyond it."""
+        return self.width <= 0 and not self.balanced
 
 
-def _reachable_end(runner: TrialRunner, near: float, far: float) -> float:
-    """The farthest offset towards `far` that is safe to try."""
-    for fraction in (1.0, 0.75, 0.5, 0.25):
-        candidate = near + fraction * (far - near)
-        try:
-            check_offset(runner.planted.robot, runner.stance, candidate, runner.heights[0])
-        except ReachError:
-            continue
-        return candidate
-    return near
+def step(bracket: Bracket, tried: TriedOffset) -> Bracket:
+    """The bracket after one more lift (Algorithm 1, lines 13 to 16)."""
+    if tried.verdict == "forward":  # line 13: the CoM is ahead of the line
+        return replace(bracket, lower=tried.offset, at_lower=tried)  # line 14
+    if tried.verdict == "backward":
+        return replace(bracket, upper=tried.offset, at_upper=tried)  # line 16
+    if tried.lift_height < _SAME_HEIGHT * bracket.highest_lift:
+        return bracket
+    return replace(bracket, lower=tried.offset, upper=tried.offset, at_lower=tried, at_upper=tried)
+
+
+def done(bracket: Bracket) -> bool:
+    """Whether the search is over (line 1), both its ends having been tried."""
+    tried = bracket.at_lower is not None and bracket.at_upper is not None
+    return bracket.balanced or (tried and 0 < bracket.width <= bracket.tolerance)
+
+
+def next_offset(bracket: Bracket) -> float:
+    """x_m, the offset to try next [m]: the middle (line 2), or an end that is left over or new and was never tried."""
+    if bracket.widened or bracket.width <= bracket.tolerance:
+        if bracket.at_lower is None:
+            return bracket.lower
+        if bracket.at_upper is None:
+            return bracket.upper
+    return bracket.middle

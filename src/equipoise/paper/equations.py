@@ -10,6 +10,7 @@ import numpy as np
 from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.experiments.tilt import SupportPlane
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import Kinematics, feet_and_forces
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
@@ -158,7 +159,7 @@ def fit_axis(
     Raises:
         RecordingError: the recording has no joint torques, or no oscillation.
     """
-    steady = recording.phase("sway")
+    steady = recording.phase(Phase.SWAY)
     index = AXES.index(axis)
     rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
     start = steady.imu.time[0]

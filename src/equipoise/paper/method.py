@@ -4,28 +4,32 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
 from equipoise.calibration.settings import CalibrationSettings
 from equipoise.conventions import AXES, FloatArray
-from equipoise.errors import NotEstimatedError, RecordingError
+from equipoise.errors import RecordingError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
-from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted, why_unreachable
-from equipoise.experiments.tilt import SupportPlane, support_plane_of, tilt_of
+from equipoise.experiments.sway import SwaySettings, why_unreachable
+from equipoise.experiments.tilt import SupportPlane
+from equipoise.paper.bracket import done, step
 from equipoise.paper.com_search import find_com
 from equipoise.paper.equations import AxisFit, between, commanded_plane, find_intersection, fit_axis
+from equipoise.paper.lift_trial import LiftReading, read_lift_trials
+from equipoise.paper.sway import sway_axis, why_not_planted
 from equipoise.paper.trial_runner import (
     ComSearchSettings,
     SearchProgress,
     TrialRunner,
     check_search,
-    lift_heights,
     shifted_feet,
 )
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import LiftTrial, SwayTrial
 from equipoise.result.calibration import (
     BodyEstimate,
     Calibration,
@@ -80,12 +84,12 @@ def estimate(
     Raises:
         RecordingError: they do not hold a complete search on both diagonals.
     """
-    lifts = [lift for recording in recordings if (lift := _read_lift(robot, recording, stance)) is not None]
+    lifts = read_lift_trials(robot, recordings, stance.joint_position)
     lines: dict[str, SupportLine] = {}
     planes: list[SupportPlane] = []
     for diagonal in DIAGONALS:
         line, plane = _support_line(
-            [lift for lift in lifts if lift.trial.about == diagonal], diagonal, stance, settings
+            [lift for lift in lifts if lift.trial.diagonal == diagonal], diagonal, stance, settings
         )
         lines[diagonal] = line
         planes.append(plane)
@@ -101,7 +105,7 @@ def estimate(
         base=BodyEstimate(),
         sways=sways,
         support_lines=lines,
-        trials=(*(lift.trial for lift in lifts), *trials),
+        trials=(*(_trial(lift) for lift in lifts), *trials),
         settings=dataclasses.asdict(settings),
         nominal=nominal,
         warnings=(
@@ -116,8 +120,8 @@ def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[
     """What to say if the joint torques at rest carry another mass than the model's."""
     masses: list[float] = []
     for recording in recordings:
-        if recording.trial.get("kind") == "lift" and recording.has_phase("unload"):
-            rest = recording.phase("rest").joints
+        if isinstance(recording.trial, LiftTrial) and not recording.refused:
+            rest = recording.phase(Phase.REST).joints
             if rest.torque is not None:
                 masses.append(carried_mass(robot, rest.position.mean(axis=0), rest.torque.mean(axis=0)))
     if not masses or abs(float(np.median(masses)) / robot.mass - 1) < _MASS_MISMATCH:
@@ -128,115 +132,33 @@ def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Lift:
-    """A lift trial as its recording tells it."""
-
-    trial: Trial
-    plane: SupportPlane
-
-
-def _read_lift(robot: RobotModel, recording: Recording, stance: Stance) -> _Lift | None:
-    """The lift trial in a recording, or None if it holds none or was interrupted."""
-    about = recording.trial
-    if about.get("kind") != "lift" or not recording.has_phase("lower"):
-        return None
-    diagonal = str(about["diagonal"])
-    tilt = tilt_of(robot, recording, diagonal, float(about["tilt_threshold"]))
-    trial = Trial(
-        "lift", diagonal, float(about["offset"]), float(about["lift_height"]), tilt.about_line, tilt.verdict,
-        recording.duration,
-    )  # fmt: skip
-    return _Lift(trial, support_plane_of(robot, recording, diagonal, stance.joint_position))
-
-
 def _support_line(
-    lifts: list[_Lift], diagonal: str, stance: Stance, settings: CalibrationSettings
+    lifts: list[LiftReading], diagonal: str, stance: Stance, settings: CalibrationSettings
 ) -> tuple[SupportLine, SupportPlane]:
     """Where a diagonal's search ended: between the last trial to tip forward and the last to tip backward."""
-    last = _last_bracket(lifts, settings.com_search, stance)
-    if last is None:
-        tips = [sum(lift.trial.verdict == verdict for lift in lifts) for verdict in ("forward", "backward", "balanced")]
+    bracket = reduce(step, [lift.tried for lift in lifts], settings.com_search.bracket(stance))
+    if not done(bracket):
+        tips = [sum(lift.tilt.verdict == verdict for lift in lifts) for verdict in ("forward", "backward", "balanced")]
         raise RecordingError(
             f"the recordings hold no complete search on {diagonal} with a tolerance of "
             f"{settings.com_search.tolerance * 1000:g} mm: of {len(lifts)} lifts {tips[0]} tip forward, {tips[1]} backward "
             f"and {tips[2]} not; was the run interrupted, is a recording missing?"
         )
-    lower, upper = (lift.trial.offset or 0.0 for lift in last)
-    offset = (lower + upper) / 2
     if settings.feet == "measured":
-        plane = between([lift.plane for lift in last])
+        ends = (bracket.at_lower, bracket.at_upper)
+        plane = between([end.plane for end in ends if end is not None and end.plane is not None])
     else:
-        plane = commanded_plane(shifted_feet(stance, offset), diagonal)
+        plane = commanded_plane(shifted_feet(stance, bracket.middle), diagonal)
     point, normal = (tuple(float(value) for value in vector) for vector in (plane.point, plane.normal))
-    return SupportLine(offset, lower, upper, point, normal), plane  # pyright: ignore[reportArgumentType]
+    return SupportLine(bracket.middle, bracket.lower, bracket.upper, point, normal), plane  # pyright: ignore[reportArgumentType]
 
 
-def com_by_iteration(calibration: Calibration, bounds: tuple[float, float]) -> FloatArray:
-    """(n, 2) the planar CoM [m] as it would have been found after each halving of both brackets (Fig. 3).
-
-    While a bracket's end has not been tried, the plane in its middle is the nearest one tried, shifted along x.
-
-    Args:
-        calibration: by this method, with its evidence.
-        bounds: x_l and x_u that the search began with [m].
-
-    Raises:
-        NotEstimatedError: the calibration came from a JSON file, which holds no planes.
-    """
-    if calibration.evidence is None:
-        raise NotEstimatedError("the support planes are not at hand: open the run folder instead of its JSON file")
-    lifts = [trial for trial in calibration.trials if trial.kind == "lift"]
-    by_diagonal: list[list[SupportPlane]] = []
-    for diagonal in DIAGONALS:
-        tried = [
-            (trial, plane)
-            for trial, plane in zip(lifts, calibration.evidence.trial_planes, strict=True)
-            if trial.about == diagonal
-        ]
-        by_diagonal.append(_planes_by_iteration(tried, bounds))
-    count = max(len(planes) for planes in by_diagonal)
-    height = float(calibration.nominal.composite.com[2])
-    return np.array(
-        [
-            find_intersection([planes[min(index, len(planes) - 1)] for planes in by_diagonal], height)
-            for index in range(count)
-        ]
-    )
-
-
-def _planes_by_iteration(tried: list[tuple[Trial, SupportPlane]], bounds: tuple[float, float]) -> list[SupportPlane]:
-    """The plane in the middle of a diagonal's bracket after each offset tried; the last height at an offset counts."""
-    ends: dict[str, tuple[float, SupportPlane | None]] = {"forward": (bounds[0], None), "backward": (bounds[1], None)}
-    planes: list[SupportPlane] = []
-    for index, (trial, plane) in enumerate(tried):
-        offset = trial.offset or 0.0
-        if index + 1 < len(tried) and tried[index + 1][0].offset == trial.offset:
-            continue
-        if trial.verdict == "balanced":
-            ends = dict.fromkeys(ends, (offset, plane))
-        elif trial.verdict is not None:
-            ends[trial.verdict] = (offset, plane)
-        middle = sum(end for end, _ in ends.values()) / 2
-        both = [end for _, end in ends.values() if end is not None]
-        shifted = SupportPlane(plane.point + [middle - offset, 0.0, 0.0], plane.normal)
-        planes.append(between(both) if len(both) == 2 else shifted)
-    return planes
-
-
-def _last_bracket(lifts: list[_Lift], settings: ComSearchSettings, stance: Stance) -> list[_Lift] | None:
-    """The two trials between which a search ended, or the balanced one twice; None if it did not end."""
-    if not lifts:
-        return None
-    highest = lift_heights(settings.lift(stance))[-1]
-    final = lifts[-1].trial
-    if final.verdict == "balanced":
-        return [lifts[-1], lifts[-1]] if (final.lift_height or 0.0) > 0.999 * highest else None
-    ends = [[lift for lift in lifts if lift.trial.verdict == verdict][-1:] for verdict in ("forward", "backward")]
-    if not all(ends):
-        return None
-    lower, upper = (end[0].trial.offset or 0.0 for end in ends)
-    return [end[0] for end in ends] if 0 < upper - lower <= settings.tolerance else None
+def _trial(lift: LiftReading) -> Trial:
+    trial = lift.trial
+    return Trial(
+        trial.kind, trial.diagonal, trial.offset, trial.lift_height, lift.tilt.about_line, lift.tilt.verdict,
+        lift.recording.duration,
+    )  # fmt: skip
 
 
 def estimate_sways(
@@ -253,8 +175,8 @@ def estimate_sways(
     by_axis = {
         str(axis): recording
         for recording in recordings
-        if recording.trial.get("kind") == "sway" and recording.has_phase("end")
-        for axis in recording.trial.get("frequencies", [recording.trial["axis"]])
+        if isinstance(trial := recording.trial, SwayTrial) and recording.complete
+        for axis in trial.frequencies
     }
     for axis in AXES:
         recording = by_axis.get(axis)
@@ -263,7 +185,7 @@ def estimate_sways(
             note = f"skipped, planted feet do not allow it: {reason}" if reason else "there is no recording of it"
             estimates[axis] = SwayEstimate(None, None, note=note)
             continue
-        trials.append(Trial("sway", axis, None, None, None, None, recording.duration))
+        trials.append(Trial(SwayTrial.kind, axis, None, None, None, None, recording.duration))
         if recording.joints.torque is None:
             estimates[axis] = SwayEstimate(None, None, note="the robot reports no joint torques")
             continue

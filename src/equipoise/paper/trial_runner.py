@@ -9,10 +9,11 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ImuMountingError, MotionError, ReachError, SettingsError
-from equipoise.experiments.lift import LiftSettings, LiftTrial, lift_trial
+from equipoise.experiments.lift import LiftSettings
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.tilt import Verdict
 from equipoise.experiments.tipping import Pendulum
+from equipoise.paper.bracket import Bracket, TriedOffset
+from equipoise.paper.lift_trial import LiftReading, lift_trial, read_lift_trial
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
@@ -73,6 +74,10 @@ class ComSearchSettings:
             )
         return lower, upper
 
+    def bracket(self, stance: Stance) -> Bracket:
+        """What a search on a robot of this size begins with; raises SettingsError as `bounds` does."""
+        return Bracket(*self.bounds(stance), self.tolerance, lift_heights(self.lift(stance))[-1])
+
     def lift(self, stance: Stance) -> LiftSettings:
         """The lift trial for a robot of this size."""
         clock = stance.scale.time
@@ -122,7 +127,7 @@ class TrialRunner:
         self._rung = 0
         self._report = report
 
-    def tilt_at(self, diagonal: str, x_m: float, x_l: float, x_u: float, trials: list[LiftTrial]) -> Verdict:
+    def tilt_at(self, diagonal: str, x_m: float, bracket: Bracket, lifts: list[LiftReading]) -> TriedOffset:
         """Stand on a diagonal whose line is offset by x_m, lift the other feet, and tell which way the robot tips.
 
         Where no tilt is seen the lift is repeated higher, and later trials lift as high as it took to see one. If the
@@ -131,31 +136,32 @@ class TrialRunner:
         Args:
             diagonal: to stand on.
             x_m: offset of the support lines [m].
-            x_l, x_u: the bracket that it lies in, for the progress report [m].
-            trials: to append to.
+            bracket: that it lies in, for the progress report.
+            lifts: to append to.
 
         Raises:
             MotionError: no tilt was seen because the feet hardly left the floor.
         """
         if self._report is not None:
-            left = max(0, int(np.ceil(np.log2(max(1.0, (x_u - x_l) / self.settings.tolerance)))))
-            self._report(SearchProgress(diagonal, x_m, x_l, x_u, len(trials), len(trials) + max(1, left)))
+            left = max(1, int(np.ceil(np.log2(max(1.0, bracket.width / bracket.tolerance)))))
+            self._report(SearchProgress(diagonal, x_m, bracket.lower, bracket.upper, len(lifts), len(lifts) + left))
         r_hat = shifted_feet(self.stance, x_m)  # Algorithm 1, lines 3 and 4
         for rung in range(self._rung, len(self.heights)):
-            lift = replace(self.settings.lift(self.stance), height=self.heights[rung])
-            trials.append(lift_trial(self.planted, diagonal, x_m, r_hat, lift))  # lines 5 to 12
-            _check_direction(trials[-1])
-            if trials[-1].tilt.verdict != "balanced":
+            settings = replace(self.settings.lift(self.stance), height=self.heights[rung])
+            recording = lift_trial(self.planted, diagonal, x_m, r_hat, settings)  # lines 5 to 12
+            lifts.append(read_lift_trial(self.planted.robot, recording, self.stance.joint_position))
+            _check_direction(lifts[-1])
+            if lifts[-1].tilt.verdict != "balanced":
                 self._rung = rung
-                return trials[-1].tilt.verdict
-        tilt = trials[-1].tilt
+                return lifts[-1].tried
+        tilt = lifts[-1].tilt
         if not tilt.lifted:
             raise MotionError(
                 f"no tilt was seen on {diagonal}, but the feet rose by only {tilt.rise * 1000:.1f} mm of the "
-                f"{trials[-1].lift_height * 1000:.1f} mm that they were lifted: are they held, are the gains plausible?",
-                tuple(trial.recording for trial in trials),
+                f"{lifts[-1].trial.lift_height * 1000:.1f} mm that they were lifted: are they held, are the gains plausible?",
+                tuple(lift.recording for lift in lifts),
             )
-        return "balanced"
+        return lifts[-1].tried
 
 
 def check_search(robot: RobotModel, stance: Stance, settings: ComSearchSettings) -> None:
@@ -210,12 +216,12 @@ def shifted_feet(stance: Stance, offset: float) -> FloatArray:
     return stance.feet_in_base + np.array([offset, 0, 0])
 
 
-def _check_direction(trial: LiftTrial) -> None:
+def _check_direction(lift: LiftReading) -> None:
     """A robot on a line can only turn about that line; an IMU that says otherwise is mounted turned."""
-    tilt = trial.tilt
+    tilt = lift.tilt
     if tilt.across_line > 2 * abs(tilt.about_line) and tilt.across_line > 0.04:
         raise ImuMountingError(
-            f"the robot stood on {trial.diagonal} and turned across that line by {np.degrees(tilt.across_line):.1f} deg: "
+            f"the robot stood on {lift.trial.diagonal} and turned across that line by {np.degrees(tilt.across_line):.1f} deg: "
             "the IMU seems mounted turned; give its pose under imu_rpy in a robot description",
-            (trial.recording,),
+            (lift.recording,),
         )

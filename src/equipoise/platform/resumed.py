@@ -15,6 +15,7 @@ from equipoise.platform.platform import Platform, TiltLimit, Trajectory
 from equipoise.platform.ramp import smooth_step
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.event import PHASE, TRIAL, Event
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log_reader import LogContent, Play
 
@@ -102,7 +103,7 @@ class ResumedRobot(PlatformWrapper):
             before = trajectory.torque[:1] if start.torque is None else start.torque
             torque = (1 - share) * before + share * trajectory.torque[:1]
         position = (1 - share) * start.position + share * trajectory.position[:1]
-        return Trajectory(position, torque=torque, events=(Event(0.0, PHASE, {"name": "resume"}),))
+        return Trajectory(position, torque=torque, events=(Event(0.0, PHASE, {"name": Phase.RESUME}),))
 
 
 def _check_commands(content: LogContent, stored: Play, trajectory: Trajectory) -> None:
@@ -121,6 +122,6 @@ def _described(content: LogContent, play: Play) -> str:
     """A play in words."""
     if play.trial is None:
         return "standing up"
-    about = content.recordings[play.trial].trial
-    words = [str(about[key]) for key in ("kind", "diagonal", "axis") if about.get(key)]
-    return f"trial {play.trial + 1} ({' '.join(words) or 'motion'})"
+    trial = content.recordings[play.trial].trial
+    what = "motion" if trial is None else f"{trial.kind} {trial.about}".strip()
+    return f"trial {play.trial + 1} ({what})"

@@ -11,6 +11,7 @@ from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.support_planes import com_by_planes
 from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
+from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import RobotModel
@@ -83,7 +84,7 @@ def _enough(evidence: RunEvidence, posterior: Posterior) -> Check:
     message = f"{used} lifts and {sum(m.used for m in posterior.moves)} planted moves are used"
     if left_out:
         message += f"; {len(left_out)} motions could not be read: {'; '.join(reasons)}"
-    lifts = used + sum(motion.about.get("kind") == "lift" for motion in left_out)
+    lifts = used + sum(isinstance(motion.trial, LiftTrial) for motion in left_out)
     return Check("evidence", used >= max(_FEWEST_LIFTS, 0.7 * lifts), message)
 
 
@@ -129,8 +130,10 @@ def _converged(posterior: Posterior) -> Check:
 def _misfits(evidence: RunEvidence, misfits: tuple[Misfit, ...], kind: str) -> str:
     chi = np.array([misfit.chi for misfit in misfits])
     worst = misfits[int(np.argmax(chi))]
-    about = {key: value for key, value in evidence.motions[worst.motion].about.items() if key in ("diagonal", "turn")}
-    words = ", ".join(str(value) for value in about.values() if value)
+    trial = evidence.motions[worst.motion].trial
+    words = trial.diagonal if isinstance(trial, LiftTrial) else ""
+    if isinstance(trial, DesignedLift) and trial.turn is not None:
+        words += f", {trial.turn}"
     message = (
         f"{kind}s fit with {np.median(chi):.1f} times their noise (median); worst: motion {worst.motion}"
         f"{f' ({words})' if words else ''} with {worst.chi:.1f}"
@@ -144,7 +147,8 @@ def _no_motion_outweighs(evidence: RunEvidence, posterior: Posterior) -> Check:
     _, sds = _shifts_without(posterior, [[motion] for motion in motions])
     row, component = np.unravel_index(int(np.argmax(np.abs(sds))), sds.shape)
     largest, culprit = float(abs(sds[row, component])), motions[int(row)]
-    kind = evidence.motions[culprit].about.get("kind", "motion")
+    trial = evidence.motions[culprit].trial
+    kind = "motion" if trial is None else trial.kind
     message = (
         f"without {kind} {culprit} {COMPONENTS[component]} would move by {largest:.1f} times what chance explains, more "
         "than without any other motion"

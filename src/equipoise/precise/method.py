@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from equipoise.calibration.settings import CalibrationSettings
 from equipoise.conventions import FloatArray
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.posture import BodyPosture
 from equipoise.experiments.progress import Progress
 from equipoise.paper.method import estimate_sways
 from equipoise.precise.checks import judge
@@ -23,6 +22,14 @@ from equipoise.precise.routine import PreciseRoutine, plan_ahead
 from equipoise.precise.screening import screen
 from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import (
+    CommandedLift,
+    DesignedLift,
+    LiftTrial,
+    PostureTrial,
+    RecordedTrial,
+    SwayTrial,
+)
 from equipoise.result.calibration import (
     BodyEstimate,
     Calibration,
@@ -135,18 +142,31 @@ def _uncertainty(body: InertialParameters, covariance: FloatArray, prior: FloatA
 def _trial(motion: MotionReading, posterior: Posterior) -> Trial:
     misfits = {misfit.motion: misfit for misfit in (*posterior.lifts, *posterior.moves)}
     misfit = misfits.get(motion.index)
-    about: Mapping[str, object] = motion.about
-    kind = str(about.get("kind", "motion"))
-    place = {name: about[name] for name in BodyPosture.__dataclass_fields__ if name in about} or about.get("posture")
-    what = describe(BodyPosture(**place)) if isinstance(place, dict) else str(about.get("axis", ""))  # pyright: ignore
-    words = [str(about[key]) for key in ("diagonal", "turn", "at") if about.get(key)]
+    trial = motion.trial
     note = motion.left_out
     if misfit is not None and not misfit.used:
         note = "left out: it does not fit the others"
     return Trial(
-        kind, ", ".join([*words, what] if what else words), None, about.get("lift_height") if kind == "lift" else None,  # pyright: ignore
+        "motion" if trial is None else trial.kind, _about(trial), None,
+        trial.lift_height if isinstance(trial, CommandedLift) else None,
         None, None, motion.duration, None if misfit is None else misfit.chi, note,
     )  # fmt: skip
+
+
+def _about(trial: RecordedTrial | None) -> str:
+    """What a trial is about, in words."""
+    if trial is None:
+        return ""
+    words = [trial.diagonal] if isinstance(trial, LiftTrial) else []
+    if isinstance(trial, DesignedLift) and trial.turn is not None:
+        words.append(trial.turn)
+    if trial.found_at is not None:
+        words.append(f"at {trial.found_at:.1f} s")
+    if isinstance(trial, DesignedLift | PostureTrial) and trial.posture is not None:
+        words.append(describe(trial.posture))
+    if isinstance(trial, SwayTrial):
+        words.append(trial.about)
+    return ", ".join(words)
 
 
 def _explained(sway: SwayEstimate) -> SwayEstimate:

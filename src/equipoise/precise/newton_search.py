@@ -7,18 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from equipoise.errors import MotionError, ReachError
-from equipoise.experiments.posture import BodyPosture
-from equipoise.experiments.tilt import support_plane_of
+from equipoise.errors import ReachError
 from equipoise.paper.com_search import find_support_vector
 from equipoise.paper.trial_runner import ComSearchSettings, TrialRunner
+from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.measurements.support_planes import CentreShift, centre_shift
 from equipoise.precise.safe_lift import doubt_after_a_lift
-from equipoise.precise.trials import LiftDesign, PreciseTrials
+from equipoise.precise.trials import PreciseTrials
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters
 from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.posture import BodyPosture
 from equipoise.robot.statics import carried_mass
 
 _MOST_LIFTS = 4  # per diagonal
@@ -69,7 +70,7 @@ def _follow(trials: PreciseTrials, model: RobotModel, recording: Recording, shif
 
 
 def _carried(model: RobotModel, recording: Recording) -> float:
-    rest = recording.phase("rest").joints
+    rest = recording.phase(Phase.REST).joints
     if rest.torque is None:
         return model.mass
     mass = carried_mass(model, rest.position.mean(axis=0), rest.torque.mean(axis=0))
@@ -92,9 +93,7 @@ def _bisect(trials: PreciseTrials, diagonal: str) -> None:
     runner = TrialRunner(trials.planted, trials.stance, settings)
     lower, upper = settings.bounds(trials.stance)
     vector = find_support_vector(runner, diagonal, upper, lower)
-    if not vector.trials:
-        raise MotionError(f"the search on {diagonal} found nothing")
-    plane = support_plane_of(trials.planted.robot, vector.trials[-1].recording, diagonal, trials.stance.joint_position)
+    plane = vector.lifts[-1].plane
     distance = plane.distance_to(trials.com)
     horizontal = plane.normal * [1, 1, 0]
     trials.com = trials.com - distance * horizontal / float(horizontal @ horizontal)

@@ -12,12 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture, stance_line
-from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
-from equipoise.precise.measurements.lift_samples import LiftSamples, attitudes
-from equipoise.precise.measurements.planted_moves import PlantedMove, RestReading
-from equipoise.precise.measurements.smoothing import fit_spline
-from equipoise.precise.trials import (
+from equipoise.experiments.posture import check_posture, feet_in_posture, stance_line
+from equipoise.precise.lift_design import (
     LiftDesign,
     Times,
     lift_feet,
@@ -26,9 +22,14 @@ from equipoise.precise.trials import (
     turn_angle,
     turned_feet,
 )
+from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
+from equipoise.precise.measurements.lift_samples import LiftSamples, attitudes
+from equipoise.precise.measurements.planted_moves import PlantedMove, RestReading
+from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_jacobians, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
 _RATE = 500.0  # [Hz]
@@ -134,8 +135,8 @@ class Predictor:
     def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> RunEvidence:
         """All of them as evidence; motions are numbered lifts first."""
         motions = [
-            MotionReading(index, {}, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)
+            MotionReading(index, None, self.lift(design), None, (), None, 0.0) for index, design in enumerate(lifts)
         ]
         for index, (before, after) in enumerate(moves, start=len(lifts)):
-            motions.append(MotionReading(index, {}, None, self.move(before, after), (), None, 0.0))
+            motions.append(MotionReading(index, None, None, self.move(before, after), (), None, 0.0))
         return RunEvidence(tuple(motions))

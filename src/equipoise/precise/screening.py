@@ -21,6 +21,7 @@ from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.recording.gaps import split_at_gaps
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -57,7 +58,7 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
             that are swapped, torques that carry no such robot.
         ImuMountingError: the IMU is mounted turned.
     """
-    rests = [recording.phase("rest") for recording in recordings if recording.has_phase("rest")]
+    rests = [recording.phase(Phase.REST) for recording in recordings if recording.has_phase(Phase.REST)]
     if not rests:
         return
     position = np.array([rest.joints.position.mean(axis=0) for rest in rests])
@@ -173,10 +174,12 @@ def _check_velocity(recordings: Sequence[Recording]) -> None:
 
 def _check_gyroscope(recordings: Sequence[Recording]) -> None:
     """From rest to rest, the accelerometer's up must turn as the gyroscope says."""
-    moves = [recording for recording in recordings if recording.has_phase("before") and recording.has_phase("rest")]
+    moves = [
+        recording for recording in recordings if recording.has_phase(Phase.BEFORE) and recording.has_phase(Phase.REST)
+    ]
     if not moves:
         return
-    rests = [(move.phase("before").imu, move.phase("rest").imu) for move in moves]
+    rests = [(move.phase(Phase.BEFORE).imu, move.phase(Phase.REST).imu) for move in moves]
     bias = np.median([after.angular_velocity.mean(axis=0) for _, after in rests], axis=0)
 
     def disagreement(factor: FloatArray) -> float:

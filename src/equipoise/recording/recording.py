@@ -7,7 +7,7 @@ that a recording is the same on disk and in memory.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.recording.clock import LONGEST, rounded
 from equipoise.recording.event import BROKEN, PHASE, TRIAL, Event
+from equipoise.recording.trials import RecordedTrial, read_trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,12 +142,33 @@ class Recording:
         raise RecordingError(f"the recording has no event {name!r}; it has {sorted({e.name for e in self.events})}")
 
     @property
-    def trial(self) -> Mapping[str, Any]:
-        """What the recording says that it is: kind, and what belongs to the kind; empty if it does not say."""
+    def trial(self) -> RecordedTrial | None:
+        """The trial that the recording says it is; None if it does not say, or a kind that is not ours.
+
+        Raises:
+            RecordingError: what it says is damaged.
+        """
         for event in self.events:
             if event.name == TRIAL:
-                return event.data
-        return {}
+                return read_trial(event.data)
+        return None
+
+    @property
+    def complete(self) -> bool:
+        """Whether its trial has shown what it is for; what was interrupted later than that counts."""
+        trial = self.trial
+        return trial is not None and self.has_phase(trial.complete_with)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether its trial was begun, feet lifted, say, and did not become complete."""
+        trial = self.trial
+        return trial is not None and self.has_phase(trial.starts_with) and not self.complete
+
+    @property
+    def refused(self) -> bool:
+        """Whether its trial was never begun: out of reach, or not safe."""
+        return self.trial is not None and not self.complete and not self.interrupted
 
     def has_phase(self, name: str) -> bool:
         """Whether a phase of that name began."""

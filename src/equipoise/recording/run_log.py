@@ -25,6 +25,7 @@ import numpy as np
 
 from equipoise.errors import OutputError
 from equipoise.recording.clock import nanoseconds
+from equipoise.recording.event import TRIAL
 from equipoise.recording.mcap_writer import Batch, McapWriter, Topic
 from equipoise.recording.messages import (
     DEFINITIONS,
@@ -103,7 +104,7 @@ class RunLog:
             self.add(recording)
             plays = [self._number]
         time = recording.joints.time[[0, -1]] if recording.joints.time.size else np.zeros(2)
-        about = {"start": time[0], "end": time[1], "broken": recording.broken, "about": dict(recording.trial)}
+        about = {"start": time[0], "end": time[1], "broken": recording.broken, "about": _told(recording)}
         end = int(nanoseconds(time)[1])
         self.file.write([_entries(end, [{"entry": "kept", "plays": plays, **about}])])
         self._open = []
@@ -148,6 +149,14 @@ def save_recording(recording: Recording, path: Path) -> None:
     except OutputError:
         partial.unlink(missing_ok=True)
         raise
+
+
+def _told(recording: Recording) -> dict[str, Any]:
+    """The data of a recording's trial event, as they are; empty if it has none."""
+    for event in recording.events:
+        if event.name == TRIAL:
+            return dict(event.data)
+    return {}
 
 
 def _piece_entry(piece: Recording) -> dict[str, Any]:

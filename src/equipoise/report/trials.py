@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import accumulate
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
 from equipoise.experiments.tilt import tilt_curve
-from equipoise.paper.method import com_by_iteration
+from equipoise.paper.bracket import Bracket, TriedOffset, step
+from equipoise.paper.iterations import com_by_iteration, tried_offsets
 from equipoise.paper.trial_runner import ComSearchSettings
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial
 from equipoise.report.blocks import SERIES, Block, axes, figure, line, short, table
 from equipoise.report.numbers import tell
 from equipoise.result.calibration import Calibration, Trial
@@ -30,30 +33,35 @@ def tilt_figures(result: Calibration) -> Block | None:
     if evidence is None or robot is None:
         return None
     lifts = [
-        recording for recording in evidence.recordings
-        if recording.trial.get("kind") == "lift" and recording.has_phase("lower")
-    ]  # fmt: skip
+        (trial, recording)
+        for recording in evidence.recordings
+        if isinstance(trial := recording.trial, LiftTrial) and recording.complete
+    ]
     told = [trial for trial in result.trials if trial.kind == "lift" and trial.verdict is not None]
     verdicts = [trial.verdict for trial in told] if len(told) == len(lifts) else [None] * len(lifts)
-    figures = [_tilts(robot, diagonal, list(zip(lifts, verdicts, strict=True))) for diagonal in DIAGONALS]
+    figures = [
+        _tilts(robot, diagonal, [(*lift, verdict) for lift, verdict in zip(lifts, verdicts, strict=True)])
+        for diagonal in DIAGONALS
+    ]
     there = [one for one in figures if one is not None]
     return {"type": "figures", "figures": there} if there else None
 
 
-def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[Recording, str | None]]) -> Block | None:
+def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[LiftTrial, Recording, str | None]]) -> Block | None:
     data: list[Block] = []
-    for number, (lift, verdict) in enumerate(lifts, start=1):
-        if lift.trial["diagonal"] != diagonal:
+    for number, (trial, recording, verdict) in enumerate(lifts, start=1):
+        if trial.diagonal != diagonal:
             continue
-        kind = verdict or str(lift.trial.get("turn") or "passive")
+        turn = trial.turn if isinstance(trial, DesignedLift) else None
+        kind = verdict or turn or "passive"
         kinds = _VERDICTS if kind in _VERDICTS else _TURNS
         try:
-            time, angle = tilt_curve(robot, lift, diagonal, _POINTS)
+            time, angle = tilt_curve(robot, recording, diagonal, _POINTS)
         except EquipoiseError:  # what could not be read is in the table, with its reason
             continue
         first = not any(trace["legendgroup"] == kind for trace in data)
-        offset = lift.trial.get("offset")
-        where = "" if verdict is None or offset is None else f", offset {1000 * offset:+.1f} mm"
+        offset = trial.offset if isinstance(trial, CommandedLift) and verdict is not None else None
+        where = "" if offset is None else f", offset {1000 * offset:+.1f} mm"
         hover = f"lift {number}, {kind}{where}: %{{y:.2f}} deg<extra></extra>"
         group = {"legendgroup": kind, "showlegend": first, "hovertemplate": hover}
         style = {"width": 1.4}
@@ -70,11 +78,11 @@ def bracket_figure(result: Calibration) -> Block | None:
     """How the bounds of both searches closed in; method `paper`."""
     if not result.support_lines or result.robot_model is None:
         return None
-    bounds = _bounds(result, result.robot_model)
+    start = _first_bracket(result, result.robot_model)
     data: list[Block] = []
     for series, diagonal in enumerate(DIAGONALS):
-        lifts = [trial for trial in result.trials if trial.kind == "lift" and trial.about == diagonal]
-        lower, upper = narrowing(lifts, bounds)
+        lifts = tried_offsets(result, diagonal)
+        lower, upper = narrowing(lifts, start)
         number = list(range(len(lower)))
         style = {"shape": "hv"}
         data.append(line(number, 1000 * lower, diagonal, series, line=style, legendgroup=diagonal, showlegend=False))
@@ -82,10 +90,10 @@ def bracket_figure(result: Calibration) -> Block | None:
                          fillcolor=f"{SERIES[series]}-faint"))  # fmt: skip
         data.append({
             "type": "scatter", "mode": "markers", "name": f"tried {diagonal}", "legendgroup": diagonal,
-            "x": [index + 1 for index in range(len(lifts))], "y": short(1000 * (lift.offset or 0.0) for lift in lifts),
-            "marker": {"symbol": [_SYMBOLS[lift.verdict or "balanced"] for lift in lifts], "size": 10,
+            "x": [index + 1 for index in range(len(lifts))], "y": short(1000 * lift.offset for lift in lifts),
+            "marker": {"symbol": [_SYMBOLS[lift.verdict] for lift in lifts], "size": 10,
                        "color": SERIES[series]},
-            "text": [lift.verdict or "" for lift in lifts], "hovertemplate": "lift %{x}: %{y:.1f} mm, %{text}<extra></extra>",
+            "text": [lift.verdict for lift in lifts], "hovertemplate": "lift %{x}: %{y:.1f} mm, %{text}<extra></extra>",
         })  # fmt: skip
     caption = (
         "Offsets of the support line that were tried, and the bounds left after each lift. Triangles point up where the robot "
@@ -96,32 +104,21 @@ def bracket_figure(result: Calibration) -> Block | None:
     )
 
 
-def _bounds(result: Calibration, robot: RobotModel) -> tuple[float, float]:
-    return ComSearchSettings(**result.settings["com_search"]).bounds(nominal_stance(robot))
+def _first_bracket(result: Calibration, robot: RobotModel) -> Bracket:
+    return ComSearchSettings(**result.settings["com_search"]).bracket(nominal_stance(robot))
 
 
-def narrowing(lifts: list[Trial], bounds: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """(n + 1,) lower and upper bound before the first lift and after each [m] (Algorithm 1, lines 6 to 12)."""
-    path = [bounds]
-    for lift in lifts:
-        lower, upper = path[-1]
-        offset = lift.offset or 0.0
-        path.append(
-            (offset, upper)
-            if lift.verdict == "forward"
-            else (lower, offset)
-            if lift.verdict == "backward"
-            else (lower, upper)
-        )
-    lower, upper = np.array(path).T
-    return lower, upper
+def narrowing(lifts: Sequence[TriedOffset], start: Bracket) -> tuple[FloatArray, FloatArray]:
+    """(n + 1,) lower and upper bound before the first lift and after each [m]."""
+    brackets = list(accumulate(lifts, step, initial=start))
+    return np.array([bracket.lower for bracket in brackets]), np.array([bracket.upper for bracket in brackets])
 
 
 def error_figure(result: Calibration) -> Block | None:
     """Fig. 3: planar CoM error against the number of halvings; method `paper`, in simulation."""
     if not result.support_lines or result.truth is None or result.evidence is None or result.robot_model is None:
         return None
-    found = com_by_iteration(result, _bounds(result, result.robot_model)) - result.truth.composite.com[:2]
+    found = com_by_iteration(result, _first_bracket(result, result.robot_model)) - result.truth.composite.com[:2]
     error = 1000 * np.hypot(*found.T)
     data = [line(range(1, len(error) + 1), error, "error", 0, mode="lines+markers")]
     layout = axes("halvings of both brackets", "planar error [mm]")

@@ -12,7 +12,9 @@ from equipoise.errors import RecordingError
 from equipoise.experiments.lift import LiftSettings, come_to_rest
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
-from equipoise.recording.recording import TRIAL, Recording
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import StandTrial
 from equipoise.result.calibration import BodyEstimate, Calibration, Trial, model_facts
 from equipoise.robot.inertial import composite_parameters, nominal_inertia
 from equipoise.robot.kinematics import foot_forces_from_torques, foot_positions
@@ -34,7 +36,7 @@ def run(
     del settings, recordings
     if report is not None:
         report(Progress("standing still", 0, 1))
-    motion = planted.motion().event(TRIAL, kind="stand").phase("move")
+    motion = planted.motion().begin(StandTrial()).phase(Phase.MOVE)
     come_to_rest(
         planted, motion.move_feet(stance.feet_in_base, 0.2), LiftSettings(height=0.0, rest_time=_REST_TIME), "standing"
     )
@@ -49,10 +51,10 @@ def estimate(
     Raises:
         RecordingError: no recording of a robot that stands still, or no joint torques in it.
     """
-    standing = [r for r in recordings if r.trial.get("kind") == "stand" and r.has_phase("rest")]
+    standing = [r for r in recordings if isinstance(r.trial, StandTrial) and r.complete]
     if not standing:
         raise RecordingError("the recordings hold no robot that stands still")
-    rest = standing[-1].phase("rest").joints
+    rest = standing[-1].phase(Phase.REST).joints
     if rest.torque is None:
         raise RecordingError("the recording has no joint torques, which the method 'static' needs")
     position, torque = rest.position.mean(axis=0), rest.torque.mean(axis=0)
@@ -70,7 +72,7 @@ def estimate(
         base=BodyEstimate(),
         sways={},
         support_lines={},
-        trials=tuple(Trial("stand", "four feet", None, None, None, None, r.duration) for r in standing),
+        trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in standing),
         settings=dataclasses.asdict(settings),
         nominal=nominal_inertia(robot, stance.joint_position),
     )

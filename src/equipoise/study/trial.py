@@ -19,7 +19,7 @@ from equipoise.calibration.run_folder import RunFolder
 from equipoise.calibration.settings import Method
 from equipoise.conventions import AXES
 from equipoise.errors import EquipoiseError
-from equipoise.paper.method import com_by_iteration
+from equipoise.paper.iterations import com_by_iteration
 from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
@@ -169,7 +169,7 @@ def _estimates(result: Calibration, drawn: Draw, settings: CalibrationSettings) 
     row |= dict(zip([f"estimated_{name}" for name in COMPONENTS], values, strict=True))
     row |= dict(zip([f"deviation_{name}" for name in COMPONENTS], deviations, strict=True))
     if result.method == "paper":
-        path = com_by_iteration(result, settings.com_search.bounds(drawn.stance))
+        path = com_by_iteration(result, settings.com_search.bracket(drawn.stance))
         row |= {"iteration_x": path[:, 0].tolist(), "iteration_y": path[:, 1].tolist()}
     row["estimation_time"] = sum(result.timings.values()) or None
     row["lifts"] = sum(trial.kind == "lift" for trial in result.trials)

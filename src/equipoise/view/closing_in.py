@@ -9,6 +9,7 @@ import itertools
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import TypeVar
 
 import numpy as np
@@ -16,9 +17,11 @@ import numpy as np
 from equipoise.calibration.settings import CalibrationSettings
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
-from equipoise.experiments.tilt import SupportPlane, support_plane_of, tilt_of
+from equipoise.experiments.tilt import SupportPlane
+from equipoise.paper.bracket import Bracket, step
 from equipoise.paper.equations import between, commanded_plane, find_intersection
-from equipoise.paper.trial_runner import lift_heights, shifted_feet
+from equipoise.paper.lift_trial import holds_lift_trial, read_lift_trial
+from equipoise.paper.trial_runner import shifted_feet
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.support_planes import centre_shift
 from equipoise.precise.posterior import estimate_posterior
@@ -28,7 +31,6 @@ from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
 
-Bracket = tuple[float, float]
 Answer = TypeVar("Answer")
 
 
@@ -67,7 +69,7 @@ class ComEstimate:
     com: FloatArray
     half: FloatArray
     covariance: FloatArray | None
-    brackets: dict[str, Bracket]
+    brackets: dict[str, tuple[float, float]]
 
 
 class _Precise:
@@ -82,10 +84,11 @@ class _Precise:
     def planes(self) -> list[LiftPlane]:
         """With everything else by the model."""
         com = composite_parameters(self._robot, self._stance.joint_position).com
-        shifts = [(motion, centre_shift(self._robot, motion.lift)) for motion in self._motions if motion.lift]
+        lifts = [(motion.index, motion.lift) for motion in self._motions if motion.lift]
+        shifts = [(index, lift.diagonal, centre_shift(self._robot, lift)) for index, lift in lifts]
         return [
-            LiftPlane(motion.index, str(motion.about["diagonal"]), com + shift.distance * shift.normal, shift.normal)
-            for motion, shift in shifts
+            LiftPlane(index, diagonal, com + shift.distance * shift.normal, shift.normal)
+            for index, diagonal, shift in shifts
         ]
 
     def estimate(self, trials: int) -> ComEstimate:
@@ -99,20 +102,6 @@ class _Precise:
         return ComEstimate(trials, posterior.robot_body.com, NORMAL_95 * np.sqrt(np.diag(covariance)), covariance, {})
 
 
-@dataclass(frozen=True, eq=False)
-class _Lift:
-    """A complete lift of a bisection."""
-
-    index: int
-    recording: Recording
-    plane: SupportPlane
-    verdict: str
-
-    @property
-    def diagonal(self) -> str:
-        return str(self.recording.trial["diagonal"])
-
-
 class _Paper:
     """The paper's reading of trials: which side of the support line the CoM is on."""
 
@@ -120,53 +109,44 @@ class _Paper:
         self, robot: RobotModel, stance: Stance, settings: CalibrationSettings, recordings: Sequence[Recording]
     ) -> None:
         self._robot, self._stance, self._settings = robot, stance, settings.com_search
-        self._lifts = [
-            _Lift(index, recording, *self._read(recording))
+        self._lifts = {
+            index: read_lift_trial(robot, recording, stance.joint_position)
             for index, recording in enumerate(recordings)
-            if recording.trial.get("kind") == "lift" and recording.has_phase("lower")
-        ]
+            if holds_lift_trial(recording)
+        }
 
     def planes(self) -> list[LiftPlane]:
         """As the robot's own sensors place them."""
         return [
-            LiftPlane(lift.index, lift.diagonal, lift.plane.point, lift.plane.normal, lift.verdict)
-            for lift in self._lifts
+            LiftPlane(index, lift.trial.diagonal, lift.plane.point, lift.plane.normal, lift.tilt.verdict)
+            for index, lift in self._lifts.items()
         ]
 
     def estimate(self, trials: int) -> ComEstimate:
         """The crossing of the brackets' middles, and how far the crossings of their ends are from it."""
-        ends = self._brackets([lift for lift in self._lifts if lift.index < trials])
+        brackets = {diagonal: self._bracket(diagonal, trials) for diagonal in DIAGONALS}
         height = float(composite_parameters(self._robot, self._stance.joint_position).com[2])
-        planes = [[plane for _, plane in of_diagonal.values()] for of_diagonal in ends.values()]
+        planes = [self._end_planes(diagonal, bracket) for diagonal, bracket in brackets.items()]
         com = find_intersection([between(pair) for pair in planes], height)
         corners = [find_intersection(corner, height) for corner in itertools.product(*planes)]
         half = np.abs(np.array(corners) - com).max(axis=0)
-        brackets = {name: (pair["forward"][0], pair["backward"][0]) for name, pair in ends.items()}
-        return ComEstimate(trials, np.append(com, height), np.append(half, np.nan), None, brackets)
+        bounds = {diagonal: (bracket.lower, bracket.upper) for diagonal, bracket in brackets.items()}
+        return ComEstimate(trials, np.append(com, height), np.append(half, np.nan), None, bounds)
 
-    def _read(self, recording: Recording) -> tuple[SupportPlane, str]:
-        about, robot = recording.trial, self._robot
-        plane = support_plane_of(robot, recording, str(about["diagonal"]), self._stance.joint_position)
-        return plane, tilt_of(robot, recording, str(about["diagonal"]), float(about["tilt_threshold"])).verdict
+    def _bracket(self, diagonal: str, trials: int) -> Bracket:
+        """After the first trials."""
+        lifts = [lift for index, lift in self._lifts.items() if index < trials and lift.trial.diagonal == diagonal]
+        return reduce(step, [lift.tried for lift in lifts], self._settings.bracket(self._stance))
 
-    def _brackets(self, lifts: Sequence[_Lift]) -> dict[str, dict[str, tuple[float, SupportPlane]]]:
-        """Offset and plane of the last lift to tip either way, by diagonal; before there is one, where the search begins."""
-        feet, bounds = self._stance, self._settings.bounds(self._stance)
-        ends = {
-            diagonal: {
-                verdict: (offset, commanded_plane(shifted_feet(feet, offset), diagonal))
-                for verdict, offset in zip(("forward", "backward"), bounds, strict=True)
-            }
-            for diagonal in DIAGONALS
-        }
-        highest = lift_heights(self._settings.lift(self._stance))[-1]
-        for lift in lifts:
-            end = float(lift.recording.trial["offset"]), lift.plane
-            if lift.verdict != "balanced":
-                ends[lift.diagonal][lift.verdict] = end
-            elif float(lift.recording.trial["lift_height"]) > 0.999 * highest:  # else it is tried again, higher
-                ends[lift.diagonal] = dict.fromkeys(ends[lift.diagonal], end)
-        return ends
+    def _end_planes(self, diagonal: str, bracket: Bracket) -> list[SupportPlane]:
+        """The planes at both ends; as commanded where an end has not been tried."""
+        ends = ((bracket.lower, bracket.at_lower), (bracket.upper, bracket.at_upper))
+        return [
+            commanded_plane(shifted_feet(self._stance, offset), diagonal)
+            if tried is None or tried.plane is None
+            else tried.plane
+            for offset, tried in ends
+        ]
 
 
 class ClosingIn:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from equipoise.calibration.settings import CalibrationSettings
 from equipoise.conventions import FloatArray
 from equipoise.recording.event import PHASE, TRIAL
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial, RecordedTrial, read_trial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.view.base_motion import BaseMotion, BaseTracker
@@ -25,27 +25,29 @@ class TrialMark:
     Attributes:
         number: from one on.
         time: [s].
-        about: what it is, as it was noted: kind, and what belongs to the kind.
+        what: what it is; None if it is of a kind that is not ours.
     """
 
     number: int
     time: float
-    about: Mapping[str, Any]
+    what: RecordedTrial | None
 
     @property
-    def kind(self) -> str:
-        """lift, posture, sway or stand."""
-        return str(self.about.get("kind", "motion"))
+    def diagonal(self) -> str | None:
+        """That a lift is on; None of other trials."""
+        return self.what.diagonal if isinstance(self.what, LiftTrial) else None
 
     @property
     def title(self) -> str:
         """In few words."""
-        words = [str(self.about[key]) for key in ("diagonal", "axis", "turn") if self.about.get(key)]
-        if self.kind == "lift" and self.about.get("turn", "") is None:
-            words.append("passive")
-        if self.about.get("offset"):
-            words.append(f"{1000 * float(self.about['offset']):+.1f} mm")
-        return " ".join([self.kind, *words])
+        if self.what is None:
+            return "motion"
+        words = [self.what.kind, self.what.about]
+        if isinstance(self.what, DesignedLift):
+            words.append(self.what.turn or "passive")
+        elif isinstance(self.what, CommandedLift) and self.what.offset:
+            words.append(f"{1000 * self.what.offset:+.1f} mm")
+        return " ".join(filter(None, words))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +108,7 @@ class Film:
         for piece in pieces:
             for event in piece.events:
                 if event.name == TRIAL:
-                    self.trials.append(TrialMark(len(self.trials) + 1, event.time, event.data))
+                    self.trials.append(TrialMark(len(self.trials) + 1, event.time, read_trial(event.data)))
                 elif event.name == PHASE:
                     self.phases.append((event.time, str(event.data.get("name"))))
             steps = self._even.take(piece)

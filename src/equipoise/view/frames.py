@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.plan import Durations
+from equipoise.recording.phases import Phase
 from equipoise.result.calibration import SPATIAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import Kinematics
@@ -105,8 +106,8 @@ class Camera:
 
         The base's rotation since the rest, about the line's direction: what ends a lift when it is plain.
         """
-        start = self.film.phase_start("unload", trial, until)
-        if trial.kind != "lift" or start is None:
+        start = self.film.phase_start(Phase.UNLOAD, trial, until)
+        if trial.diagonal is None or start is None:
             return None
         moments = self.film.moments
         first, last = self._index(start), self._index(until) + 1
@@ -172,7 +173,7 @@ def expected_trials(film: Film) -> int | None:
 
 
 def _support_line(trial: TrialMark | None, contacts: FloatArray) -> FloatArray | None:
-    if trial is None or trial.kind != "lift" or trial.about.get("diagonal") not in DIAGONALS:
+    if trial is None or trial.diagonal is None:
         return None
-    left, right = sorted(DIAGONALS[str(trial.about["diagonal"])], key=lambda leg: leg[1])
+    left, right = sorted(DIAGONALS[trial.diagonal], key=lambda leg: leg[1])
     return contacts[[LEG_NAMES.index(right), LEG_NAMES.index(left)]]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from equipoise.recording.phases import Phase
 from equipoise.view.closing_in import ComEstimate
 from equipoise.view.frames import Frame
 
 _PHASES = {
-    "stand": "standing up", "move": "moving over the line", "settle": "coming to rest", "rest": "at rest",
-    "unload": "unloading two feet", "lift": "lifting two feet", "watch": "on two feet: which way does it tip?",
-    "lower": "putting the feet down", "replant": "replanting the feet", "ready": "taking the posture",
-    "before": "at rest", "ramp": "beginning to sway", "sway": "swaying", "end": "coming to rest",
+    Phase.STAND: "standing up", Phase.MOVE: "moving over the line", Phase.SETTLE: "coming to rest", Phase.REST: "at rest",
+    Phase.UNLOAD: "unloading two feet", Phase.LIFT: "lifting two feet", Phase.WATCH: "on two feet: which way does it tip?",
+    Phase.LOWER: "putting the feet down", Phase.REPLANT: "replanting the feet", Phase.READY: "taking the posture",
+    Phase.BEFORE: "at rest", Phase.RAMP: "beginning to sway", Phase.SWAY: "swaying", Phase.END: "coming to rest",
 }  # fmt: skip
 
 
@@ -25,7 +26,7 @@ def trial_text(frame: Frame, expected: int | None, over: bool) -> str:
     trial = frame.trial
     if trial is None:
         return f"**{_phase(frame)}**"
-    if frame.phase == "stand":  # the way home is no trial's
+    if frame.phase == Phase.STAND:  # the way home is no trial's
         return f"**{trial.number} trials are done**"
     of = "" if expected is None else f" of {expected}" if over else f" of about {max(expected, trial.number)}"
     lines = [f"**Trial {trial.number}{of}: {trial.title}**", "", f"{_phase(frame)}"]

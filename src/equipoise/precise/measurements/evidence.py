@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,9 @@ from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples, read_lift
 from equipoise.precise.measurements.planted_moves import PlantedMove, read_move
 from equipoise.precise.measurements.torque_balance import TorqueSamples
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, SwayTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -26,14 +27,14 @@ class MotionReading:
 
     Attributes:
         index: of the recording.
-        about: its trial event's data.
+        trial: what it is; None if it does not say.
         lift, move, torque: what it holds; None if it holds none.
         left_out: why a lift could not be read, or None.
         duration: [s].
     """
 
     index: int
-    about: Mapping[str, Any]
+    trial: RecordedTrial | None
     lift: LiftSamples | None
     move: PlantedMove | None
     torques: tuple[TorqueSamples, ...]
@@ -58,13 +59,13 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
     Raises:
         RecordingError: nothing in them can be used.
     """
-    rested = [recording for recording in recordings if recording.has_phase("rest")]
+    rested = [recording for recording in recordings if recording.has_phase(Phase.REST)]
     if not rested:
         raise RecordingError(
             "the recordings hold no rest before a lift or after a move; are they of the precise method?"
         )
     # The median over rests: one in which the robot still swayed does not count.
-    bias = np.median([recording.phase("rest").imu.angular_velocity.mean(axis=0) for recording in rested], axis=0)
+    bias = np.median([recording.phase(Phase.REST).imu.angular_velocity.mean(axis=0) for recording in rested], axis=0)
     legs = LegChains(robot)
     return RunEvidence(
         tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))
@@ -75,32 +76,28 @@ def _read(
     robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray
 ) -> MotionReading:
     alive()
-    about = recording.trial
+    trial = recording.trial
     lift: LiftSamples | None = None
     move: PlantedMove | None = None
     torques: list[TorqueSamples] = []
     left_out: str | None = None
     try:
-        if recording.has_phase("rest") and (rest := TorqueSamples.of_rest(recording.phase("rest"))) is not None:
+        if recording.has_phase(Phase.REST) and (rest := TorqueSamples.of_rest(recording.phase(Phase.REST))) is not None:
             torques.append(rest)
-        if about.get("kind") == "lift":
-            if recording.has_phase("lower"):
-                read = read_lift(robot, legs, recording, stance, gyro_bias)
-                lift, left_out = (None, read) if isinstance(read, str) else (read, None)
-            else:
-                left_out = (
-                    "interrupted"
-                    if recording.has_phase("unload")
-                    else "not lifted: out of reach, or the robot could have tipped over"
-                )
-        elif about.get("kind") == "posture" and recording.has_phase("rest"):
-            moving = recording.phase("move", until="rest")
-            move = read_move(robot, legs, recording.phase("before"), moving, recording.phase("rest"), gyro_bias)
+        if isinstance(trial, LiftTrial) and recording.complete:
+            read = read_lift(robot, legs, recording, trial.diagonal, stance, gyro_bias)
+            lift, left_out = (None, read) if isinstance(read, str) else (read, None)
+        elif isinstance(trial, LiftTrial):
+            refused = "not lifted: out of reach, or the robot could have tipped over"
+            left_out = refused if recording.refused else "interrupted"
+        elif isinstance(trial, PostureTrial) and recording.complete:
+            moving = recording.phase(Phase.MOVE, until=Phase.REST)
+            move = read_move(robot, legs, recording.phase(Phase.BEFORE), moving, recording.phase(Phase.REST), gyro_bias)
             samples = TorqueSamples.of_motion(moving, gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
-        elif about.get("kind") == "sway" and recording.has_phase("end"):
-            samples = TorqueSamples.of_motion(recording.phase("sway"), gyro_bias, stance.scale.time)
+        elif isinstance(trial, SwayTrial) and recording.complete:
+            samples = TorqueSamples.of_motion(recording.phase(Phase.SWAY), gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
     except RecordingError as error:
         left_out = str(error)
-    return MotionReading(index, about, lift, move, tuple(torques), left_out, recording.duration)
+    return MotionReading(index, trial, lift, move, tuple(torques), left_out, recording.duration)

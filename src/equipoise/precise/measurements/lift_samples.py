@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
@@ -72,19 +73,21 @@ class LiftSamples:
 
 
 def read_lift(
-    robot: RobotModel, legs: LegChains, recording: Recording, stance: Stance, gyro_bias: FloatArray
+    robot: RobotModel, legs: LegChains, recording: Recording, diagonal: str, stance: Stance, gyro_bias: FloatArray
 ) -> LiftSamples | str:
     """The time on two feet of a lift trial, or why there is none.
 
     Args:
-        recording: recording with phases "rest", "unload" and "lower".
-        stance: nominal stance.
-        gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
+        robot: the robot.
+        legs: its leg chains.
+        recording: with phases "rest", "unload" and "lower".
+        diagonal: that the robot stood on.
+        stance: nominal.
+        gyro_bias: (3,) in the IMU frame [rad/s].
     """
     clock = stance.scale.time
-    diagonal = str(recording.event("trial").data["diagonal"])
-    rest = recording.phase("rest")
-    moving = recording.phase("rest", until="lower")
+    rest = recording.phase(Phase.REST)
+    moving = recording.phase(Phase.REST, until=Phase.LOWER)
     imu, joints = moving.imu, moving.joints
     rest_acceleration = rest.imu.acceleration.mean(axis=0)
     gyro = imu.angular_velocity - gyro_bias

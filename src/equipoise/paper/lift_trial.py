@@ -1,0 +1,117 @@
+"""One lift trial of a search, and what its recording says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, tilt_limit, tipping_from
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.tilt import SupportPlane, Tilt, support_plane_of, tilt_of
+from equipoise.paper.bracket import TriedOffset
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import CommandedLift
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+
+
+def lift_trial(
+    planted: PlantedRobot, diagonal: str, offset: float, feet_in_base: FloatArray, settings: LiftSettings
+) -> Recording:
+    """Move over the support line, lift the other diagonal's feet, watch, and return to four feet.
+
+    Phases: replant, move, settle, rest, unload, lift, watch, lower.
+
+    Args:
+        planted: the robot.
+        diagonal: to stand on.
+        offset: of the support line from where it is at the nominal stance, along the base's x axis [m].
+        feet_in_base: (4, 3) where all four feet are to be in the base frame, still planted [m].
+        settings: height, times and limits.
+
+    Raises:
+        TrackingError: the joints did not come to rest near their targets.
+    """
+    trial = CommandedLift(
+        diagonal=diagonal, offset=offset, lift_height=settings.height, tilt_threshold=settings.tilt_threshold
+    )
+    before = _move_over(planted, trial, feet_in_base, settings)
+    tipping = tipping_from(planted, before.phase(Phase.REST), diagonal)
+    # The CoM is what is searched: what the model says of it must not end a lift before it shows.
+    plain = tipping.from_rest(2 * settings.tilt_threshold)
+    safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
+    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
+    stance_legs = DIAGONALS[diagonal]
+    lifted = np.array(feet_in_base)
+    lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
+    up = planted.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
+    up.phase(Phase.LIFT).move_feet(lifted, settings.lift_time).phase(Phase.WATCH).hold(settings.watch_time)
+    planted.play(up, limit)
+    down = planted.motion().phase(Phase.LOWER).move_feet(feet_in_base, settings.lower_time)
+    planted.play(down.shift_load(LEG_NAMES, settings.unload_time))
+    return planted.finish()
+
+
+def _move_over(
+    planted: PlantedRobot, trial: CommandedLift, feet_in_base: FloatArray, settings: LiftSettings
+) -> Recording:
+    """Replant the feet, move, settle until the joints are near their targets and still, and rest."""
+    motion, home = planted.motion().begin(trial), planted.home
+    motion.phase(Phase.REPLANT).move_feet(home, planted.move_time(home, motion.target.feet_in_base, settings.move_time))
+    replant(motion, home, trial.diagonal, settings)
+    motion.phase(Phase.MOVE).move_feet(feet_in_base, planted.move_time(feet_in_base, home, settings.move_time))
+    return come_to_rest(planted, motion, settings, f"before a lift on {trial.diagonal}")
+
+
+@dataclass(frozen=True, eq=False)
+class LiftReading:
+    """What the recording of a lift trial says.
+
+    Attributes:
+        trial: what was commanded.
+        recording: all of it.
+        tilt: which way the robot tipped.
+        plane: support plane at the nominal stance in the base frame.
+    """
+
+    trial: CommandedLift
+    recording: Recording
+    tilt: Tilt
+    plane: SupportPlane
+
+    @property
+    def tried(self) -> TriedOffset:
+        """What it means for the bracket."""
+        return TriedOffset(self.trial.offset, self.trial.lift_height, self.tilt.verdict, self.plane)
+
+
+def read_lift_trial(robot: RobotModel, recording: Recording, stance: FloatArray) -> LiftReading:
+    """Read a complete lift trial.
+
+    Args:
+        robot: the robot.
+        recording: of the trial.
+        stance: (nj,) joint positions of the nominal stance [rad].
+
+    Raises:
+        RecordingError: it holds no complete lift trial that we commanded.
+    """
+    trial = recording.trial
+    if not isinstance(trial, CommandedLift) or not recording.complete:
+        raise RecordingError("the recording holds no complete lift trial; was it interrupted?")
+    plane = support_plane_of(robot, recording, trial.diagonal, stance)
+    return LiftReading(trial, recording, tilt_of(robot, recording, trial), plane)
+
+
+def read_lift_trials(robot: RobotModel, recordings: Sequence[Recording], stance: FloatArray) -> list[LiftReading]:
+    """Read the recordings that hold a complete lift trial, in order; arguments as of `read_lift_trial`."""
+    return [read_lift_trial(robot, recording, stance) for recording in recordings if holds_lift_trial(recording)]
+
+
+def holds_lift_trial(recording: Recording) -> bool:
+    """Whether a recording holds a complete lift trial that we commanded."""
+    return isinstance(recording.trial, CommandedLift) and recording.complete

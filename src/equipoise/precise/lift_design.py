@@ -1,0 +1,141 @@
+"""Lifts as the precise method designs them: where the line is, how high and how long, how the body turns meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.conventions import Axis, FloatArray
+from equipoise.errors import ReachError
+from equipoise.experiments.lift import LiftSettings
+from equipoise.experiments.posture import check_posture, feet_in_posture
+from equipoise.experiments.tipping import Pendulum
+from equipoise.paper.trial_runner import ComSearchSettings
+from equipoise.precise.safe_lift import found_doubt, safe_stop
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.posture import BodyPosture
+from equipoise.robot.stance import Stance
+
+# On an A1; lengths scale with the stance's size, times with its clock.
+_LIFT = 0.024  # [m]
+_OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
+_TILT_LIMIT = 0.06  # [rad]
+_STILL = 0.004  # [rad/s]; a base that sways by 6 mrad/s makes the accelerometer's up wander by a milliradian
+_TURN_TIME = 1 / 3  # [s] of one turn of the body and back
+AMPLITUDES: dict[Axis, float] = {"roll": 0.10, "pitch": 0.05, "yaw": 0.06}
+"""Of the body's rotation on two feet [rad]; more makes the feet flicker."""
+_AXES: dict[Axis, FloatArray] = {"roll": np.eye(3)[0], "pitch": np.eye(3)[1], "yaw": np.eye(3)[2]}
+
+
+@dataclass(frozen=True)
+class LiftDesign:
+    """One lift trial of the precise method.
+
+    Attributes:
+        posture: of the base.
+        diagonal: to stand on.
+        side: on which side of the CoM the line is: 1 ahead, -1 behind, 0 under it.
+        turn: rotation of the body about its own CoM while on two feet, or None.
+    """
+
+    posture: BodyPosture
+    diagonal: str
+    side: int
+    turn: Axis | None = None
+
+
+@dataclass(frozen=True)
+class Times:
+    """How long the parts of a trial take on a robot of a certain size [s]."""
+
+    settle: float
+    move: float
+    watch: float
+    turn: float
+
+    @classmethod
+    def of(cls, stance: Stance) -> Times:
+        """For a robot of a stance's size."""
+        clock = stance.scale.time
+        return cls(settle=0.12 * clock, move=0.3 * clock, watch=0.35 * clock, turn=_TURN_TIME * clock)
+
+
+def lift_settings(stance: Stance) -> LiftSettings:
+    """Heights and times of the precise method's lifts."""
+    times, clock = Times.of(stance), stance.scale.time
+    return replace(
+        ComSearchSettings().lift(stance),
+        height=_LIFT * stance.scale.length,
+        settle_time=times.settle,
+        rest_time=0.3 * clock,
+        unload_time=0.12 * clock,
+        lift_time=0.12 * clock,
+        lower_time=0.15 * clock,
+        step_time=0.07 * clock,
+        tilt_limit=_TILT_LIMIT,
+        stop_delay=0.04 * clock,
+        rate_time=0.016 * clock,
+        still_speed=_STILL,
+        max_settling=25,
+    )
+
+
+def offset_of(stance: Stance, side: int) -> float:
+    """Distance of the line from the CoM [m]."""
+    return side * _OFFSET * stance.scale.length
+
+
+def lift_feet(
+    stance: Stance, com: FloatArray, design: LiftDesign, height: float, drift: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """(4, 3) planted and lifted feet in the base frame [m].
+
+    Args:
+        drift: how far ahead of where it is sent the CoM comes to be [m].
+    """
+    feet = feet_in_posture(stance, com, design.posture, design.diagonal, offset_of(stance, design.side) + drift)
+    lifted = feet.copy()
+    in_air = [leg not in DIAGONALS[design.diagonal] for leg in LEG_NAMES]
+    lifted[in_air] += height * design.posture.rotation[2]
+    return feet, lifted
+
+
+def turned_feet(feet: FloatArray, com: FloatArray, turn: Axis | None, angle: float) -> FloatArray:
+    """Feet in the base frame of a body that turned about its CoM over them."""
+    if turn is None:
+        return feet
+    return (feet - com) @ np.array(pin.exp3(_AXES[turn] * angle)) + com
+
+
+def turn_angle(turn: Axis, duration: float, control_period: float) -> FloatArray:
+    """(n,) the angle at each control period: once to and fro, starting and ending at rest [rad]."""
+    phase = np.arange(1, round(duration / control_period) + 1) / round(duration / control_period)
+    return AMPLITUDES[turn] * np.sin(2 * np.pi * phase) * np.sin(np.pi * phase)
+
+
+def check_lift(
+    robot: RobotModel, stance: Stance, com: FloatArray, design: LiftDesign, doubt: FloatArray | None = None
+) -> None:
+    """Refuse a lift that is out of reach, too weak or not safe, before anything moves.
+
+    Args:
+        doubt: (3, 3) of the CoM [m2]; default `found_doubt`.
+
+    Raises:
+        ReachError: says what is wrong.
+    """
+    settings = lift_settings(stance)
+    feet, lifted = lift_feet(stance, com, design, settings.height)
+    position = check_posture(robot, stance, feet)
+    for angle in (0.0,) if design.turn is None else (AMPLITUDES[design.turn], -AMPLITUDES[design.turn]):
+        check_posture(robot, stance, turned_feet(lifted, com, design.turn, angle), DIAGONALS[design.diagonal])
+    height = float(com @ design.posture.rotation[2] - (feet @ design.posture.rotation[2]).mean())
+    half_width = float(np.abs(stance.feet_in_base[:, 1]).mean())
+    if settings.height > half_width or height <= 0:
+        raise ReachError(
+            f"a lift of {settings.height * 1000:.0f} mm is too high for feet {half_width * 2000:.0f} mm apart"
+        )
+    tipping = Pendulum.of(robot, position, design.posture.rotation[2], design.diagonal)
+    safe_stop(tipping, settings, stance, found_doubt(stance) if doubt is None else doubt)

@@ -1,0 +1,36 @@
+"""Names of the phases of our motions, as recordings hold them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+
+class Phase:
+    """What a robot is doing from one moment to the next; a recording's phase events bear these names."""
+
+    # up and down
+    FOLD: Final = "fold"
+    STAND: Final = "stand"
+    RESUME: Final = "resume"
+    ENDING: Final = "ending"
+    # over planted feet
+    READY: Final = "ready"
+    REPLANT: Final = "replant"
+    BEFORE: Final = "before"
+    """The rest before a move whose other end is `REST`."""
+    MOVE: Final = "move"
+    SETTLE: Final = "settle"
+    REST: Final = "rest"
+    # a lift
+    UNLOAD: Final = "unload"
+    LIFT: Final = "lift"
+    WATCH: Final = "watch"
+    LOWER: Final = "lower"
+    # balancing
+    BALANCE: Final = "balance"
+    CATCH: Final = "catch"
+    # a sway
+    RAMP: Final = "ramp"
+    SWAY: Final = "sway"
+    """The steady part."""
+    END: Final = "end"

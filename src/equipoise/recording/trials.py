@@ -1,0 +1,217 @@
+"""Trials: what a recording says that it is.
+
+A trial is written into a recording as the data of one event, `{"kind": "lift", "diagonal": "FL_RR", ...}`, and read from it by
+`Recording.trial`. How far it came is said by the phases in its recording: `Recording.complete`, `interrupted`, `refused`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from equipoise.conventions import AXES, Axis
+from equipoise.errors import RecordingError
+from equipoise.recording.phases import Phase
+from equipoise.robot.model import DIAGONALS
+from equipoise.robot.posture import BodyPosture
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedTrial:
+    """What all trials have.
+
+    Attributes:
+        kind: "lift", "posture", "sway" or "stand".
+        starts_with: phase with which the robot does what the trial is for; before it, it may be refused.
+        complete_with: phase that begins once the trial has shown what it is for.
+        found_at: time in a log in which the trial was found, None if we commanded it [s].
+    """
+
+    kind: ClassVar[str]
+    starts_with: ClassVar[str]
+    complete_with: ClassVar[str]
+    found_at: float | None = None
+
+    @property
+    def about(self) -> str:
+        """The diagonal or the axis; empty if there is none."""
+        return ""
+
+    def to_data(self) -> dict[str, Any]:
+        """JSON values for an event."""
+        found = {} if self.found_at is None else {"found_at": self.found_at}
+        return {"kind": self.kind, **self._own_data(), **found}
+
+    def _own_data(self) -> dict[str, Any]:
+        return {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiftTrial(RecordedTrial):
+    """Two diagonal feet are lifted; of a lift found in a log no more is known.
+
+    Attributes:
+        diagonal: that the robot stands on, "FL_RR" or "FR_RL".
+    """
+
+    kind: ClassVar[str] = "lift"
+    starts_with: ClassVar[str] = Phase.UNLOAD
+    complete_with: ClassVar[str] = Phase.LOWER
+    diagonal: str
+
+    def __post_init__(self) -> None:
+        if self.diagonal not in DIAGONALS:
+            raise ValueError(f"no diagonal is called {self.diagonal!r}")
+
+    @property
+    def about(self) -> str:
+        return self.diagonal
+
+    def _own_data(self) -> dict[str, Any]:
+        return {"diagonal": self.diagonal}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandedLift(LiftTrial):
+    """A lift that we commanded.
+
+    Attributes:
+        offset: of the support line from where it is at the nominal stance, along the base's x axis [m].
+        lift_height: commanded height of the lifted feet [m].
+        tilt_threshold: smallest rotation that counts as a tilt [rad].
+    """
+
+    offset: float
+    lift_height: float
+    tilt_threshold: float
+
+    def _own_data(self) -> dict[str, Any]:
+        return {
+            **super()._own_data(), "offset": self.offset, "lift_height": self.lift_height,
+            "tilt_threshold": self.tilt_threshold,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignedLift(CommandedLift):
+    """A lift of the precise method: in a posture, on a side of the CoM, perhaps with a turn of the body.
+
+    Attributes:
+        posture: of the base.
+        side: on which side of the CoM the line is: 1 ahead, -1 behind, 0 under it.
+        turn: rotation of the body about its own CoM while on two feet, or None.
+    """
+
+    posture: BodyPosture
+    side: int
+    turn: Axis | None = None
+
+    def _own_data(self) -> dict[str, Any]:
+        return {**super()._own_data(), "posture": vars(self.posture), "side": self.side, "turn": self.turn}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PostureTrial(RecordedTrial):
+    """A move over planted feet, from rest to rest.
+
+    Attributes:
+        posture: of the base at its end; None if it was found in a log.
+    """
+
+    kind: ClassVar[str] = "posture"
+    starts_with: ClassVar[str] = Phase.MOVE
+    complete_with: ClassVar[str] = Phase.REST
+    posture: BodyPosture | None
+
+    def _own_data(self) -> dict[str, Any]:
+        return {} if self.posture is None else vars(self.posture)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwayTrial(RecordedTrial):
+    """The base oscillates over planted feet.
+
+    Attributes:
+        frequencies: by the axes about which it does [Hz].
+        amplitude: commanded rotation about a single axis [rad]; None: about all axes at once, or found in a log.
+    """
+
+    kind: ClassVar[str] = "sway"
+    starts_with: ClassVar[str] = Phase.RAMP
+    complete_with: ClassVar[str] = Phase.END
+    frequencies: Mapping[Axis, float] = field(default_factory=dict[Axis, float])
+    amplitude: float | None = None
+
+    @property
+    def about(self) -> str:
+        return "all" if self.amplitude is None else next(iter(self.frequencies))
+
+    def _own_data(self) -> dict[str, Any]:
+        if self.amplitude is None:
+            return {"axis": self.about, "frequencies": dict(self.frequencies)}
+        (frequency,) = self.frequencies.values()
+        return {"axis": self.about, "amplitude": self.amplitude, "frequency": frequency}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandTrial(RecordedTrial):
+    """The robot stands still on four feet."""
+
+    kind: ClassVar[str] = "stand"
+    starts_with: ClassVar[str] = Phase.MOVE
+    complete_with: ClassVar[str] = Phase.REST
+
+
+def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
+    """A trial from the data of its event; None if it is of a kind that is not ours.
+
+    Raises:
+        RecordingError: what belongs to the kind is missing, or no such value.
+    """
+    try:
+        found_at = None if data.get("found_at") is None else float(data["found_at"])
+        match data.get("kind"):
+            case LiftTrial.kind:
+                return _read_lift(data, found_at)
+            case PostureTrial.kind:
+                names = [name for name in BodyPosture.__dataclass_fields__ if name in data]
+                posture = BodyPosture(**{name: float(data[name]) for name in names}) if names else None
+                return PostureTrial(posture=posture, found_at=found_at)
+            case SwayTrial.kind:
+                return _read_sway(data, found_at)
+            case StandTrial.kind:
+                return StandTrial(found_at=found_at)
+            case _:
+                return None
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise RecordingError(
+            f"the recording's trial {dict(data)} is damaged: {type(error).__name__}: {error}; leave the recording out"
+        ) from error
+
+
+def _read_lift(data: Mapping[str, Any], found_at: float | None) -> LiftTrial:
+    diagonal = str(data["diagonal"])
+    if "offset" not in data:
+        return LiftTrial(diagonal=diagonal, found_at=found_at)
+    commanded: dict[str, Any] = {name: float(data[name]) for name in ("offset", "lift_height", "tilt_threshold")}
+    if "posture" not in data:
+        return CommandedLift(diagonal=diagonal, found_at=found_at, **commanded)
+    posture = BodyPosture(**{name: float(value) for name, value in data["posture"].items()})
+    turn = data["turn"]
+    if turn not in (None, *AXES):
+        raise ValueError(f"no turn is called {turn!r}")
+    return DesignedLift(
+        diagonal=diagonal, found_at=found_at, posture=posture, side=int(data["side"]), turn=turn, **commanded
+    )
+
+
+def _read_sway(data: Mapping[str, Any], found_at: float | None) -> SwayTrial:
+    if "frequencies" in data:
+        swayed, amplitude = dict(data["frequencies"]), None
+    else:
+        swayed, amplitude = {data["axis"]: data["frequency"]}, float(data["amplitude"])
+    frequencies: dict[Axis, float] = {axis: float(swayed[axis]) for axis in AXES if axis in swayed}
+    if len(frequencies) < len(swayed):
+        raise ValueError(f"no axes are called {', '.join(swayed)}")
+    return SwayTrial(frequencies=frequencies, amplitude=amplitude, found_at=found_at)

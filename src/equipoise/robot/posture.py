@@ -1,0 +1,34 @@
+"""Where the base of a standing robot is, compared with its nominal stance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.conventions import FloatArray
+
+
+@dataclass(frozen=True)
+class BodyPosture:
+    """Where the base is, compared with the nominal stance.
+
+    Attributes:
+        roll, pitch, yaw: of the base; intrinsic z-y'-x'' angles [rad].
+        crouch: by how much the CoM is lower, over the hip height.
+        ahead, aside: of the CoM, forward from over the feet's middle, and to the left of the nominal stance's, over the
+            hip height.
+    """
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+    crouch: float = 0.0
+    ahead: float = 0.0
+    aside: float = 0.0
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) of the base."""
+        return np.array(pin.rpy.rpyToMatrix(np.array([self.roll, self.pitch, self.yaw])))

@@ -1,0 +1,160 @@
+"""Trials: written into events and read from them, in the form that run folders hold; how far a trial came."""
+
+import pytest
+
+from equipoise.errors import RecordingError
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import PHASE, TRIAL, Event, ImuStream, JointStream, Recording
+from equipoise.recording.trials import (
+    CommandedLift,
+    DesignedLift,
+    LiftTrial,
+    PostureTrial,
+    StandTrial,
+    SwayTrial,
+    read_trial,
+)
+from equipoise.robot.posture import BodyPosture
+
+# Events and phases of runs recorded in November 2026, before trials were records, as their recording.mcap holds them.
+LEANING = {"roll": 0.22, "pitch": -0.22, "yaw": 0.0, "crouch": 0.12, "ahead": 0.0, "aside": 0.0}
+OLD_RUNS = {
+    "paper lift": (
+        {"kind": "lift", "diagonal": "FL_RR", "offset": -0.03, "lift_height": 0.016, "tilt_threshold": 0.01},
+        "replant move settle rest unload lift watch lower",
+        CommandedLift(diagonal="FL_RR", offset=-0.03, lift_height=0.016, tilt_threshold=0.01),
+    ),
+    "precise lift": (
+        {
+            "kind": "lift", "diagonal": "FR_RL", "side": 1, "turn": "yaw", "posture": LEANING, "offset": 0.0,
+            "lift_height": 0.0246, "tilt_threshold": 0.01,
+        },
+        "move settle move settle rest unload lift watch lower replant",
+        DesignedLift(
+            diagonal="FR_RL", offset=0.0, lift_height=0.0246, tilt_threshold=0.01, posture=BodyPosture(**LEANING),
+            side=1, turn="yaw",
+        ),
+    ),
+    "passive lift": (
+        {
+            "kind": "lift", "diagonal": "FL_RR", "side": 0, "turn": None, "posture": LEANING, "offset": 0.0,
+            "lift_height": 0.0246, "tilt_threshold": 0.01,
+        },
+        "move settle rest unload lift watch lower",
+        DesignedLift(
+            diagonal="FL_RR", offset=0.0, lift_height=0.0246, tilt_threshold=0.01, posture=BodyPosture(**LEANING), side=0
+        ),
+    ),
+    "posture": (
+        {"kind": "posture", **LEANING},
+        "ready settle before move settle rest",
+        PostureTrial(posture=BodyPosture(**LEANING)),
+    ),
+    "sway": (
+        {"kind": "sway", "axis": "pitch", "amplitude": 0.05, "frequency": 1.97},
+        "settle ramp sway end",
+        SwayTrial(frequencies={"pitch": 1.97}, amplitude=0.05),
+    ),
+    "sway about all axes": (
+        {"kind": "sway", "axis": "all", "frequencies": {"roll": 2.27, "pitch": 1.88, "yaw": 1.48}},
+        "settle ramp sway end",
+        SwayTrial(frequencies={"roll": 2.27, "pitch": 1.88, "yaw": 1.48}),
+    ),
+    "stand": ({"kind": "stand"}, "move settle rest", StandTrial()),
+}  # fmt: skip
+
+
+def recorded(data, phases):
+    """A recording with a trial event and phases 0.1 s apart."""
+    time = [0.1 * index for index in range(len(phases) + 1)]
+    events = [Event(0.0, TRIAL, data)] if data is not None else []
+    events += [Event(start, PHASE, {"name": name}) for start, name in zip(time, phases, strict=False)]
+    rows = [[0.0]] * len(time)
+    return Recording(("a",), JointStream(time, rows), ImuStream(time, [[0.0] * 3] * len(time), [[0.0] * 3] * len(time)),
+                     None, tuple(events))  # fmt: skip
+
+
+@pytest.fixture(params=OLD_RUNS)
+def old(request):
+    return OLD_RUNS[request.param]
+
+
+def test_a_trial_is_read_from_an_old_run(old):
+    data, phases, trial = old
+    recording = recorded(data, phases.split())
+    assert type(recording.trial) is type(trial)
+    assert recording.trial == trial
+    assert recording.complete
+    assert not recording.interrupted
+    assert not recording.refused
+
+
+def test_a_trial_is_written_as_an_old_run_has_it(old):
+    """Word for word: a run that goes on after an interruption compares its events with those recorded."""
+    data, _, trial = old
+    assert Event(0.0, TRIAL, trial.to_data()) == Event(0.0, TRIAL, data)
+
+
+@pytest.mark.parametrize(
+    ("kind", "phases", "state"),
+    [
+        ("paper lift", "replant move settle", "refused"),
+        ("paper lift", "replant move settle rest", "refused"),
+        ("paper lift", "replant move settle rest unload", "interrupted"),
+        ("paper lift", "replant move settle rest unload lift watch", "interrupted"),
+        ("paper lift", "replant move settle rest unload lift watch lower", "complete"),
+        ("posture", "ready settle before", "refused"),
+        ("posture", "ready settle before move settle", "interrupted"),
+        ("posture", "ready settle before move settle rest", "complete"),
+        ("sway", "settle", "refused"),
+        ("sway", "settle ramp sway", "interrupted"),
+        ("sway", "settle ramp sway end", "complete"),
+        ("stand", "move settle", "interrupted"),
+        ("stand", "rest", "complete"),
+    ],
+)
+def test_phases_say_how_far_a_trial_came(kind, phases, state):
+    recording = recorded(OLD_RUNS[kind][0], phases.split())
+    assert [name for name in ("complete", "interrupted", "refused") if getattr(recording, name)] == [state]
+
+
+@pytest.mark.parametrize("data", [None, {"kind": "shake", "size": 1.0}, {}])
+def test_what_is_no_trial_of_ours_is_none_and_not_complete(data):
+    recording = recorded(data, [Phase.REST, Phase.UNLOAD, Phase.LOWER, Phase.END])
+    assert recording.trial is None
+    assert (recording.complete, recording.interrupted, recording.refused) == (False, False, False)
+
+
+@pytest.mark.parametrize(
+    "trial",
+    [
+        LiftTrial(diagonal="FL_RR", found_at=12.5),
+        PostureTrial(posture=None, found_at=3.0),
+        SwayTrial(frequencies={}, found_at=1.0),
+        StandTrial(found_at=0.0),
+    ],
+)
+def test_what_is_found_in_a_log_is_read_as_it_was_written(trial):
+    found = read_trial(Event(0.0, TRIAL, trial.to_data()).data)
+    assert type(found) is type(trial)
+    assert found == trial
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        ({"kind": "lift"}, "KeyError: 'diagonal'"),
+        ({"kind": "lift", "diagonal": "FL_RL"}, "ValueError: no diagonal is called 'FL_RL'"),
+        ({"kind": "lift", "diagonal": "FL_RR", "offset": 0.0}, "KeyError: 'lift_height'"),
+        ({**OLD_RUNS["paper lift"][0], "offset": "far"}, "ValueError: could not convert string to float: 'far'"),
+        ({**OLD_RUNS["precise lift"][0], "turn": "about"}, "ValueError: no turn is called 'about'"),
+        ({**OLD_RUNS["precise lift"][0], "posture": 3}, "AttributeError: 'int' object has no attribute 'items'"),
+        ({"kind": "sway", "axis": "x", "frequency": 2.0, "amplitude": 0.1}, "ValueError: no axes are called x"),
+        ({"kind": "posture", "roll": None}, "TypeError: "),
+    ],
+)
+def test_a_damaged_trial_is_told(data, reason):
+    with pytest.raises(RecordingError) as caught:
+        _ = recorded(data, []).trial
+    assert f"the recording's trial {data} is damaged: {reason}" in str(caught.value)
+    assert str(caught.value).endswith("; leave the recording out")
