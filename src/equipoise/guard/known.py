@@ -33,7 +33,7 @@ class Known:
 
 
 Check = Callable[[JointCommand, Known], None]
-"""Looks at a command and at what is known; raises a MotionError that says what is wrong.
+"""Looks at a command and at what is known; raises a MotionError, or a SettingsError, that says what is wrong.
 
 Before a command is sent, `Known.sent` is the one before it, and `Known.state` where it meets the robot; afterwards
 `Known.sent` is the command itself, and `Known.state` what came of it.
