@@ -31,7 +31,7 @@ import tyro
 import equipoise
 from equipoise import CalibrationSettings, JointCommand, Trajectory, calibrate, load_robot, nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import UnitreeGo2Settings, open_link
+from equipoise.drivers.unitree.dds import UnitreeDdsSettings, open_link
 from equipoise.guard.guard import Guard
 from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings
@@ -88,7 +88,7 @@ def robot(*flags: str) -> Generator[HardwarePlatform, None, None]:
         os.sched_setaffinity(process.pid, {1})
         try:
             with HardwarePlatform(
-                open_link(MODEL, UnitreeGo2Settings(interface="lo", domain=DOMAIN)), 30.0
+                open_link(MODEL, UnitreeDdsSettings(interface="lo", domain=DOMAIN)), 30.0
             ) as connection:
                 connection.read()
                 if "ideal" not in flags:

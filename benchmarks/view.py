@@ -34,7 +34,7 @@ import tyro
 import equipoise
 from equipoise import CalibrationSettings, RunFolder, Trajectory, load_robot, nominal_stance
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import UnitreeGo2Settings, open_link
+from equipoise.drivers.unitree.dds import UnitreeDdsSettings, open_link
 from equipoise.guard.guard import Guard
 from equipoise.view.process import ViewerProcess
 
@@ -82,7 +82,7 @@ def robot() -> Generator[HardwarePlatform]:
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen([*command, "--start", "standing", "--no-sport-mode", "--noise", "ideal"], stdout=log)
         try:
-            link = open_link(MODEL, UnitreeGo2Settings(interface="lo", domain=DOMAIN))
+            link = open_link(MODEL, UnitreeDdsSettings(interface="lo", domain=DOMAIN))
             with HardwarePlatform(link, 30.0) as connection:
                 connection.read()
                 hurry(0)  # the threads that receive and repeat stay in a hurry; pages and browsers do not begin in one

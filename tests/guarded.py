@@ -8,7 +8,9 @@ import numpy as np
 from equipoise import nominal_stance, simulate
 from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.guard.footing import Footing
+from equipoise.guard.footing import feet_are_lifted
+from equipoise.guard.known import Known
+from equipoise.guard.tilt_filter import TiltFilter
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, RobotState, Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
@@ -25,6 +27,14 @@ def at_rest(robot, index=0, **changes):
     zeros = np.zeros(len(position))
     state = RobotState(index * PERIOD, position, zeros, zeros, 1e-5 * np.array([index % 5, 0.0, 0.0]), up)
     return replace(state, **changes)
+
+
+def look(checks, command, state, sent=None):
+    """What the guard does with checks: each looks at a command, a state and the command sent last, and may raise."""
+    known = Known(state, sent or command, command, TiltFilter(np.eye(3)))
+    known.up.feel(state)
+    for check in checks:
+        check(command, known)
 
 
 def simulated(robot, start="standing", noise="realistic", seed=3):
@@ -144,7 +154,7 @@ def is_damped(command):
 def assert_put_down(seen, robot):
     """The safe ending as the robot saw it: no foot is left in the air, joints are damped, and it was let go of once."""
     assert is_damped(seen.commands[-1])
-    assert not Footing(robot, nominal_stance(robot)).lifted(seen.commands[-1].position)
+    assert not feet_are_lifted(robot, nominal_stance(robot), seen.commands[-1].position)
     assert seen.closed == 1
     assert_sane(seen, robot)
 

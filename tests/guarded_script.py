@@ -15,7 +15,7 @@ from pathlib import Path
 from guarded import Seen, is_damped, lift, simulated
 
 from equipoise import load_robot, nominal_stance
-from equipoise.guard.footing import Footing
+from equipoise.guard.footing import feet_are_lifted
 from equipoise.guard.guard import Guard
 
 
@@ -24,10 +24,11 @@ class Told(Seen):
 
     def __init__(self, platform, robot, path):
         super().__init__(platform)
-        self._footing, self._path, self._said = Footing(robot, nominal_stance(robot)), Path(path), None
+        self._robot, self._path, self._said = robot, Path(path), None
 
     def step(self, command):
-        lifted, limp = self._footing.lifted(command.position), is_damped(command)
+        lifted = feet_are_lifted(self._robot, nominal_stance(self._robot), command.position)
+        limp = is_damped(command)
         self._say("damped" if limp else "on two feet" if lifted else "on four feet")
         return super().step(command)
 

@@ -18,7 +18,7 @@ pytest.importorskip("cyclonedds")
 from equipoise import nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import UnitreeB2Settings, UnitreeGo2Settings, open_link
+from equipoise.drivers.unitree.dds import UnitreeB2Settings, UnitreeDdsSettings, open_link
 from equipoise.drivers.unitree.samples import STATE, Message
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
@@ -69,7 +69,7 @@ def running(tmp_path_factory, *flags):
 
 
 def settings(peer, **others):
-    return UnitreeGo2Settings(interface="lo", domain=peer.domain, **others)
+    return UnitreeDdsSettings(interface="lo", domain=peer.domain, **others)
 
 
 @contextmanager
@@ -343,7 +343,7 @@ def test_samples_that_are_all_damaged_are_told_apart_from_none(tmp_path_factory,
 
 
 def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
-    link = open_link(a1, UnitreeGo2Settings(interface="lo", domain=next(DOMAINS)))
+    link = open_link(a1, UnitreeDdsSettings(interface="lo", domain=next(DOMAINS)))
     try:
         message = Message(STATE)
         lost = message.record["motor_state"]["lost"]
@@ -359,10 +359,10 @@ def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
 
 def test_a_robot_with_other_legs_is_refused(two_jointed):
     with pytest.raises(SettingsError, match="unitree-go2 has 12 joints, three a leg"):
-        open_link(two_jointed, UnitreeGo2Settings(interface="lo"))
+        open_link(two_jointed, UnitreeDdsSettings(interface="lo"))
 
 
 @pytest.mark.parametrize("wrong", [{"domain": -1}, {"domain": 233}, {"silence": 0.0}, {"silence": 11.0}])
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(SettingsError, match=f"{next(iter(wrong))} is .* must be from"):
-        UnitreeGo2Settings(**wrong)
+        UnitreeDdsSettings(**wrong)

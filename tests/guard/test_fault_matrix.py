@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from faults import Fault, Faulty, grease
 
 from equipoise import CalibrationSettings, RunFolder, calibrate, nominal_stance, simulate
 from equipoise.errors import (
@@ -21,7 +22,6 @@ from equipoise.guard.guard import Guard
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.run_log_reader import read_log
-from equipoise.simulation.faults import Fault, Faulty
 
 SETTINGS = CalibrationSettings("precise", precise=PreciseSettings(budget=32, sway=False))
 CALF, THIGH = 2, 1  # of the front left leg
@@ -102,7 +102,7 @@ def run(robot, case, folder, duration=None):
             act = lambda begins: simulation.disturbance.push(force * begins)  # noqa: E731
             duration = 0.3
         elif case.kind == "outside":
-            act = lambda begins: simulation.disturbance.grease("FL", 0.05 if begins else 0.8)  # noqa: E731
+            act = lambda begins: grease(simulation.disturbance, "FL", 0.05 if begins else 0.8)  # noqa: E731
         fault = Fault(case.kind, case.phase, 0.02, duration, case.joint, SIZES.get(case.kind, 0.0), act)
         guard = None
         faulty = Faulty(peer, fault, lambda: guard.phase if guard else "", robot.gains(stance.hip_height))

@@ -5,7 +5,7 @@ import pytest
 
 from equipoise import nominal_stance
 from equipoise.experiments.posture import feet_in_posture
-from equipoise.guard.footing import Footing
+from equipoise.guard.footing import feet_are_lifted, look_at_feet
 from equipoise.precise.lift_design import LiftDesign, lift_feet, lift_settings, turned_feet
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics
@@ -41,7 +41,7 @@ def com(robot):
 def test_four_feet_on_the_floor_are_not_up_however_the_body_is_turned(robot, postures, joints, com):
     stance = nominal_stance(robot)
     for posture in postures:
-        lifted, up = Footing(robot, stance).look(joints(feet_in_posture(stance, com, posture)))
+        lifted, up = look_at_feet(robot, stance, joints(feet_in_posture(stance, com, posture)))
         assert not lifted
         assert np.allclose(up, posture.rotation[2], atol=1e-3)
 
@@ -50,14 +50,13 @@ def test_four_feet_on_the_floor_are_not_up_however_the_body_is_turned(robot, pos
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_two_feet_in_the_air_are_up_also_in_the_lowest_step(robot, postures, joints, com, diagonal, share):
     stance = nominal_stance(robot)
-    footing = Footing(robot, stance)
     for posture in postures:
         design = LiftDesign(posture, diagonal, 1)
         planted, raised = lift_feet(stance, com, design, share * lift_settings(stance).height)
-        lifted, up = footing.look(joints(raised))
+        lifted, up = look_at_feet(robot, stance, joints(raised))
         assert lifted
         assert np.allclose(up, posture.rotation[2], atol=1e-3)
-        assert not footing.lifted(joints(planted))
+        assert not feet_are_lifted(robot, stance, joints(planted))
 
 
 def test_feet_stay_up_while_the_body_turns_over_two(a1):
@@ -65,4 +64,4 @@ def test_feet_stay_up_while_the_body_turns_over_two(a1):
     com = composite_parameters(a1, stance.joint_position).com
     _, raised = lift_feet(stance, com, LiftDesign(LEVEL, "FL_RR", 1), lift_settings(stance).height)
     turned = inverse_kinematics(a1, turned_feet(raised, com, "roll", 0.05), stance.joint_position)
-    assert Footing(a1, stance).lifted(turned)
+    assert feet_are_lifted(a1, stance, turned)

@@ -1,4 +1,8 @@
-"""Which feet commands mean to be on the floor, by where the joints put them."""
+"""Which feet commands mean to be on the floor, by where the joints put them.
+
+Four feet on a floor lie in a plane, however the base is turned over them. No name of a phase says as much, and a
+feedback loop has none.
+"""
 
 from __future__ import annotations
 
@@ -11,26 +15,21 @@ from equipoise.robot.stance import Stance
 _LIFTED = 0.003  # [m] out of the plane of the others, on an A1; the lowest of its steps is 10 mm high
 
 
-class Footing:
-    """Where the feet are.
+def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> tuple[bool, Vector]:
+    """Whether joints hold feet above the floor that the others stand on, and that floor's upward normal in the base.
 
-    Four feet on a floor lie in a plane, however the base is turned over them. No name of a phase says as much, and a
-    feedback loop has none.
+    Args:
+        stance: in which all feet stand.
+        joint_position: (nj,) [rad].
     """
+    usual, _ = _diagonals(stance.feet_in_base)
+    apart, up = _diagonals(foot_positions(robot, joint_position))
+    return abs(apart - usual) > _LIFTED * stance.scale.length, up
 
-    def __init__(self, robot: RobotModel, stance: Stance) -> None:
-        self._robot = robot
-        self._usual, _ = _diagonals(stance.feet_in_base)
-        self._tolerance = _LIFTED * stance.scale.length
 
-    def look(self, joint_position: FloatArray) -> tuple[bool, Vector]:
-        """Whether joints at (nj,) [rad] hold feet above the floor that the others stand on, and its normal in the base."""
-        apart, up = _diagonals(foot_positions(self._robot, joint_position))
-        return abs(apart - self._usual) > self._tolerance, up
-
-    def lifted(self, joint_position: FloatArray) -> bool:
-        """The first half of `look`."""
-        return self.look(joint_position)[0]
+def feet_are_lifted(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
+    """The first half of `look_at_feet`."""
+    return look_at_feet(robot, stance, joint_position)[0]
 
 
 def _diagonals(feet: FloatArray) -> tuple[float, Vector]:

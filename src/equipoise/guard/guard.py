@@ -1,7 +1,7 @@
 """The guard: what stands between an experiment and a robot that can break.
 
 It is a platform around a platform. Nothing passes it: `play` is stepped, every command is checked before it is sent, every
-sample when it arrives: see `watched_robot`. While nobody moves the robot it is held: see `held_robot`. Whatever goes wrong,
+sample when it arrives: see `control_loop`. While nobody moves the robot it is held: see `held_robot`. Whatever goes wrong,
 and however the program ends, the robot is put down: see `safe_ending`.
 """
 
@@ -16,13 +16,14 @@ from dataclasses import replace
 import numpy as np
 
 from equipoise.errors import CommunicationError, MotionError, OverrunError
-from equipoise.guard.held_robot import HeldRobot, WatchdogSide
+from equipoise.guard.control_loop import ControlLoop
+from equipoise.guard.footing import feet_are_lifted
+from equipoise.guard.held_robot import HeldRobot
 from equipoise.guard.limits import Limits
-from equipoise.guard.noted_steps import NotedSteps
 from equipoise.guard.report import GuardReport
 from equipoise.guard.safe_ending import SafeEnding
 from equipoise.guard.soft_start import soft_start
-from equipoise.guard.watched_robot import WatchedRobot
+from equipoise.guard.watchdog import Watchdog
 from equipoise.platform.interruptions import Interruptions
 from equipoise.platform.piece_log import MotionLog, PieceLog
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
@@ -57,18 +58,22 @@ class Guard:
         robot: RobotModel,
         limits: Limits | None = None,
         log: MotionLog | None = None,
-        watchdog: Callable[[], WatchdogSide] | None = None,
+        watchdog: Callable[[], Watchdog] | None = None,
     ) -> None:
         self._platform, self._limits = platform, limits or Limits()
         self._robot, self._stance = robot, nominal_stance(robot)
-        self._watched = WatchedRobot(platform, robot, self._stance, self._limits)
-        self._held = HeldRobot(self._watched, platform.control_period, self._limits.stall, self._end_held)
+        self._loop = ControlLoop(platform, robot, self._stance, self._limits)
+        self._held = HeldRobot(self._loop, platform.control_period, self._limits.stall, self._end_held)
         self._start_watchdog = watchdog
-        self._watchdog: WatchdogSide | None = None
+        self._watchdog: Watchdog | None = None
         self._interruptions = Interruptions()
-        self._noted = NotedSteps(self._held)
         self._ending = SafeEnding(
-            self._noted, robot, self._stance, platform.control_period, lambda: self._interruptions.asked
+            self._held,
+            robot,
+            self._stance,
+            self._loop.own_gains,
+            platform.control_period,
+            lambda: self._interruptions.asked,
         )
         self._motion_log, self._log = log, PieceLog(log, platform.control_period)
         self._steps: Steps | None = None
@@ -135,7 +140,7 @@ class Guard:
 
     def report(self) -> GuardReport:
         """What the run was like so far."""
-        report = self._watched.report(self._ending.done)
+        report = self._loop.report(self._ending.done)
         return report if self._trouble is None else replace(report, trouble=str(self._trouble))
 
     def __enter__(self) -> Guard:
@@ -153,18 +158,18 @@ class Guard:
     def _begin(self, first: JointCommand) -> None:
         """Before the first command: look, then take the robot over without a jolt."""
         self._check_going()
-        if self._watched.sent is not None:
+        if self._loop.known is not None:
             return
         self._be_watched()
-        state = self._watched.read()
+        state = self._loop.read()
         if state.received is not None:
             for _ in range(round(_LOOK_TIME / self.control_period)):
                 time.sleep(self.control_period)
-                state = self._watched.read()
-        self._watched.take_over(state, first)
+                state = self._loop.read()
+        self._loop.take_over(state, first)
         lying = lies(self._robot, self._stance, state.joint_position)
         allowed = np.stack([self._robot.lower_limit, self._robot.upper_limit])
-        commands = soft_start(first, state, self._watched.own_gains, lying, self.control_period, allowed)
+        commands = soft_start(first, state, self._loop.own_gains, lying, self.control_period, allowed)
         for number, command in enumerate(commands):
             self._step(command)
             if number == 0 and state.received is not None:  # a simulated robot waits
@@ -193,7 +198,8 @@ class Guard:
             if test.reached(state.angular_velocity[None], state.joint_position[None]):
                 break
         # A robot on two feet does not wait for a disk.
-        self._log.finish(wait=not self._watched.footing.lifted(trajectory.position[steps.count - 1]))
+        lifted = feet_are_lifted(self._robot, self._stance, trajectory.position[steps.count - 1])
+        self._log.finish(wait=not lifted)
 
     def _step(self, command: JointCommand) -> RobotState:
         with self._held.turn():
@@ -252,7 +258,7 @@ class Guard:
                     failures.append(failure)
             if self._motion_log is not None:
                 with contextlib.suppress(Exception):  # samples of a robot that went wrong may be no recording
-                    self._noted.keep(self._motion_log)
+                    self._ending.keep(self._motion_log)
             if error is None and failures:
                 raise failures[0]
 
@@ -268,11 +274,10 @@ class Guard:
                 lock.release()
 
     def _put_down(self, error: BaseException | None) -> None:
-        found = self._watched.situation(error)
+        found = self._loop.known_after(error)
         if found is not None:
-            if self._steps is not None:
-                self._noted.begin(Steps(self, self._steps.state, self._steps))
-            self._ending.put_down(found)
+            steps = None if self._steps is None else Steps(self, self._steps.state, self._steps)
+            self._ending.put_down(found, steps)
 
     def _release(self) -> None:
         try:

@@ -1,4 +1,4 @@
-"""A watched robot that stands where it was sent while nobody moves it, as long as the program that should is alive.
+"""A robot that stands where it was sent while nobody moves it, as long as the program that should is alive.
 
 A thread repeats the last command and looks at every sample as in a motion. What a limit stops then, and a program that gives
 no sign of life any more, ends the run from that thread: whoever moves the robot next is told.
@@ -11,11 +11,11 @@ import gc
 import threading
 import time
 from collections.abc import Callable, Generator
-from typing import Protocol
 
 from equipoise.alive import alive, last_sign
 from equipoise.errors import HungError, OverrunError
-from equipoise.guard.watched_robot import WatchedRobot
+from equipoise.guard.control_loop import ControlLoop
+from equipoise.guard.watchdog import Watchdog
 from equipoise.platform.platform import JointCommand, RobotState
 
 _IDLE = 5  # control periods without a step after which the last command is repeated
@@ -24,58 +24,34 @@ _BEAT = 0.2  # [s] between signs of life to the watchdog
 _YIELD = 0.1e-3  # [s] in which somebody who wants to move the robot gets the lock
 
 
-class WatchdogSide(Protocol):
-    """What lets the robot down if this process dies or hangs."""
-
-    def wait(self) -> None:
-        """Until it watches; raises CommunicationError if it cannot."""
-        ...
-
-    def moves(self) -> None:
-        """From now on the robot must not be left alone."""
-        ...
-
-    def beat(self) -> None:
-        """A sign of life."""
-        ...
-
-    def dismiss(self) -> None:
-        """The robot was released."""
-        ...
-
-
 class HeldRobot:
-    """Steps of a watched robot, one thread at a time.
+    """Steps of a control loop, one thread at a time.
 
     While it is moved, Python does not look for unused objects, which would take milliseconds; while it is held, it does.
 
     Args:
-        watched: the robot.
+        loop: steps the robot.
         period: of control [s].
         stall: the longest time without a command [s].
         end: ends the run by an error; called by the thread that holds.
 
     Attributes:
         lock: of the robot.
-        footing, own_gains: the watched robot's.
     """
 
-    def __init__(
-        self, watched: WatchedRobot, period: float, stall: float, end: Callable[[BaseException], None]
-    ) -> None:
-        self._watched, self._period, self._stall, self._end = watched, period, stall, end
-        self.footing, self.own_gains = watched.footing, watched.own_gains
+    def __init__(self, loop: ControlLoop, period: float, stall: float, end: Callable[[BaseException], None]) -> None:
+        self._loop, self._period, self._stall, self._end = loop, period, stall, end
         self.lock = threading.RLock()
         self._wanted = False
         self._stepped = self._beaten = -float("inf")
         self._told = -float("inf")  # the newest sign of life that the watchdog knows of
         self._thinker = 0
-        self._watchdog: WatchdogSide | None = None
+        self._watchdog: Watchdog | None = None
         self._over = threading.Event()
         self._collects = gc.isenabled()
         self._holder: threading.Thread | None = None
 
-    def begin(self, watchdog: WatchdogSide | None) -> None:
+    def begin(self, watchdog: Watchdog | None) -> None:
         """From now on, the first command was sent, it must not be left alone."""
         self._watchdog = watchdog
         if watchdog is not None:
@@ -90,23 +66,23 @@ class HeldRobot:
             gc.enable()
 
     def read(self) -> RobotState:
-        """As the watched robot's."""
+        """As the loop's."""
         with self.turn():
-            return self._watched.read()
+            return self._loop.read()
 
     def step(self, command: JointCommand) -> RobotState:
-        """As the watched robot's."""
+        """As the loop's."""
         with self.turn():
             try:
-                return self._watched.step(command)
+                return self._loop.step(command)
             finally:
                 self._stepped = time.monotonic()
 
     def push(self, command: JointCommand) -> RobotState:
-        """As the watched robot's."""
+        """As the loop's."""
         with self.turn():
             try:
-                return self._watched.push(command)
+                return self._loop.push(command)
             finally:
                 self._stepped = time.monotonic()
 
@@ -162,5 +138,5 @@ class HeldRobot:
         if self._collects:
             gc.enable()
         self._stepped = now  # not when it is done: this process may be stopped meanwhile
-        self._watched.hold()
+        self._loop.hold()
         self._pass_on()

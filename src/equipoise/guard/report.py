@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from equipoise.drivers.hardware import LoopTiming
-from equipoise.guard.sample_watch import SampleCounts
-from equipoise.platform.platform import Platform, RobotState
+from equipoise.guard.sample_filter import SampleCounts
+from equipoise.platform.platform import RobotState
 
 
-@dataclass(frozen=True)
+@dataclass
 class GuardReport:
     """What a guarded run was like.
 
@@ -28,25 +28,16 @@ class GuardReport:
         trouble: what ended the run while nobody moved the robot; or empty. A result may have come of it all the same.
     """
 
-    samples: SampleCounts
-    commands: int
-    overruns: int | None
-    stalls: int | None
-    late_999: float | None
-    largest_tilt: float
-    hottest_motor: float | None
-    lowest_voltage: float | None
-    ending: tuple[str, ...]
+    samples: SampleCounts = field(default_factory=SampleCounts)
+    commands: int = 0
+    overruns: int | None = None
+    stalls: int | None = None
+    late_999: float | None = None
+    largest_tilt: float = 0.0
+    hottest_motor: float | None = None
+    lowest_voltage: float | None = None
+    ending: tuple[str, ...] = ()
     trouble: str = ""
-
-
-class Vitals:
-    """The extremes of a robot's health."""
-
-    def __init__(self) -> None:
-        self.commands = 0
-        self._hottest: float | None = None
-        self._lowest: float | None = None
 
     def note(self, state: RobotState) -> None:
         """A state that a command was answered with."""
@@ -54,18 +45,14 @@ class Vitals:
         if state.health is None:
             return
         if state.health.motor_temperature is not None:
-            self._hottest = max(self._hottest or -np.inf, float(state.health.motor_temperature.max()))
+            self.hottest_motor = max(self.hottest_motor or -np.inf, float(state.health.motor_temperature.max()))
         if state.health.battery_voltage is not None:
-            self._lowest = min(self._lowest or np.inf, state.health.battery_voltage)
+            self.lowest_voltage = min(self.lowest_voltage or np.inf, state.health.battery_voltage)
 
-    def report(
-        self, platform: Platform, counts: SampleCounts, largest_tilt: float, ending: tuple[str, ...]
-    ) -> GuardReport:
-        """With what others know."""
-        late = overruns = stalls = None
-        timing = getattr(platform, "timing", None)
-        if isinstance(timing, LoopTiming) and len(timing.lateness):
-            late, overruns, stalls = float(np.quantile(timing.lateness, 0.999)), timing.overruns, timing.lost
-        return GuardReport(
-            replace(counts), self.commands, overruns, stalls, late, largest_tilt, self._hottest, self._lowest, ending
-        )
+    def with_end(self, timing: LoopTiming | None, largest_tilt: float, ending: tuple[str, ...]) -> GuardReport:
+        """A copy with what others know; `timing` is None in simulation."""
+        report = replace(self, samples=replace(self.samples), largest_tilt=largest_tilt, ending=ending)
+        if timing is not None and len(timing.lateness):
+            report.late_999 = float(np.quantile(timing.lateness, 0.999))
+            report.overruns, report.stalls = timing.overruns, timing.lost
+        return report

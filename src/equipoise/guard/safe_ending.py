@@ -11,16 +11,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.guard.footing import Footing
+from equipoise.guard.footing import feet_are_lifted
+from equipoise.guard.held_robot import HeldRobot
+from equipoise.guard.known import Known
 from equipoise.guard.soft_start import softened
+from equipoise.platform.piece_log import MotionLog
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.ramp import smooth_step
+from equipoise.platform.stepping import Steps
+from equipoise.recording.event import PHASE, Event
+from equipoise.recording.phases import Phase
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
 
@@ -36,44 +41,12 @@ _STILL_TIME, _STILL = 0.3, 0.02  # [s], [rad] that no joint moved by meanwhile
 _FAILURES, _FAILING_TIME = 25, 0.25  # in a row, [s]: nothing gets through
 
 
-@dataclass(frozen=True, eq=False)
-class Situation:
-    """What is known of a robot when its run ends.
-
-    Attributes:
-        sent: the last command.
-        planted: the last one with all feet on the floor.
-        here: (nj,) where the joints were when that was last believed [rad].
-        tilt: of the base from upright [rad].
-        well: whether nothing is wrong with the robot itself.
-        heard: whether the link lives.
-        believed: whether sensors can be believed.
-    """
-
-    sent: JointCommand
-    planted: JointCommand
-    here: FloatArray
-    tilt: float
-    well: bool
-    heard: bool
-    believed: bool
-
-
-class WatchedSteps(Protocol):
-    """What the ending needs of a watched robot."""
-
-    footing: Footing
-    own_gains: tuple[FloatArray, FloatArray] | None
-
-    def step(self, command: JointCommand) -> RobotState: ...
-    def push(self, command: JointCommand) -> RobotState: ...
-
-
 class SafeEnding:
     """Puts a robot down.
 
     Args:
-        watched: the robot: its steps raise when a limit is passed, its pushes do not.
+        held: the robot: its steps raise when a limit is passed, its pushes do not.
+        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] that commands mean which say none; None: gains cannot be sent.
         period: of control [s].
         asked: whether somebody wants it to be over now.
 
@@ -83,23 +56,25 @@ class SafeEnding:
 
     def __init__(
         self,
-        watched: WatchedSteps,
+        held: HeldRobot,
         robot: RobotModel,
         stance: Stance,
+        own_gains: tuple[FloatArray, FloatArray] | None,
         period: float,
         asked: Callable[[], bool],
     ) -> None:
         self._robot, self._stance, self._period = robot, stance, period
-        self._watched, self._footing, self._own_gains = watched, watched.footing, watched.own_gains
+        self._held, self._own_gains = held, own_gains
         self._asked = asked
         self._failures, self._failing_since = 0, 0.0
         self._last = JointCommand(stance.joint_position)
         self._here: FloatArray = stance.joint_position
+        self._steps: Steps | None = None
         self.done: list[str] = []
 
-    def put_down(self, found: Situation) -> None:
-        """All stages that make sense."""
-        self._last, self._here = found.sent, found.here
+    def put_down(self, found: Known, steps: Steps | None) -> None:
+        """All stages that make sense, noted as these steps."""
+        self._last, self._here, self._steps = found.sent, found.state.joint_position, steps
         for stage in (self._put_feet_down, self._lie_down, self._damp):
             count = len(self.done)
             try:
@@ -108,8 +83,16 @@ class SafeEnding:
                 if len(self.done) > count:
                     self.done[-1] += f", stopped: {failure}"
 
-    def _put_feet_down(self, found: Situation) -> None:
-        if not (found.heard and found.tilt < _HOPELESS and self._footing.lifted(self._last.position)):
+    def keep(self, log: MotionLog) -> None:
+        """Log what was noted, as a motion of one phase, `ending`; raises what the log raises, or RecordingError."""
+        if self._steps is not None and self._steps.count:
+            log.begin(self._steps.count)
+            log.add(self._steps.recording((Event(0.0, PHASE, {"name": Phase.ENDING}),)))
+
+    def _put_feet_down(self, found: Known) -> None:
+        if not (found.heard and found.up.tilt < _HOPELESS):
+            return
+        if not feet_are_lifted(self._robot, self._stance, self._last.position):
             return
         if lies(self._robot, self._stance, self._last.position):  # wherever it has its feet
             return
@@ -118,7 +101,7 @@ class SafeEnding:
         for command in self._way_to(end, FEET_DOWN * self._stance.scale.time):
             self._send(self._gentle(command, found), found)
 
-    def _lie_down(self, found: Situation) -> None:
+    def _lie_down(self, found: Known) -> None:
         """A robot that is not well is not trusted to do this; one whose stiffness cannot fade has no other way down."""
         sound = found.heard and found.believed and (found.well or self._own_gains is None)
         near = np.abs(self._last.position - self._here).max() < _FAR
@@ -130,10 +113,10 @@ class SafeEnding:
             if self._asked():
                 self.done[-1] += ", cut short"
                 return
-            self._here = self._watched.step(command).joint_position
+            self._here = self._note(command, self._held.step).joint_position
             self._last = command
 
-    def _damp(self, found: Situation) -> None:
+    def _damp(self, found: Known) -> None:
         if self._own_gains is None:
             self.done.append("left to its own controller")
             return
@@ -171,16 +154,16 @@ class SafeEnding:
     def _periods(self, duration: float) -> int:
         return max(1, round(duration / self._period))
 
-    def _gentle(self, command: JointCommand, found: Situation) -> JointCommand:
+    def _gentle(self, command: JointCommand, found: Known) -> JointCommand:
         """A command that pulls no joint far from where it is, if that is known: it may have gone limp meanwhile."""
         if not found.believed:
             return command
         return replace(command, position=self._here + np.clip(command.position - self._here, -_PULL, _PULL))
 
-    def _send(self, command: JointCommand, found: Situation) -> None:
+    def _send(self, command: JointCommand, found: Known) -> None:
         """Unwatched. One command that fails is no reason not to send the next."""
         try:
-            position = self._watched.push(command).joint_position
+            position = self._note(command, self._held.push).joint_position
         except Exception:
             now = time.monotonic()
             self._failures, self._failing_since = self._failures + 1, self._failing_since or now
@@ -191,3 +174,6 @@ class SafeEnding:
         self._failures, self._failing_since, self._last = 0, 0.0, command
         if found.believed and np.isfinite(position).all():
             self._here = position
+
+    def _note(self, command: JointCommand, act: Callable[[JointCommand], RobotState]) -> RobotState:
+        return act(command) if self._steps is None else self._steps.add(command.position, lambda: act(command))

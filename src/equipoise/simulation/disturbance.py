@@ -1,4 +1,4 @@
-"""What can happen to a simulated robot from outside: somebody pushes it, a foot finds no hold."""
+"""What can happen to a simulated robot from outside: somebody pushes it."""
 
 from __future__ import annotations
 
@@ -23,12 +23,6 @@ class Disturbance:
     def push(self, force_in_world: FloatArray) -> None:
         """Push the base with a (3,) force [N] until told otherwise."""
         self.wrench[self._base, :3] = force_in_world
-
-    def grease(self, leg: str, friction: float) -> None:
-        """Give one foot another coefficient of friction."""
-        foot = self._model.geom(f"equipoise_{leg}_foot").id
-        self._model.geom_friction[foot, 0] = friction
-        self._model.geom_priority[foot] = 1  # its friction counts, not the larger one of foot and floor
 
     @property
     def spec(self) -> int:

@@ -38,7 +38,7 @@ class Simulation:
         engine: the engine's version.
         errors: what was drawn for its sensors and actuators; for studies, not for experiments.
         witness: sees what the robot really does; for judging, not for control.
-        disturbance: pushes the robot, or takes a foot's hold away; None in engines that are not asked for it.
+        disturbance: pushes the robot; None in engines that are not asked for it.
     """
 
     platform: SimulatedPlatform

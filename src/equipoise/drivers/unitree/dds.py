@@ -38,7 +38,7 @@ _FOLDED = 0.5  # of a leg's length, between hip and foot, when a robot lies
 
 @dataclass(frozen=True)
 class UnitreeDdsSettings:
-    """How the robot is reached.
+    """How a Go2 is reached.
 
     Attributes:
         interface: of this computer, that the robot's cable is in; "lo" for a simulated robot.
@@ -67,11 +67,6 @@ class UnitreeDdsSettings:
             raise SettingsError(f"domain is {self.domain}; it must be from 0 to 232")
         if not 0.02 <= self.silence <= 10:
             raise SettingsError(f"silence is {self.silence} s; it must be from 0.02 to 10")
-
-
-@dataclass(frozen=True)
-class UnitreeGo2Settings(UnitreeDdsSettings):
-    """How a Go2 is reached."""
 
 
 @dataclass(frozen=True)

@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, cast
 
 import numpy as np
 
-from equipoise.errors import CommunicationError, SettingsError
+from equipoise.errors import CommunicationError
 from equipoise.platform.platform import Health, JointCommand, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
+from equipoise.simulation.disturbance import Disturbance
 
-Kind = Literal[
+KINDS = (
     "drop", "delay", "repeat", "reorder", "freeze encoder", "freeze imu", "nan", "spike", "kill link", "stick joint",
     "lose torque", "overheat", "outside",
-]  # fmt: skip
-KINDS = cast("tuple[Kind, ...]", Kind.__args__)  # pyright: ignore[reportAttributeAccessIssue]
+)  # fmt: skip
 
 _STIFF = 30.0  # times the usual gain, for a joint that is stuck
 _FULLY = 10**9  # control periods
@@ -41,7 +40,7 @@ class Fault:
         act: "outside": called with True when it begins and False when it ends, as to push a simulated robot.
     """
 
-    kind: Kind
+    kind: str
     phase: str | None = None
     after: float = 0.0
     duration: float | None = None
@@ -50,8 +49,7 @@ class Fault:
     act: Callable[[bool], None] | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise SettingsError(f"fault {self.kind!r} is not known; it is one of {', '.join(KINDS)}")
+        assert self.kind in KINDS
 
 
 class Faulty(PlatformWrapper):
@@ -177,6 +175,14 @@ class Faulty(PlatformWrapper):
         torque[joint] = self._kp[joint] * (meant.position[joint] - state.joint_position[joint])
         torque[joint] += 0.0 if meant.torque is None else meant.torque[joint]
         return replace(state, joint_torque=torque)
+
+
+def grease(disturbance: Disturbance, leg: str, friction: float) -> None:
+    """Give one foot of a simulated robot another coefficient of friction."""
+    model = disturbance._model
+    foot = model.geom(f"equipoise_{leg}_foot").id
+    model.geom_friction[foot, 0] = friction
+    model.geom_priority[foot] = 1  # its friction counts, not the larger one of foot and floor
 
 
 def _hot(state: RobotState, joint: int, temperature: float) -> RobotState:

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from guarded import at_rest, look
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from equipoise import nominal_stance
 from equipoise.errors import LimitError, SettingsError
-from equipoise.guard.command_check import CommandCheck
+from equipoise.guard.command_checks import CommandChecks
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
 
@@ -24,8 +25,12 @@ def stance(a1):
 
 @pytest.fixture(scope="module")
 def check(a1, stance):
-    check = CommandCheck(Limits(), a1, a1.gains(stance.hip_height), PERIOD)
-    return lambda command, before=stance.joint_position, here=stance.joint_position: check.check(command, before, here)
+    checks = CommandChecks(Limits(), a1, a1.gains(stance.hip_height), PERIOD).in_motion
+
+    def check(command, before=stance.joint_position, here=stance.joint_position):
+        look(checks, command, at_rest(a1, joint_position=here), JointCommand(before))
+
+    return check
 
 
 def with_one(values, joint, value):

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from equipoise.guard.joint_watch import StuckWatch
+from equipoise.guard.joint_checks import StuckDetector
 
 PERIOD, DELAY, WINDOW = 2e-3, 75, 500
 
 
 def complaint(answer, begin):
     """What is said of a joint that is sent 0.18 rad within 30 ms at some sample, and that answers so."""
-    watch = StuckWatch(1, DELAY, WINDOW)
+    detector = StuckDetector(1, DELAY, WINDOW)
     sent = np.interp(np.arange(3 * WINDOW), [begin, begin + 15], [0.0, 0.18])
     found = [
-        watch.feel(np.array([target]), np.array([position]))
+        detector.feel(np.array([target]), np.array([position]))
         for target, position in zip(sent, answer(sent), strict=True)
     ]
     return [each for each in found if each is not None]

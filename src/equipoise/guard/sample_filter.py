@@ -1,4 +1,4 @@
-"""Whether samples can be believed: fresh, in order, numbers, and not frozen."""
+"""Lets through samples that can be believed: fresh, in order, numbers, and not frozen."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class SampleCounts:
     longest_silence: float = 0.0
 
 
-class SampleWatch:
-    """Looks at every sample.
+class SampleFilter:
+    """Looks at every sample before anything else does.
 
     Args:
         robot: whose samples they are.
@@ -62,7 +62,7 @@ class SampleWatch:
         self._joints_without = self._imu_without = self._imu_since = 0.0
         self._since[:] = 0.0
 
-    def check(self, state: RobotState, target: FloatArray | None) -> RobotState:
+    def accept(self, state: RobotState, target: FloatArray | None) -> RobotState:
         """Look at a state and those that arrived before it.
 
         Args:

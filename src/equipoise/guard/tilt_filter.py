@@ -14,7 +14,7 @@ _TIME = 0.5  # [s] with which the accelerometer corrects the gyroscope
 _BELIEVED = 2.5  # [m/s2]; an accelerometer that reads something else feels a push, not gravity
 
 
-class TiltWatch:
+class TiltFilter:
     """A complementary filter. In plain numbers: for three of them NumPy takes five times as long.
 
     Args:

@@ -7,8 +7,9 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST, FloatArray
-from equipoise.errors import LimitError, SensorError, TrackingError
+from equipoise.conventions import FloatArray
+from equipoise.errors import LimitError, TrackingError
+from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
@@ -16,13 +17,11 @@ from equipoise.robot.scale import Scale
 
 _STUCK_TIME = 0.5  # [s] over which a joint must follow
 _STUCK_MOVE, _STUCK_SHARE = 0.12, 0.25  # [rad] that it was sent through; the share to move by (sound joints: 0.66)
-
-
 _RUNAWAY = 2.0  # times the limit: a joint this far from where it was sent is not waited for
 
 
-class JointWatch:
-    """Holds joints against their limits, sample by sample.
+class JointChecks:
+    """Hold joints against their limits, sample by sample.
 
     Args:
         limits: how far they may go.
@@ -30,6 +29,12 @@ class JointWatch:
         hip_height: that torques scale with [m].
         control_period: [s].
         knows_gains: whether the motors run the gains that commands ask for, so that their torques can be foretold.
+
+    Attributes:
+        at_rest: checks before a robot is moved; they raise LimitError.
+        in_motion: checks of a sample against the limits and what was sent; they raise LimitError, and TrackingError if a joint
+            does not go where it is sent, or its motor does not do what it is told.
+        held: checks of a robot that held still while nobody looked; they raise TrackingError if it is not where it was sent.
     """
 
     def __init__(
@@ -42,62 +47,23 @@ class JointWatch:
         self._too_fast, self._too_strong, self._behind, self._too_hot = np.zeros((4, joints))
         self._short = np.zeros(joints)
         self._newest = -np.inf  # [s]
-        self._stuck = StuckWatch(joints, round(limits.patience / control_period), round(_STUCK_TIME / control_period))
+        self._stuck = StuckDetector(
+            joints, round(limits.patience / control_period), round(_STUCK_TIME / control_period)
+        )
 
-    def check_at_rest(self, state: RobotState) -> None:
-        """Look at a robot before it is moved.
+        self.at_rest: tuple[Check, ...] = (self._check_position, self._check_health)
+        self.in_motion: tuple[Check, ...] = (
+            self._check_position,
+            self._check_speed,
+            self._check_following,
+            self._check_stuck,
+            self._check_torque,
+            self._check_health,
+        )
+        self.held: tuple[Check, ...] = (self._check_held,)
 
-        Raises:
-            LimitError: position, temperature, or the robot itself says that something is wrong.
-            SensorError: the accelerometer does not feel gravity.
-        """
-        self._check_position(state.joint_position)
-        self._check_health(state)
-        size = float(np.linalg.norm(state.acceleration))
-        if size < ACCELERATION_SAMPLE_AT_REST[0] or size > ACCELERATION_SAMPLE_AT_REST[1]:
-            raise SensorError(
-                f"the accelerometer reads {size:.1f} m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is "
-                "the robot being moved?"
-            )
-
-    def check_held(self, position: FloatArray, command: JointCommand) -> None:
-        """Look at a robot that held still while nobody looked.
-
-        Raises:
-            TrackingError: it is not where it was sent last.
-        """
-        away = np.abs(position - command.position)
-        joint = int(np.argmax(away))
-        if away[joint] > self._limits.following and not _limp(command):
-            raise TrackingError(
-                f"joint {self._robot.joint_names[joint]!r} is {away[joint]:.2f} rad from where it was sent to hold: has "
-                "somebody moved the robot, has it sunk?"
-            )
-
-    def check(self, state: RobotState, command: JointCommand) -> None:
-        """Hold a sample against the limits, and against what was sent.
-
-        Raises:
-            LimitError: position, speed, torque or temperature.
-            TrackingError: a joint does not go where it is sent, or its motor does not do what it is told.
-        """
-        self._check_position(state.joint_position)
-        if state.joint_velocity is not None:
-            share = np.abs(state.joint_velocity) / self._robot.velocity_limit
-            if (joint := self._lasting(self._too_fast, share > self._limits.speed)) is not None:
-                raise LimitError(
-                    f"joint {self._robot.joint_names[joint]!r} turns at {state.joint_velocity[joint]:.1f} rad/s; its limit is "
-                    f"{self._robot.velocity_limit[joint]:.1f} rad/s"
-                )
-        self._check_following(state, command)
-        # A sample that came again says nothing of what motors make of the newest command.
-        if state.joint_torque is not None and state.time > self._newest:
-            self._check_torque(state, state.joint_torque, command)
-        self._newest = state.time
-        self._check_health(state)
-
-    def _check_position(self, position: FloatArray) -> None:
-        robot = self._robot
+    def _check_position(self, command: JointCommand, known: Known) -> None:
+        robot, position = self._robot, known.state.joint_position
         beyond = np.maximum(robot.lower_limit - position, position - robot.upper_limit)
         joint = int(np.argmax(beyond))
         if beyond[joint] > self._limits.position_margin:
@@ -106,10 +72,20 @@ class JointWatch:
                 f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad. Are the joint map and the zeros right?"
             )
 
-    def _check_following(self, state: RobotState, command: JointCommand) -> None:
+    def _check_speed(self, command: JointCommand, known: Known) -> None:
+        velocity, limit = known.state.joint_velocity, self._robot.velocity_limit
+        if velocity is None:
+            return
+        if (joint := self._lasting(self._too_fast, np.abs(velocity) / limit > self._limits.speed)) is not None:
+            raise LimitError(
+                f"joint {self._robot.joint_names[joint]!r} turns at {velocity[joint]:.1f} rad/s; its limit is "
+                f"{limit[joint]:.1f} rad/s"
+            )
+
+    def _check_following(self, command: JointCommand, known: Known) -> None:
         if _limp(command):
             return
-        behind = np.abs(command.position - state.joint_position)
+        behind = np.abs(command.position - known.state.joint_position)
         joint = self._lasting(self._behind, behind > self._limits.following)
         if joint is None and behind.max() > _RUNAWAY * self._limits.following:
             joint = int(np.argmax(behind))
@@ -118,23 +94,34 @@ class JointWatch:
                 f"joint {self._robot.joint_names[joint]!r} is {behind[joint]:.2f} rad from where it was sent: is it "
                 "stuck, has its motor lost power?"
             )
-        if (stuck := self._stuck.feel(command.position, state.joint_position)) is not None:
+
+    def _check_stuck(self, command: JointCommand, known: Known) -> None:
+        if _limp(command):
+            return
+        if (stuck := self._stuck.feel(command.position, known.state.joint_position)) is not None:
             joint, sent, moved = stuck
             raise TrackingError(
                 f"joint {self._robot.joint_names[joint]!r} was sent through {sent:.2f} rad and moved by {moved:.2f} rad: "
                 "is it stuck?"
             )
 
-    def _check_torque(self, state: RobotState, torque: FloatArray, command: JointCommand) -> None:
-        names = self._robot.joint_names
-        if (
-            joint := self._lasting(self._too_strong, np.abs(torque) > self._limits.torque * self._robot.effort_limit)
-        ) is not None:
+    def _check_torque(self, command: JointCommand, known: Known) -> None:
+        state = known.state
+        # A sample that came again says nothing of what motors make of the newest command.
+        if state.joint_torque is not None and state.time > self._newest:
+            self._check_strength(state.joint_torque)
+            if self._knows_gains:
+                self._check_obedience(state, state.joint_torque, command)
+        self._newest = state.time
+
+    def _check_strength(self, torque: FloatArray) -> None:
+        limit = self._robot.effort_limit
+        if (joint := self._lasting(self._too_strong, np.abs(torque) > self._limits.torque * limit)) is not None:
             raise LimitError(
-                f"joint {names[joint]!r} gives {torque[joint]:.1f} Nm; its limit is {self._robot.effort_limit[joint]:.1f} Nm"
+                f"joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm; its limit is {limit[joint]:.1f} Nm"
             )
-        if not self._knows_gains:
-            return
+
+    def _check_obedience(self, state: RobotState, torque: FloatArray, command: JointCommand) -> None:
         kp = self._kp if command.kp is None else command.kp
         kd = self._kd if command.kd is None else command.kd
         velocity = 0.0 if state.joint_velocity is None else state.joint_velocity
@@ -145,22 +132,32 @@ class JointWatch:
         joint = int(np.argmax(self._short))
         if self._short[joint] > self._missing_torque:
             raise TrackingError(
-                f"the motor of joint {names[joint]!r} gives {torque[joint]:.1f} Nm where its position and what it was sent "
-                f"make it {sent[joint]:.1f} Nm: is it on, are its gains those that are sent?"
+                f"the motor of joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm where its position and "
+                f"what it was sent make it {sent[joint]:.1f} Nm: is it on, are its gains those that are sent?"
             )
 
-    def _check_health(self, state: RobotState) -> None:
-        if state.health is None:
+    def _check_health(self, command: JointCommand, known: Known) -> None:
+        health = known.state.health
+        if health is None:
             return
-        if state.health.fault is not None:
-            raise LimitError(f"the robot says: {state.health.fault}")
-        temperature = state.health.motor_temperature
+        if health.fault is not None:
+            raise LimitError(f"the robot says: {health.fault}")
+        temperature = health.motor_temperature
         if temperature is None:
             return
         if (joint := self._lasting(self._too_hot, temperature > self._limits.temperature)) is not None:
             raise LimitError(
                 f"the motor of joint {self._robot.joint_names[joint]!r} has {temperature[joint]:.0f} deg C; "
                 f"{self._limits.temperature:.0f} are allowed. Let it cool down"
+            )
+
+    def _check_held(self, command: JointCommand, known: Known) -> None:
+        away = np.abs(known.state.joint_position - command.position)
+        joint = int(np.argmax(away))
+        if away[joint] > self._limits.following and not _limp(command):
+            raise TrackingError(
+                f"joint {self._robot.joint_names[joint]!r} is {away[joint]:.2f} rad from where it was sent to hold: has "
+                "somebody moved the robot, has it sunk?"
             )
 
     def _lasting(self, since: FloatArray, now: NDArray[np.bool_]) -> int | None:
@@ -178,7 +175,7 @@ def _limp(command: JointCommand) -> bool:
     return command.kp is not None and not command.kp.any()
 
 
-class StuckWatch:
+class StuckDetector:
     """Notices a joint that does not move while it is sent elsewhere.
 
     It looks at one window of time after the other. What a joint did is taken from the window before, too: it may have moved

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from equipoise import nominal_stance
 from equipoise.errors import CommunicationError, MotionError, SensorError
-from equipoise.guard.sample_watch import SampleWatch
+from equipoise.guard.sample_filter import SampleFilter
 
 SILENCE = 0.101  # between two control periods
 
 
 @pytest.fixture
-def watch(a1):
-    return SampleWatch(a1, PERIOD, SILENCE)
+def sieve(a1):
+    return SampleFilter(a1, PERIOD, SILENCE)
 
 
 @pytest.fixture(scope="module")
@@ -32,11 +32,11 @@ def alive(robot, index, **changes):
     return replace(at_rest(robot, index, joint_position=position, angular_velocity=rate), **changes)
 
 
-def run(watch, samples, target):
+def run(sieve, samples, target):
     """The error that samples raise, and the number of the one that raised it."""
     for count, sample in enumerate(samples):
         try:
-            watch.check(sample, target(count))
+            sieve.accept(sample, target(count))
         except MotionError as error:
             return error, count
     return None, count + 1
@@ -51,12 +51,12 @@ def moving(home):
     return lambda count: home + 0.05 * np.sin(2 * np.pi * count * PERIOD)
 
 
-def test_a_sound_stream_passes(a1, watch, home):
+def test_a_sound_stream_passes(a1, sieve, home):
     samples = [alive(a1, index) for index in range(2000)]
-    assert run(watch, samples, moving(home)) == (None, 2000)
-    assert watch.counts.fresh == 2000
-    assert watch.counts.repeated == watch.counts.out_of_order == watch.counts.missing == 0
-    assert watch.counts.longest_silence == 0.0
+    assert run(sieve, samples, moving(home)) == (None, 2000)
+    assert sieve.counts.fresh == 2000
+    assert sieve.counts.repeated == sieve.counts.out_of_order == sieve.counts.missing == 0
+    assert sieve.counts.longest_silence == 0.0
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_a_sound_stream_passes(a1, watch, home):
     ],
 )
 @pytest.mark.parametrize("late", [False, True])
-def test_what_is_no_number_is_noticed_at_once(a1, watch, home, change, message, late):
+def test_what_is_no_number_is_noticed_at_once(a1, sieve, home, change, message, late):
     """Also in a sample that arrived together with a sound one."""
     bad = alive(a1, 5)
     for name, (index, value) in change.items():
@@ -82,32 +82,32 @@ def test_what_is_no_number_is_noticed_at_once(a1, watch, home, change, message, 
         bad = replace(bad, **{name: values})
     if late:
         bad = replace(alive(a1, 6), earlier=(bad,))
-    error, count = run(watch, [*(alive(a1, index) for index in range(5)), bad], holding(home))
+    error, count = run(sieve, [*(alive(a1, index) for index in range(5)), bad], holding(home))
     assert type(error) is SensorError
     assert str(error) == message
     assert count == 5
 
 
-def test_an_encoder_that_jumps_is_noticed_at_once(a1, watch, home):
+def test_an_encoder_that_jumps_is_noticed_at_once(a1, sieve, home):
     jumped = alive(a1, 5)
     jumped.joint_position[7] += 0.3
-    error, count = run(watch, [*(alive(a1, index) for index in range(5)), jumped], holding(home))
+    error, count = run(sieve, [*(alive(a1, index) for index in range(5)), jumped], holding(home))
     assert type(error) is SensorError
     assert str(error) == "the encoder of joint 'RL_thigh_joint' jumped by 0.30 rad in 2 ms at t = 0.010 s"
     assert count == 5
 
 
-def test_after_a_gap_a_joint_may_be_somewhere_else(a1, watch, home):
+def test_after_a_gap_a_joint_may_be_somewhere_else(a1, sieve, home):
     late = alive(a1, 400)
     late.joint_position[7] += 0.3
-    assert run(watch, [alive(a1, 0), late], holding(home))[0] is None
+    assert run(sieve, [alive(a1, 0), late], holding(home))[0] is None
 
 
-def test_a_frozen_encoder_is_noticed_when_its_joint_is_sent_elsewhere(a1, watch, home):
+def test_a_frozen_encoder_is_noticed_when_its_joint_is_sent_elsewhere(a1, sieve, home):
     samples = [alive(a1, index) for index in range(500)]
     for sample in samples:
         sample.joint_position[4] = home[4]
-    error, count = run(watch, samples, moving(home))
+    error, count = run(sieve, samples, moving(home))
     assert type(error) is SensorError
     assert str(error).startswith(
         "the encoder of joint 'FR_thigh_joint' is frozen: it has read exactly the same for 0.15 s while the joint was sent "
@@ -116,21 +116,21 @@ def test_a_frozen_encoder_is_noticed_when_its_joint_is_sent_elsewhere(a1, watch,
     assert 0.15 <= count * PERIOD < 0.2
 
 
-def test_an_encoder_of_a_joint_that_is_sent_nowhere_may_read_the_same_for_good(a1, watch, home):
+def test_an_encoder_of_a_joint_that_is_sent_nowhere_may_read_the_same_for_good(a1, sieve, home):
     """Coarse encoders do, of robots that stand."""
     samples = [alive(a1, index, joint_position=home) for index in range(3000)]
-    assert run(watch, samples, holding(home))[0] is None
+    assert run(sieve, samples, holding(home))[0] is None
 
 
-def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, watch, home):
+def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, sieve, home):
     still = at_rest(a1)
     samples = [
         alive(a1, index, angular_velocity=still.angular_velocity, acceleration=still.acceleration)
         for index in range(500)
     ]
-    assert run(watch, samples, holding(home))[0] is None
-    watch = SampleWatch(a1, PERIOD, SILENCE)
-    error, count = run(watch, samples, moving(home))
+    assert run(sieve, samples, holding(home))[0] is None
+    sieve = SampleFilter(a1, PERIOD, SILENCE)
+    error, count = run(sieve, samples, moving(home))
     assert type(error) is SensorError
     assert str(error).startswith("the IMU is frozen: it has read exactly the same for 0.1")
     assert count * PERIOD < 0.2
@@ -156,65 +156,65 @@ def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, watch, home):
         ),
     ],
 )
-def test_silence_is_told_from_repetition(a1, watch, home, again, kind, message):
+def test_silence_is_told_from_repetition(a1, sieve, home, again, kind, message):
     samples = [alive(a1, index) for index in range(20)]
     samples += [again(samples[-1]) for _ in range(100)]
-    error, count = run(watch, samples, moving(home))
+    error, count = run(sieve, samples, moving(home))
     assert type(error) is kind
     assert str(error) == message
     assert count == 19 + 51
-    assert watch.counts.longest_silence == pytest.approx(SILENCE, abs=2 * PERIOD)
+    assert sieve.counts.longest_silence == pytest.approx(SILENCE, abs=2 * PERIOD)
 
 
-def test_an_imu_that_falls_silent_alone_is_named(a1, watch, home):
+def test_an_imu_that_falls_silent_alone_is_named(a1, sieve, home):
     samples = [alive(a1, index, imu_time=min(index, 30) * PERIOD) for index in range(200)]
-    error, count = run(watch, samples, holding(home))
+    error, count = run(sieve, samples, holding(home))
     assert type(error) is CommunicationError
     assert str(error) == "no sample of the IMU has arrived for 102 ms; joint samples have"
     assert count * PERIOD < 0.2
 
 
-def test_a_few_lost_repeated_and_swapped_samples_are_counted_and_do_no_harm(a1, watch, home):
+def test_a_few_lost_repeated_and_swapped_samples_are_counted_and_do_no_harm(a1, sieve, home):
     samples = [alive(a1, index) for index in range(100)]
     samples[20:23] = [samples[19]] * 3
     samples[40] = replace(samples[39], joint_position=samples[39].joint_position.copy())
     samples[60], samples[61] = samples[61], samples[60]
-    newest = [watch.check(sample, home).time for sample in samples]
+    newest = [sieve.accept(sample, home).time for sample in samples]
     assert newest == sorted(newest)
-    assert (watch.counts.missing, watch.counts.repeated, watch.counts.out_of_order) == (3, 1, 1)
-    assert watch.counts.fresh == 95
+    assert (sieve.counts.missing, sieve.counts.repeated, sieve.counts.out_of_order) == (3, 1, 1)
+    assert sieve.counts.fresh == 95
 
 
-def test_what_arrived_together_is_handed_on_in_order_and_once(a1, watch, home):
+def test_what_arrived_together_is_handed_on_in_order_and_once(a1, sieve, home):
     first, second, third, fourth = (alive(a1, index) for index in range(4))
-    watch.check(first, home)
-    seen = watch.check(replace(third, earlier=(first, second, second)), home)
+    sieve.accept(first, home)
+    seen = sieve.accept(replace(third, earlier=(first, second, second)), home)
     assert seen.time == third.time
     assert [sample.time for sample in seen.earlier] == [second.time]
-    again = watch.check(replace(third, earlier=(second,)), home)
+    again = sieve.accept(replace(third, earlier=(second,)), home)
     assert (again.time, again.earlier) == (third.time, ())
-    assert watch.check(fourth, home).time == fourth.time
+    assert sieve.accept(fourth, home).time == fourth.time
 
 
-def test_after_a_pause_in_which_nobody_looked_nobody_is_blamed(a1, watch, home):
+def test_after_a_pause_in_which_nobody_looked_nobody_is_blamed(a1, sieve, home):
     for _ in range(45):
-        watch.check(alive(a1, 0), home)
-    watch.forgive()
+        sieve.accept(alive(a1, 0), home)
+    sieve.forgive()
     for _ in range(45):
-        watch.check(alive(a1, 0), home)
+        sieve.accept(alive(a1, 0), home)
 
 
 @given(st.lists(st.integers(0, 30), min_size=1, max_size=60), st.data())
 def test_time_never_goes_back_whatever_arrives(a1, order, data):
     """And no sample is handed on twice."""
-    watch = SampleWatch(a1, PERIOD, 10.0)
+    sieve = SampleFilter(a1, PERIOD, 10.0)
     samples = [alive(a1, index) for index in range(31)]
     handed, previous = [], None
     while order:
         count = data.draw(st.integers(1, len(order)))
         together, order = order[:count], order[count:]
         *earlier, newest = (samples[index] for index in together)
-        state = watch.check(replace(newest, earlier=tuple(earlier)), samples[0].joint_position)
+        state = sieve.accept(replace(newest, earlier=tuple(earlier)), samples[0].joint_position)
         if previous is None or state.time > previous:
             handed += [*(sample.time for sample in state.earlier), state.time]
         previous = state.time

@@ -5,7 +5,7 @@ import pytest
 from guarded import PERIOD, at_rest
 from scipy.spatial.transform import Rotation
 
-from equipoise.guard.tilt_watch import TiltWatch
+from equipoise.guard.tilt_filter import TiltFilter
 
 LEVEL = (0.0, 0.0, 1.0)
 
@@ -19,17 +19,17 @@ def turning(robot, rate, duration, acceleration_factor=1.0):
 
 
 def felt(samples, rotation=None):
-    watch = TiltWatch(np.eye(3) if rotation is None else rotation)
+    up = TiltFilter(np.eye(3) if rotation is None else rotation)
     for sample in samples:
-        watch.feel(sample)
-    return watch
+        up.feel(sample)
+    return up
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.0])
 def test_it_follows_a_base_that_turns_also_while_it_is_being_pushed(a1, factor):
-    watch = felt(turning(a1, 1.5, 0.4, factor))
-    assert watch.tilt == pytest.approx(0.6, abs=0.01)
-    assert watch.largest == pytest.approx(0.6, abs=0.01)
+    up = felt(turning(a1, 1.5, 0.4, factor))
+    assert up.tilt == pytest.approx(0.6, abs=0.01)
+    assert up.largest == pytest.approx(0.6, abs=0.01)
 
 
 def test_a_gyroscope_that_drifts_is_corrected(a1):
@@ -48,18 +48,18 @@ def test_an_imu_that_is_mounted_turned_is_turned_back(a1):
 
 
 def test_an_accelerometer_that_reads_nothing_tilts_nobody(a1):
-    watch = felt([at_rest(a1, index, acceleration=np.zeros(3)) for index in range(5)])
-    assert watch.tilt == 0.0
-    assert watch.lean(LEVEL) == 0.0
+    up = felt([at_rest(a1, index, acceleration=np.zeros(3)) for index in range(5)])
+    assert up.tilt == 0.0
+    assert up.lean(LEVEL) == 0.0
 
 
 def test_a_base_in_a_posture_does_not_lean(a1):
     """It turned by 0.3 rad, and that is what it was sent to do."""
-    watch = felt(turning(a1, 1.0, 0.3))
+    up = felt(turning(a1, 1.0, 0.3))
     floor = (-np.sin(0.3), 0.0, np.cos(0.3))
-    assert watch.tilt == pytest.approx(0.3, abs=0.01)
-    assert watch.lean(floor) == pytest.approx(0.0, abs=0.01)
-    assert watch.lean((np.sin(0.3), 0.0, np.cos(0.3))) == pytest.approx(0.3, abs=0.01)
+    assert up.tilt == pytest.approx(0.3, abs=0.01)
+    assert up.lean(floor) == pytest.approx(0.0, abs=0.01)
+    assert up.lean((np.sin(0.3), 0.0, np.cos(0.3))) == pytest.approx(0.3, abs=0.01)
 
 
 def test_a_robot_that_lies_level_does_not_lean_however_its_feet_are(a1):

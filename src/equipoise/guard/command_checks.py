@@ -6,19 +6,26 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import LimitError, SettingsError
+from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
 from equipoise.robot.model import RobotModel
 
 _ROUNDING = 1e-3  # [rad] by which a command may be beyond a joint's limit
+_FIRST_JUMP = 0.1  # [rad] between where a joint is and where it is first sent
 
 
-class CommandCheck:
-    """Refuses commands that no sound experiment sends.
+class CommandChecks:
+    """Refuse commands that no sound experiment sends.
 
     Args:
         own_gains: kp [Nm/rad] and kd [Nm s/rad] of the robot's model.
         control_period: [s].
+
+    Attributes:
+        at_rest: checks of the first command, before a robot is moved; they raise as the others do.
+        in_motion: checks of a command before it is sent; they raise LimitError, and SettingsError if it is for another number
+            of joints.
     """
 
     def __init__(
@@ -34,26 +41,13 @@ class CommandCheck:
             ("kp", "Nm/rad", 0 * joints, limits.gains * kp * joints),
             ("kd", "Nm s/rad", 0 * joints, limits.gains * kd * joints),
         )
+        self.in_motion: tuple[Check, ...] = (self._check_position, self._check_ranges)
+        self.at_rest: tuple[Check, ...] = (*self.in_motion, self._check_start)
 
-    def check(self, command: JointCommand, before: FloatArray, here: FloatArray) -> None:
-        """Look at a command before it is sent.
-
-        Args:
-            before: (nj,) targets sent last [rad].
-            here: (nj,) where the joints are [rad].
-
-        Raises:
-            SettingsError: it is for another number of joints.
-            LimitError: not a number, a jump, or beyond a joint's limits (and farther than the joint is by itself).
-        """
-        self._check_position(command.position, before, here)
-        for name, unit, least, most in self._ranges:
-            values = getattr(command, name)
-            if values is not None:
-                self._check_range(name, unit, values, least, most)
-
-    def _check_position(self, target: FloatArray, before: FloatArray, here: FloatArray) -> None:
-        robot = self._robot
+    def _check_position(self, command: JointCommand, known: Known) -> None:
+        """Numbers, within the limits or as far beyond as the joint is by itself, and no jump from the targets before."""
+        robot, target = self._robot, command.position
+        before, here = known.sent.position, known.state.joint_position
         self._check_shape(target)
         beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         # Of what is no number nothing is true: it is refused because it is not known to be within the limits.
@@ -70,6 +64,22 @@ class CommandCheck:
             raise LimitError(
                 f"joint {robot.joint_names[joint]!r} was sent a jump of {abs(target[joint] - before[joint]):.3f} rad, which "
                 f"is {speed[joint]:.0f} rad/s; its limit is {robot.velocity_limit[joint]:.1f} rad/s"
+            )
+
+    def _check_ranges(self, command: JointCommand, known: Known) -> None:
+        for name, unit, least, most in self._ranges:
+            values = getattr(command, name)
+            if values is not None:
+                self._check_range(name, unit, values, least, most)
+
+    def _check_start(self, command: JointCommand, known: Known) -> None:
+        here = known.state.joint_position
+        jump = np.abs(command.position - here)
+        if jump.max() > _FIRST_JUMP:
+            joint = int(np.argmax(jump))
+            raise LimitError(
+                f"the first command would move joint {self._robot.joint_names[joint]!r} at once from {here[joint]:.3f} to "
+                f"{command.position[joint]:.3f} rad; motions start where the robot is"
             )
 
     def _check_range(self, name: str, unit: str, values: FloatArray, least: FloatArray, most: FloatArray) -> None:

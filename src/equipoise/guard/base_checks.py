@@ -1,0 +1,62 @@
+"""Whether the base stands as it should: upright before anything moves, and then as the feet's targets would have it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST
+from equipoise.errors import FallError, SensorError
+from equipoise.guard.footing import look_at_feet
+from equipoise.guard.known import Check, Known
+from equipoise.guard.limits import Limits
+from equipoise.platform.platform import JointCommand
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+_COMING_DOWN = 1.0  # [s] after feet were up in which the base may still lean as in a lift
+
+
+class BaseChecks:
+    """Hold the lean of the base against its limits.
+
+    Attributes:
+        at_rest: checks before a robot is moved; they raise SensorError and FallError.
+        in_motion: checks of a sample; they raise FallError, and note which commands mean to plant all feet.
+    """
+
+    def __init__(self, limits: Limits, robot: RobotModel, stance: Stance) -> None:
+        self._limits, self._robot, self._stance = limits, robot, stance
+        self._lifted = -np.inf  # when feet were up last [s]
+        self.at_rest: tuple[Check, ...] = (self._check_gravity, self._check_upright)
+        self.in_motion: tuple[Check, ...] = (self._check_lean,)
+
+    def _check_gravity(self, command: JointCommand, known: Known) -> None:
+        size = float(np.linalg.norm(known.state.acceleration))
+        if not ACCELERATION_SAMPLE_AT_REST[0] <= size <= ACCELERATION_SAMPLE_AT_REST[1]:
+            raise SensorError(
+                f"the accelerometer reads {size:.1f} m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is "
+                "the robot being moved?"
+            )
+
+    def _check_upright(self, command: JointCommand, known: Known) -> None:
+        if known.up.tilt > self._limits.lean:
+            raise FallError(
+                f"the base leans by {np.degrees(known.up.tilt):.0f} deg before anything has moved: the robot has fallen, or "
+                "the IMU is mounted turned (give its pose under imu_rpy in a robot description)"
+            )
+
+    def _check_lean(self, command: JointCommand, known: Known) -> None:
+        state = known.state
+        for sample in (*state.earlier, state):
+            known.up.feel(sample)
+        lifted, floor = look_at_feet(self._robot, self._stance, command.position)
+        if lifted:
+            self._lifted = state.time
+        else:
+            known.planted = command
+        coming_down = state.time - self._lifted < _COMING_DOWN
+        lean = known.up.lean(floor)
+        if lean > (self._limits.lean_in_lift if coming_down else self._limits.lean):
+            raise FallError(
+                f"the base leans by {np.degrees(lean):.0f} deg from the posture that it was sent to take: the robot is falling"
+            )

@@ -1,0 +1,66 @@
+"""Whether the base stands as it should, before anything moves and in motion; each check has its words."""
+
+import numpy as np
+import pytest
+from guarded import at_rest, look
+
+from equipoise import nominal_stance
+from equipoise.errors import FallError, SensorError
+from equipoise.guard.base_checks import BaseChecks
+from equipoise.guard.limits import Limits
+from equipoise.platform.platform import JointCommand
+
+
+@pytest.fixture
+def checks(a1):
+    return BaseChecks(Limits(), a1, nominal_stance(a1))
+
+
+@pytest.fixture(scope="module")
+def hold(a1):
+    return JointCommand(nominal_stance(a1).joint_position)
+
+
+def leaning(robot, angle, **changes):
+    """A robot at rest whose base is turned about its y axis [rad]."""
+    return at_rest(robot, acceleration=9.81 * np.array([-np.sin(angle), 0.0, np.cos(angle)]), **changes)
+
+
+def test_before_anything_moves_gravity_is_felt(a1, checks, hold):
+    look(checks.at_rest, hold, at_rest(a1))
+    with pytest.raises(SensorError) as caught:
+        look(checks.at_rest, hold, at_rest(a1, acceleration=np.array([0.0, 0.0, 1.0])))
+    assert str(caught.value) == (
+        "the accelerometer reads 1.0 m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is the robot "
+        "being moved?"
+    )
+
+
+def test_before_anything_moves_the_base_is_upright(a1, checks, hold):
+    look(checks.at_rest, hold, leaning(a1, 0.34))
+    with pytest.raises(FallError) as caught:
+        look(checks.at_rest, hold, leaning(a1, 0.36))
+    assert str(caught.value) == (
+        "the base leans by 21 deg before anything has moved: the robot has fallen, or the IMU is mounted turned (give its "
+        "pose under imu_rpy in a robot description)"
+    )
+
+
+def test_on_four_feet_the_base_does_not_lean(a1, checks, hold):
+    look(checks.in_motion, hold, leaning(a1, 0.34))
+    with pytest.raises(FallError) as caught:
+        look(checks.in_motion, hold, leaning(a1, 0.36))
+    assert str(caught.value) == (
+        "the base leans by 21 deg from the posture that it was sent to take: the robot is falling"
+    )
+
+
+def test_on_two_feet_it_may_lean_farther_and_for_a_second_after_them(a1, checks, hold):
+    raised = np.array(hold.position)
+    raised[[2, 11]] -= 0.1  # the knees of FL and RR
+    look(checks.in_motion, JointCommand(raised), leaning(a1, 0.59, time=1.0))
+    look(checks.in_motion, hold, leaning(a1, 0.59, time=1.9))
+    with pytest.raises(FallError):
+        look(checks.in_motion, hold, leaning(a1, 0.61, time=1.9))
+    with pytest.raises(FallError):
+        look(checks.in_motion, hold, leaning(a1, 0.59, time=2.1))
