@@ -11,10 +11,12 @@ from hypothesis.extra import numpy as hnp
 
 from equipoise import nominal_stance
 from equipoise.errors import SettingsError
-from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, base_vector, components, log_cholesky
+from equipoise.precise.parameters import Priors, Unknowns, base_vector, log_cholesky
 from equipoise.robot.inertial import (
+    COMPONENTS,
     InertialParameters,
     base_parameters,
+    components,
     composite_parameters,
     stance_effective_parameters,
 )

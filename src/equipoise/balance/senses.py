@@ -46,7 +46,8 @@ class SensorKnowledge:
     def of(cls, calibration: Calibration, robot: RobotModel) -> SensorKnowledge:
         """What a calibration found; methods other than `precise` find nothing."""
         found = {finding.name: finding.value for finding in calibration.sensors}
-        zeros = np.array([found.get(f"{name} zero", 0.0) for name in robot.joint_names])
+        joints = calibration.joints
+        zeros = np.array([joints[name].zero.value or 0.0 for name in robot.joint_names])
         tilt = np.array([found.get(f"IMU {word}", 0.0) for word in ("rolled", "pitched", "yawed")])
         bias = np.array([found.get(f"accelerometer bias {axis}", 0.0) for axis in "xyz"])
         return cls(zeros, tilt, bias)

@@ -17,6 +17,7 @@ from equipoise.experiments.sway import SwaySettings, sway_axis, why_not_planted,
 from equipoise.experiments.tilt import SupportPlane, support_plane_of, tilt_of
 from equipoise.paper.com_search import find_com
 from equipoise.paper.equations import AxisFit, between, commanded_plane, find_intersection, fit_axis
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.paper.trial_runner import (
     ComSearchSettings,
     SearchProgress,
@@ -26,10 +27,9 @@ from equipoise.paper.trial_runner import (
     shifted_feet,
 )
 from equipoise.recording.recording import Recording
+from equipoise.result.body import Body
 from equipoise.result.calibration import (
-    BodyEstimate,
     Calibration,
-    Evidence,
     SupportLine,
     SwayEstimate,
     Trial,
@@ -95,20 +95,19 @@ def estimate(
     sways, fits, trials = estimate_sways(robot, recordings, com, stance, settings.sway)
     return Calibration(
         method=settings.method,
-        feet=settings.feet,
         **model_facts(robot, stance.joint_position),
-        composite=BodyEstimate(com_in_base=(float(x_c), float(y_c), None)),
-        base=BodyEstimate(),
+        composite=Body.partly(nominal.composite, com_in_base=(float(x_c), float(y_c), None)),
+        base=Body.partly(nominal.base),
+        stance_effective=Body.partly(nominal.stance_effective),
         sways=sways,
         support_lines=lines,
         trials=(*(lift.trial for lift in lifts), *trials),
         settings=dataclasses.asdict(settings),
-        nominal=nominal,
         warnings=(
             *_weight_warning(robot, recordings),
             *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
         ),
-        evidence=Evidence(tuple(lift.plane for lift in lifts), fits, stance.feet_in_base, tuple(recordings)),
+        evidence=SearchEvidence(stance.feet_in_base, tuple(recordings), fits, tuple(lift.plane for lift in lifts)),
     )
 
 
@@ -184,7 +183,7 @@ def com_by_iteration(calibration: Calibration, bounds: tuple[float, float]) -> F
     Raises:
         NotEstimatedError: the calibration came from a JSON file, which holds no planes.
     """
-    if calibration.evidence is None:
+    if not isinstance(calibration.evidence, SearchEvidence):
         raise NotEstimatedError("the support planes are not at hand: open the run folder instead of its JSON file")
     lifts = [trial for trial in calibration.trials if trial.kind == "lift"]
     by_diagonal: list[list[SupportPlane]] = []

@@ -21,11 +21,12 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.posture import BodyPosture, check_posture, feet_in_posture
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, components
+from equipoise.precise.parameters import Priors, Unknowns
 from equipoise.precise.posterior import body_jacobian, prior_rows
 from equipoise.precise.predict import Predictor
 from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock
 from equipoise.precise.trials import AMPLITUDES, LiftDesign, check_lift
+from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
 

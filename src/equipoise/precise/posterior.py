@@ -23,9 +23,9 @@ from equipoise.errors import RecordingError
 from equipoise.precise.gauss_newton import solve
 from equipoise.precise.measurements.evidence import Evidence
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Priors, Unknowns, components
+from equipoise.precise.parameters import Priors, Unknowns
 from equipoise.precise.residual_blocks import Misfit, PlantedBlock, TiltBlock, TorqueBlock
-from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 

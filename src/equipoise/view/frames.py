@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.plan import Durations
-from equipoise.result.calibration import SPATIAL_95
+from equipoise.result.statistics import SPATIAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
