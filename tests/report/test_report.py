@@ -142,7 +142,7 @@ def test_a_bar_keeps_the_order_of_what_it_shows(precise):
         assert 0 <= drawn["low"] < drawn["value"] < drawn["high"] <= 1
         for kind, place in drawn["marks"].items():
             assert 0 <= place <= 1
-            assert (place < drawn["value"]) == (getattr(one, kind) < one.value)
+            assert (place < drawn["value"]) == (getattr(one.quantity, kind) < one.value)
 
 
 @pytest.mark.parametrize(
