@@ -45,8 +45,9 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import EquipoiseError
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.routine import PreciseSettings
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.scale import Scale
 from equipoise.simulation.sensors import REALISTIC
 
@@ -178,18 +179,18 @@ def run(case: Case, keep: Path | None, again: bool) -> dict[str, object]:
     row["lifts"] = sum(trial.kind == "lift" for trial in result.trials)
     row["warnings"] = list(result.warnings)
     if settings.method == "precise":
-        row["error"] = (components(result.composite.parameters()) - true).tolist()
-        row["sd"] = [interval.deviation for interval in result.uncertainty["composite"].intervals.values()]
+        row["error"] = (result.composite.values - true).tolist()
+        row["sd"] = result.composite.deviations.tolist()
         unweighed = dataclasses.replace(
             settings, precise=dataclasses.replace(settings.precise, mass=None, mass_sd=None)
         )
         free = estimate(robot, recordings, unweighed)
-        row["free_error"] = (components(free.composite.parameters()) - true).tolist()
-        row["free_sd"] = [interval.deviation for interval in free.uncertainty["composite"].intervals.values()]
+        row["free_error"] = (free.composite.values - true).tolist()
+        row["free_sd"] = free.composite.deviations.tolist()
     else:
         error = [None] * 10
-        for index, value in enumerate((result.composite.mass, *result.composite.com_in_base)):
-            error[index] = None if value is None else float(value - true[index])
+        for index, quantity in enumerate(result.composite):
+            error[index] = None if quantity.value is None else float(quantity.value - true[index])
         for index, axis in enumerate(("roll", "pitch", "yaw")):
             moment = result.sways[axis].moment if axis in result.sways else None
             error[4 + index] = None if moment is None else float(moment - true[4 + index])
@@ -286,7 +287,7 @@ def coverage_table(rows: Iterable[dict]) -> list[str]:
             if not good:
                 continue
             ratio = np.abs([np.array(row[error]) / np.array(row[sd]) for row in good])
-            count = (ratio < 1.96).sum(axis=0)
+            count = (ratio < NORMAL_95).sum(axis=0)
             low, high = binom.interval(0.95, len(good), 0.95)
             cells = [
                 f"{value / len(good):.1%}" if low <= value <= high else f"**{value / len(good):.1%}**"

@@ -59,7 +59,7 @@ def run(robot: str, noise: str = "ideal", feet: str = "measured", tolerance: flo
     settings = CalibrationSettings("paper", feet, com_search=ComSearchSettings(tolerance=tolerance))
     with simulate(model, noise, payload, seed) as simulation:
         result = calibrate(simulation.platform, model, settings).with_truth(simulation.truth)
-    x, y, _ = result.errors()["composite"]["com_in_base"]
+    x, y = result.composite.com_in_base.errors[:2].tolist()
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     return Row(
         robot, noise, feet, tolerance * 1000, seed, payload, x * 1000, y * 1000,

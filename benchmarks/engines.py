@@ -32,7 +32,8 @@ from accuracy import payload_of, rms, rounded
 import equipoise
 from equipoise import calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import COMPONENTS, components
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "engines.jsonl"
@@ -55,15 +56,14 @@ def run(name: str, seed: int, engine: str) -> dict[str, object]:
     except EquipoiseError as error:
         return {**row, "failed": f"{type(error).__name__}: {error}"}
     taken = time.process_time() - begin
-    intervals = result.uncertainty["composite"].intervals.values()
     return {
         **row,
         "payload": payload,
         "truth": components(simulation.truth.composite).tolist(),
-        "estimate": components(result.composite.parameters()).tolist(),
-        "sd": [interval.deviation for interval in intervals],
-        "lower": [interval.lower for interval in intervals],
-        "upper": [interval.upper for interval in intervals],
+        "estimate": result.composite.values.tolist(),
+        "sd": result.composite.deviations.tolist(),
+        "lower": [quantity.lower for quantity in result.composite],
+        "upper": [quantity.upper for quantity in result.composite],
         "robot_time": sum(trial.duration for trial in result.trials),
         "cpu_s": taken,
         "warnings": list(result.warnings),
@@ -168,8 +168,9 @@ def write_tables() -> str:
         "random payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors and floor for both "
         "engines; contact, joint friction and integration are each engine's own. Whole robot at the nominal stance.",
         "",
-        f"Of {apart.size} quantities in {len(pairs)} pairs of runs the engines differ by less than 1.96 of both standard "
-        f"deviations together in {np.mean(apart < 1.96):.1%}, rms {rms(apart.ravel()):.2f}, at most {apart.max():.2f}. "
+        f"Of {apart.size} quantities in {len(pairs)} pairs of runs the engines differ by less than {NORMAL_95} of both "
+        f"standard deviations together in {np.mean(apart < NORMAL_95):.1%}, rms {rms(apart.ravel()):.2f}, at most "
+        f"{apart.max():.2f}. "
         f"The 95 % intervals hold the truth in {inside[0]:.1%} (MuJoCo) and {inside[1]:.1%} (DART). Checks found something in "
         + " and ".join(f"{count} of {len(pairs)} runs in {engine}" for engine, count in told.items()) + ".",
         "",

@@ -33,8 +33,8 @@ from equipoise import CalibrationSettings, JointCommand, Trajectory, calibrate, 
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.dds import UnitreeDdsSettings, open_link
 from equipoise.guard.guard import Guard
-from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings
+from equipoise.robot.inertial import components
 
 RESULTS = Path(__file__).parent / "results"
 ROBOT, DOMAIN, PAYLOAD = "unitree_a1", 71, "1.5,0.05,-0.02,0.06"
@@ -174,10 +174,9 @@ def calibrations(seed: int) -> dict[str, Any]:
 
 
 def summary(result: equipoise.Calibration) -> dict[str, Any]:
-    intervals = result.uncertainty["composite"].intervals.values()
     return {
-        "found": components(result.composite.parameters())[:7].tolist(),
-        "sd": [interval.deviation for interval in intervals][:7],
+        "found": result.composite.values[:7].tolist(),
+        "sd": result.composite.deviations[:7].tolist(),
         "robot_time": sum(trial.duration for trial in result.trials),
     }
 

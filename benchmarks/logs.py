@@ -20,8 +20,8 @@ from equipoise import Calibration, Recording, calibrate, load_robot, simulate
 from equipoise.errors import ModelWarning
 from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.offline import estimate_log
-from equipoise.precise.parameters import COMPONENTS, components
-from equipoise.robot.inertial import RobotInertia
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import RobotInertia, components
 
 RESULTS = Path(__file__).parent / "results"
 ROBOTS = {"unitree_a1": "1.5,0.05,-0.02,0.06", "go2": "1.5,0.05,0.02,0.06", "solo12": "0.3,0.03,0.01,0.04"}
@@ -43,9 +43,8 @@ def raw_log(recordings: list[Recording], steps: tuple[int, int]) -> RawLog:
 
 def errors(result: Calibration, truth: RobotInertia) -> tuple[np.ndarray, np.ndarray]:
     """(10,) errors, and (10,) those over half their 95 % intervals."""
-    off = components(result.composite.parameters()) - components(truth.composite)
-    intervals = result.uncertainty["composite"].intervals
-    return off, off / np.array([1.96 * intervals[name].deviation for name in COMPONENTS])
+    off = result.composite.values - components(truth.composite)
+    return off, off / (NORMAL_95 * result.composite.deviations)
 
 
 def run(name: str, payload: str, seed: int) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from equipoise import Payload, Recording, ScaleReadings, calibrate, find_delta, load_robot, nominal_stance, simulate
 from equipoise.errors import ModelWarning
-from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 
@@ -53,12 +53,9 @@ def run(name: str, seed: int) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for way, scale in zip(WAYS, (None, ScaleReadings(read)), strict=True):
         found = find_delta(robot, before, after, scale).with_truth(bare, loaded)
-        truth = components(found.truth)
-        values = [found.payload.by_name()[component] for component in COMPONENTS]
-        error = [None if value is None else value - true for value, true in zip(values, truth, strict=True)]
-        known = found.intervals
-        sd = [known[component].deviation if component in known else None for component in COMPONENTS]
-        rows.append({"robot": name, "seed": seed, "way": way, "mass": truth[0], "error": error, "sd": sd})
+        error, sd = ([getattr(one, name) for one in found.payload] for name in ("error", "deviation"))
+        truth = found.payload.mass.truth
+        rows.append({"robot": name, "seed": seed, "way": way, "mass": truth, "error": error, "sd": sd})
     print(name, seed, flush=True)
     return rows
 
@@ -80,7 +77,7 @@ def lines(rows: list[dict[str, object]]) -> list[str]:
             if not of:
                 continue
             error = np.array([row["error"] for row in of], dtype=float)
-            inside = np.abs(error) <= 1.96 * np.array([row["sd"] for row in of], dtype=float)
+            inside = np.abs(error) <= NORMAL_95 * np.array([row["sd"] for row in of], dtype=float)
             mass = 100 * error[:, 0] / np.array([row["mass"] for row in of])
             place = 1e3 * error[:, 1:4]
 

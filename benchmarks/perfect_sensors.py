@@ -22,8 +22,9 @@ from commit import commit
 
 from equipoise import CalibrationSettings, PreciseSettings, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.precise.parameters import COMPONENTS, components
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
+from equipoise.robot.inertial import components
 from equipoise.robot.model import RobotModel
 
 RESULTS = Path(__file__).parent / "results"
@@ -59,8 +60,8 @@ def run(case: Case) -> Row:
             result = calibrate(simulation.platform, robot, settings)
         except EquipoiseError as error:
             return row | {"failed": f"{type(error).__name__}: {error}"}
-    error = components(result.composite.parameters()) - components(simulation.truth.composite)
-    deviation = np.array([result.uncertainty["composite"].intervals[name].deviation for name in COMPONENTS])
+    error = result.composite.values - components(simulation.truth.composite)
+    deviation = result.composite.deviations
     posterior = result.evidence.posterior
     unused = sum(not misfit.used for misfit in (*posterior.lifts, *posterior.moves))
     unread = sum(motion.left_out is not None for motion in result.evidence.motions)
@@ -85,7 +86,7 @@ def table(rows: list[Row]) -> list[str]:
         ratio, com = np.abs(error / deviation), 1e3 * np.sqrt(np.mean(error[:, 1:4] ** 2, axis=0))
         alarms = ", ".join(sorted({alarm for row in told for alarm in row["alarms"]}))
         text.append(
-            f"| {name} | {budget} | {len(of)} | {len(of) - len(told)} | {np.sum(ratio < 1.96)} of {ratio.size} | "
+            f"| {name} | {budget} | {len(of)} | {len(of) - len(told)} | {np.sum(ratio < NORMAL_95)} of {ratio.size} | "
             f"{ratio.max():.1f} | {com[0]:.2f} {com[1]:.2f} {com[2]:.2f} | {sum(row['left_out'] for row in told)} | "
             f"{sum(bool(row['alarms']) for row in told)} {alarms} |"
         )
@@ -105,7 +106,7 @@ square. Target: at least 95 % of all intervals hold, no check fails (*alarms*), 
 def page(rows: list[Row]) -> str:
     """The page."""
     ratio = np.abs(np.concatenate([np.array(row["error"]) / row["deviation"] for row in rows if "error" in row]))
-    about = ABOUT.format(commit=commit(), share=np.mean(ratio < 1.96), count=ratio.size)
+    about = ABOUT.format(commit=commit(), share=np.mean(ratio < NORMAL_95), count=ratio.size)
     failed = [
         f"- {row['robot']}, {row['budget']} s, {row['payload']}: {row['failed']}" for row in rows if "failed" in row
     ]

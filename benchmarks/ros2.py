@@ -31,8 +31,8 @@ from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.ros2.driver import Ros2Settings, open_link
 from equipoise.errors import EquipoiseError
 from equipoise.guard.guard import Guard
-from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings
+from equipoise.robot.inertial import components
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "ros2.jsonl"
@@ -96,11 +96,10 @@ def measured(platform, robot, settings, truth) -> dict[str, object]:
         return {"failed": f"{type(error).__name__}: {error}"}
     common = {"robot_time": sum(trial.duration for trial in result.trials), "warnings": list(result.warnings)}
     if settings.method == "precise":
-        deviations = [interval.deviation for interval in result.uncertainty["composite"].intervals.values()]
-        error = components(result.composite.parameters()) - truth
-        return {**common, "error": error.tolist(), "sd": deviations}
+        error = result.composite.values - truth
+        return {**common, "error": error.tolist(), "sd": result.composite.deviations.tolist()}
     moments = [result.sways[axis].moment if axis in result.sways else None for axis in ("roll", "pitch", "yaw")]
-    found = [None, *result.composite.com_in_base, *moments]
+    found = [None, *(one.value for one in result.composite.com_in_base), *moments]
     return {**common, "error": [None if v is None else float(v - truth[i]) for i, v in enumerate(found)]}
 
 

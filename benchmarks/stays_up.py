@@ -28,10 +28,10 @@ from commit import commit
 
 from equipoise import CalibrationSettings, Recording, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.catalog import CATALOG
+from equipoise.robot.inertial import components
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.simulation import Simulation
 
@@ -82,9 +82,9 @@ def run(name: str, seed: int, budget: int) -> Row:
             row |= {"failed": type(error).__name__, "message": str(error)}
         else:
             truth = components(simulation.truth.composite)
-            error = components(result.composite.parameters()) - truth
-            sd = [interval.deviation for interval in result.uncertainty["composite"].intervals.values()]
-            row |= {"truth": truth.tolist(), "error": error.tolist(), "sd": sd}
+            error = result.composite.values - truth
+            sd = result.composite.deviations
+            row |= {"truth": truth.tolist(), "error": error.tolist(), "sd": sd.tolist()}
             row["alarms"] = [check.name for check in result.checks if not check.passed]
         leaning.append(simulation.witness.look().tilt)
     lifts = [recording for recording in recordings if isinstance(recording.trial, LiftTrial)]

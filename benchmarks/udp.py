@@ -34,8 +34,8 @@ from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, s
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.udp import UnitreeUdpSettings, open_link
 from equipoise.guard.guard import Guard
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.routine import PreciseSettings
+from equipoise.robot.inertial import COMPONENTS
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "udp.jsonl"
@@ -57,13 +57,13 @@ class Row:
     told: dict[str, Any] = field(default_factory=dict)
 
     def cells(self) -> list[str]:
-        error = self.result.errors()["composite"]
-        diagonal = np.diag(error["inertia"]) / np.diag(self.result.truth.composite.inertia)
+        found = self.result.composite
+        diagonal = [moment.error / moment.truth for moment in found.inertia.moments]
         return [
             self.what,
             str(self.seed),
-            f"{1000 * error['mass']:+.0f}",
-            " ".join(f"{1000 * value:+.2f}" for value in error["com_in_base"]),
+            f"{1000 * found.mass.error:+.0f}",
+            " ".join(f"{1000 * value:+.2f}" for value in found.com_in_base.errors),
             " ".join(f"{100 * value:+.1f}" for value in diagonal),
             f"{self.worst():.1f}",
             *(str(self.told.get(name, "")) for name in ("arrived", "fresh", "late", "waited")),
@@ -71,9 +71,7 @@ class Row:
 
     def worst(self) -> float:
         """The largest error in standard deviations that the result claims."""
-        truth = components(self.result.truth.composite)
-        error = components(self.result.composite.parameters()) - truth
-        return float(np.max(np.abs(error) / np.sqrt(np.diag(self.result.uncertainty["composite"].covariance))))
+        return float(np.max(np.abs(self.result.composite.errors) / self.result.composite.deviations))
 
 
 def direct(seed: int) -> Row:

@@ -8,7 +8,6 @@ docs/examples.md shows what this prints.
 import sys
 
 from equipoise import CalibrationSettings, calibrate, load_robot, simulate
-from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings
 
 budget = float(sys.argv[1]) if len(sys.argv) > 1 else None
@@ -18,9 +17,7 @@ with simulate(robot, noise="realistic", payload="1,0.05,0.02,0.08", seed=3) as s
     settings = CalibrationSettings(precise=PreciseSettings(budget=budget))
     result = calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
 
-truth = components(simulation.truth.composite)
-estimate = result.composite.by_name()
-for (name, interval), true in zip(result.uncertainty["composite"].intervals.items(), truth, strict=True):
-    between = f"{interval.lower:8.4f} to {interval.upper:8.4f}"
-    print(f"{name:5} {estimate[name]:8.4f}, 95 % {between}; truth {true:8.4f}; {interval.verdict}")
+for one in result.composite:
+    between = f"{one.lower:8.4f} to {one.upper:8.4f}"
+    print(f"{one.name:5} {one.value:8.4f}, 95 % {between}; truth {one.truth:8.4f}; {one.verdict}")
 print("all checks passed" if result.trustworthy else "\n".join(result.warnings))

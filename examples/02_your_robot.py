@@ -27,5 +27,5 @@ print(f"{plan.lifts} lifts in {plan.robot_time:.0f} s would tell the CoM to {wor
 # In simulation first. "static" only stands and reads the torques; CalibrationSettings(precise=settings) does the plan.
 with simulate(robot, noise="realistic", seed=1) as simulation:
     result = calibrate(simulation.platform, robot, CalibrationSettings("static"))
-x, y, _ = result.composite.com_in_base
-print(f"at first sight: {result.composite.mass:.1f} kg, CoM at {1000 * x:.0f}, {1000 * y:.0f} mm")
+mass, com = result.composite.mass, result.composite.com_in_base
+print(f"at first sight: {mass.value:.1f} kg, CoM at {1000 * com.x.value:.0f}, {1000 * com.y.value:.0f} mm")

@@ -18,7 +18,7 @@ for trial in result.trials:
 for diagonal, line in result.support_lines.items():
     print(f"{diagonal}: balances at {1000 * line.offset:+.1f} mm")
 
-x_error, y_error, _ = result.errors()["composite"]["com_in_base"]
-print(f"CoM off by {1000 * x_error:+.2f}, {1000 * y_error:+.2f} mm")
+com = result.composite.com_in_base
+print(f"CoM off by {1000 * com.x.error:+.2f}, {1000 * com.y.error:+.2f} mm")
 for axis, sway in result.sways.items():
     print(f"about {axis}: I {sway.moment:.3f} kg m2, C {sway.damping:.2f} Nm s/rad at {sway.frequency:.2f} Hz")

@@ -34,5 +34,5 @@ with file.open("w", newline="") as stream:
 
 found = estimate_log(robot, read_log(file, robot), CalibrationSettings())
 print(f"{sum(trial.kind == 'lift' for trial in found.result.trials)} lifts found in {file}")
-for name, interval in found.result.uncertainty["composite"].intervals.items():
-    print(f"{name:5} {interval.lower:8.4f} to {interval.upper:8.4f}  {interval.verdict}")
+for one in found.result.composite:
+    print(f"{one.name:5} {one.lower:8.4f} to {one.upper:8.4f}  {one.verdict}")

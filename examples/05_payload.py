@@ -18,8 +18,8 @@ else:
     scale = ScaleReadings(masses=(12.44, 13.44))  # one scale, twice
 
 delta = find_delta(robot, before, after, scale)
-mass = delta.intervals["mass"]
-print(f"{'removed' if delta.removed else 'added'}: {delta.payload.mass:.2f} kg ({mass.lower:.2f} to {mass.upper:.2f})")
-for name in ("com_x", "com_y", "com_z"):
-    if name in delta.intervals:
-        print(f"{name}: {1000 * delta.intervals[name].lower:.0f} to {1000 * delta.intervals[name].upper:.0f} mm")
+mass = delta.payload.mass
+print(f"{'removed' if delta.removed else 'added'}: {mass.value:.2f} kg ({mass.lower:.2f} to {mass.upper:.2f})")
+for one in delta.payload.com_in_base:
+    if one.value is not None:  # of no mass nothing is said of where it is
+        print(f"{one.name}: {1000 * one.lower:.0f} to {1000 * one.upper:.0f} mm")

@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from equipoise.errors import ModelWarning
 from equipoise.export.subject import body_of, seen_from
-from equipoise.precise.parameters import COMPONENTS, components
-from equipoise.result.calibration import BodyEstimate, Calibration, Interval, Uncertainty, model_facts
-from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration, model_facts
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, components, composite_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
@@ -37,9 +37,10 @@ def found(robot, added=None, verdicts=None, **changes):
     nominal = nominal_inertia(robot, stance)
     bodies = {name: joined(getattr(nominal, name), added) for name in ("composite", "base")}
     result = Calibration(
-        **model_facts(robot, stance), method="precise", feet="measured", sways={}, support_lines={}, trials=(), settings={},
-        composite=BodyEstimate.known(bodies["composite"]), base=BodyEstimate.known(bodies["base"]), nominal=nominal,
-        uncertainty={name: uncertainty(name, body, verdicts or {}) for name, body in bodies.items()},
+        **model_facts(robot, stance), method="precise", sways={}, support_lines={}, trials=(), settings={},
+        composite=sure("composite", bodies["composite"], nominal.composite, verdicts or {}),
+        base=sure("base", bodies["base"], nominal.base, verdicts or {}),
+        stance_effective=Body.partly(nominal.stance_effective),
     )  # fmt: skip
     return dataclasses.replace(result, **changes)
 
@@ -49,19 +50,17 @@ def joined(body, added):
     return body_of(body.vector + added.vector, "the sum")
 
 
-def uncertainty(name, body, verdicts):
+def sure(name, body, model, verdicts):
     """Two percent of the size of each parameter, some of them correlated."""
     scale = np.abs(components(body))
     scale[1:4] = 0.02
     scale[7:] = scale[4:7].min()
     root = 0.02 * np.diag(scale)
     root[4:7, 0] = root[4:7, 4:7].diagonal()
+    beside = {"identified": np.inf, "weak": 3.0, "not identified": 1.0}  # standard deviations
     covariance = root @ root.T
-    intervals = {
-        part: Interval(float(s), float(v - 2 * s), float(v + 2 * s), verdicts.get((name, part), "identified"))
-        for part, v, s in zip(COMPONENTS, components(body), np.sqrt(np.diag(covariance)), strict=True)
-    }
-    return Uncertainty(intervals, tuple(tuple(float(x) for x in row) for row in covariance))
+    sizes = [beside[verdicts.get((name, part), "identified")] for part in COMPONENTS]
+    return Body.known(body, covariance, np.sqrt(np.diag(covariance)) * sizes, model)
 
 
 def read_again(path, robot):

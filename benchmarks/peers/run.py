@@ -40,10 +40,9 @@ from numpy.typing import NDArray
 import equipoise
 from equipoise import CalibrationSettings, estimate
 from equipoise.errors import EquipoiseError
-from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.recording import Recording
-from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.inertial import components, composite_parameters
 from peers import filtered, mujoco_sysid, projected_least_squares, rigid_body_kalman
 from peers.mujoco_sysid import SysidSettings
 from peers.projected_least_squares import ProjectedSettings
@@ -118,10 +117,10 @@ def _ours(method: str, case: Case, recordings: list[Recording], scale: Known | N
     precise = PreciseSettings() if scale is None else PreciseSettings(mass=scale.mass, mass_sd=scale.mass_sd)
     result = estimate(case.robot, recordings, CalibrationSettings(method, precise=precise))  # pyright: ignore
     if method == "precise":
-        return components(result.composite.parameters()).tolist()
+        return result.composite.values.tolist()
     axes = ("roll", "pitch", "yaw")
     moments = [result.sways[axis].moment if axis in result.sways else None for axis in axes]
-    return [result.composite.mass, *result.composite.com_in_base, *moments, None, None, None]
+    return [*(quantity.value for quantity in [*result.composite][:4]), *moments, None, None, None]
 
 
 def _theirs(

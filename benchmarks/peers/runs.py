@@ -25,10 +25,9 @@ from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import stand_up
 from equipoise.paper.sway import why_not_planted
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
-from equipoise.precise.parameters import components
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
-from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.inertial import components, composite_parameters
 from equipoise.robot.kinematics import feet_under_base
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.precise.parameters import components
+from equipoise.robot.inertial import components
 from peers import filtered, projected_least_squares, rigid_body_kalman
 from peers.filtered import Filtered
 from peers.projected_least_squares import ProjectedSettings

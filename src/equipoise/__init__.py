@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from equipoise.precise.routine import PreciseSettings
     from equipoise.precise.two_runs import ScaleReadings
     from equipoise.recording.recording import Recording
+    from equipoise.result.body import Body
     from equipoise.result.calibration import Calibration
+    from equipoise.result.quantity import Quantity
     from equipoise.robot.audit import Audit, audit
     from equipoise.robot.catalog import load_robot
     from equipoise.robot.description import RobotDescription
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Audit": "robot.audit",
+    "Body": "result.body",
     "Calibration": "result.calibration",
     "CalibrationSettings": "calibration.routine",
     "ComSearchSettings": "paper.trial_runner",
@@ -49,6 +52,7 @@ _HOME = {
     "Payload": "simulation.payload",
     "Platform": "platform.platform",
     "PreciseSettings": "precise.routine",
+    "Quantity": "result.quantity",
     "Recording": "recording.recording",
     "RobotDescription": "robot.description",
     "RobotModel": "robot.model",
@@ -73,6 +77,7 @@ _HOME = {
 
 __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "Audit",
+    "Body",
     "Calibration",
     "CalibrationSettings",
     "ComSearchSettings",
@@ -83,6 +88,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "Payload",
     "Platform",
     "PreciseSettings",
+    "Quantity",
     "Recording",
     "RobotDescription",
     "RobotModel",

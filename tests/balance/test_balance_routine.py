@@ -13,6 +13,7 @@ from equipoise.balance.routine import BalanceSettings, balance
 from equipoise.balance.senses import Senses, SensorKnowledge, leveling
 from equipoise.errors import FallError, MotionError, SettingsError
 from equipoise.platform.platform import MotionInterrupted, RobotState
+from equipoise.result.body import Body
 from equipoise.robot.inertial import composite_parameters
 from equipoise.simulation.glimpse import Bystander
 
@@ -256,11 +257,11 @@ def test_a_precise_calibration_gives_mass_inertia_and_sensor_errors(a1, precise_
 
 def test_a_calibration_of_the_plane_alone_moves_the_centre_of_mass_in_the_plane(a1, precise_run):
     stance, result = precise_run.stance, precise_run.result
-    x, y, _ = result.composite.com_in_base
+    x, y, _ = result.composite.com_in_base.values
     planar = dataclasses.replace(
         result,
-        composite=dataclasses.replace(result.composite, mass=None, com_in_base=(x, y, None), inertia=None),
-        base=dataclasses.replace(result.base, mass=None, com_in_base=(None, None, None), inertia=None),
+        composite=Body.partly(com_in_base=(x, y, None)),
+        base=Body.partly(),
         sensors=(),
     )
     belief = calibrated(a1, stance, planar)
@@ -268,9 +269,7 @@ def test_a_calibration_of_the_plane_alone_moves_the_centre_of_mass_in_the_plane(
     assert np.allclose(whole.com, [x, y, nominal.com[2]], atol=1e-9)
     assert whole.mass == pytest.approx(nominal.mass)
     assert not belief.sensors.any
-    unknown = dataclasses.replace(
-        planar, composite=dataclasses.replace(planar.composite, com_in_base=(None, None, None))
-    )
+    unknown = dataclasses.replace(planar, composite=Body.partly())
     with pytest.raises(SettingsError, match="knows no planar centre of mass"):
         calibrated(a1, stance, unknown)
 

@@ -10,8 +10,7 @@ import pytest
 from tilting import contact_jacobian
 
 from equipoise import nominal_stance
-from equipoise.precise.parameters import components
-from equipoise.robot.inertial import base_parameters, composite_parameters
+from equipoise.robot.inertial import base_parameters, components, composite_parameters
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 

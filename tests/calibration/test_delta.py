@@ -11,7 +11,6 @@ from equipoise.calibration.delta import _payload
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.routine import PreciseSettings
 from equipoise.precise.two_runs import _TwoProblems
 from equipoise.precise.unknowns import Priors
@@ -43,43 +42,44 @@ def weighed(a1, bare, precise_run, scale):
 
 
 def test_a_payload_is_found_within_its_intervals(weighed):
-    assert weighed.truth.mass == pytest.approx(PAYLOAD[0])
-    assert np.allclose(weighed.truth.com, PAYLOAD[1:])
-    assert weighed.payload.mass == pytest.approx(PAYLOAD[0], rel=0.02)
-    assert np.allclose(weighed.payload.com_in_base[:2], PAYLOAD[1:3], atol=0.005)
+    payload = weighed.payload
+    assert payload.truth.mass == pytest.approx(PAYLOAD[0])
+    assert np.allclose(payload.truth.com, PAYLOAD[1:])
+    assert payload.mass.value == pytest.approx(PAYLOAD[0], rel=0.02)
+    assert np.allclose(payload.com_in_base.values[:2], PAYLOAD[1:3], atol=0.005)
     assert not weighed.removed
     assert not weighed.warnings
-    truth = dict(zip(COMPONENTS, [weighed.truth.mass, *weighed.truth.com, *6 * [0.0]], strict=True))
-    for name, interval in weighed.intervals.items():
-        assert interval.lower < truth[name] < interval.upper, name
-    assert weighed.intervals["mass"].verdict == "identified"
-    assert weighed.intervals["Ixx"].verdict != "identified"  # a point has none
+    for quantity, true in zip(payload, [payload.truth.mass, *payload.truth.com, *6 * [0.0]], strict=True):
+        assert quantity.lower < true < quantity.upper, quantity.name
+    assert payload.mass.verdict == "identified"
+    assert payload.inertia.Ixx.verdict != "identified"  # a point has none
 
 
 def test_errors_in_common_cancel(a1, bare, precise_run, weighed):
-    apart = precise_run.result.uncertainty["composite"].intervals["mass"].deviation
+    apart = precise_run.result.composite.mass.deviation
     alone = find_delta(a1, bare[0], precise_run.recordings)
-    assert alone.intervals["mass"].deviation < apart
-    assert weighed.intervals["mass"].deviation < 0.2 * alone.intervals["mass"].deviation
-    assert abs(alone.payload.mass - PAYLOAD[0]) < 2 * alone.intervals["mass"].deviation
+    assert alone.payload.mass.deviation < apart
+    assert weighed.payload.mass.deviation < 0.2 * alone.payload.mass.deviation
+    assert abs(alone.payload.mass.value - PAYLOAD[0]) < 2 * alone.payload.mass.deviation
 
 
 def test_what_is_taken_off_is_the_same_body(a1, bare, precise_run, scale, weighed):
     removed = find_delta(a1, precise_run.recordings, bare[0], dataclasses.replace(scale, masses=scale.masses[::-1]))
     removed = removed.with_truth(precise_run.truth, bare[1])
     assert removed.removed
-    assert removed.truth.mass == pytest.approx(PAYLOAD[0])
-    assert removed.payload.mass == pytest.approx(weighed.payload.mass, rel=5e-3)
-    assert np.allclose(removed.payload.com_in_base, weighed.payload.com_in_base, atol=1e-3)
-    assert removed.change["mass"] < 0
+    assert removed.payload.truth.mass == pytest.approx(PAYLOAD[0])
+    assert removed.payload.mass.value == pytest.approx(weighed.payload.mass.value, rel=5e-3)
+    assert np.allclose(removed.payload.com_in_base.values, weighed.payload.com_in_base.values, atol=1e-3)
+    assert removed.change.mass.value < 0
 
 
 def test_of_nothing_only_the_mass_is_said(a1, bare):
     nothing = find_delta(a1, bare[0], bare[0])
-    assert nothing.payload.com_in_base == (None, None, None)
-    assert nothing.payload.inertia is None
-    assert abs(nothing.payload.mass) < 0.05 * nothing.intervals["mass"].deviation
-    assert all(interval.verdict == "not identified" for interval in nothing.change_intervals.values())
+    mass, *others = nothing.payload
+    assert all(quantity.value is quantity.deviation is quantity.verdict is None for quantity in others)
+    assert list(nothing.to_dict()["intervals"]) == ["mass"]
+    assert abs(mass.value) < 0.05 * mass.deviation
+    assert all(quantity.verdict == "not identified" for quantity in nothing.change)
 
 
 def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
@@ -110,8 +110,8 @@ def test_bodies_come_back_from_what_adds_up():
 def test_verdicts_are_by_what_a_quantity_is_like():
     vector = np.array([1.0, 0.1, 0, 0, 0.01, 0, 0.02, 0, 0, 0.02])
     covariance = np.diag(np.array([0.05, 1e-3, 0.04, 0.2, *6 * [1e-3]]) ** 2)
-    _, intervals = _payload(vector, covariance, length=0.18)
-    assert [intervals[name].verdict for name in COMPONENTS[:4]] == [
+    mass, *others = _payload(vector, covariance, length=0.18)
+    assert [quantity.verdict for quantity in (mass, *others[:3])] == [
         "identified",
         "identified",
         "weak",
@@ -155,14 +155,14 @@ def test_the_command_says_what_was_added(folders, scale, weighed, capsys):
     assert main(["delta", *runs, "--json", "--out", str(out)]) == 0
     table = json.loads(capsys.readouterr().out)
     assert table["schema"] == "equipoise.delta/1"
-    assert table["payload"]["mass"] == pytest.approx(weighed.payload.mass)
+    assert table["payload"]["mass"] == pytest.approx(weighed.payload.mass.value)
     assert table["truth"]["mass"] == pytest.approx(PAYLOAD[0])
     assert table["provenance"]["masses"] == [float(before), float(after)]
     assert json.loads(out.read_text(encoding="utf-8")) == table
     assert main(["delta", *runs]) == 0
     text = capsys.readouterr().out
     assert "unitree_a1: what was added" in text
-    assert f"{weighed.payload.mass:.3f}" in text
+    assert f"{weighed.payload.mass.value:.3f}" in text
 
 
 def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):

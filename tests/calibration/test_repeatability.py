@@ -17,10 +17,10 @@ def results(a1):
 
 
 def test_the_spread_is_that_of_the_results(results):
-    by_name = {one.name: one for one in repeatability(results)}
+    by_name = {one.quantity.name: one for one in repeatability(results)}
     assert set(by_name) == {"mass", "com_x", "com_y"}
-    masses = [result.composite.mass for result in results]
-    assert by_name["mass"].mean == pytest.approx(np.mean(masses))
+    masses = [result.composite.mass.value for result in results]
+    assert by_name["mass"].quantity.value == pytest.approx(np.mean(masses))
     assert by_name["mass"].spread == pytest.approx(np.std(masses, ddof=1))
     assert by_name["mass"].spread > 0
     assert by_name["mass"].ratio is None
@@ -29,7 +29,7 @@ def test_the_spread_is_that_of_the_results(results):
 def test_the_spread_is_compared_with_what_results_say_of_themselves(precise_run):
     repeated = repeatability([precise_run.result, precise_run.result])
     assert len(repeated) == 10
-    assert all(one.ratio == 0 and one.deviation > 0 for one in repeated)
+    assert all(one.ratio == 0 and one.quantity.deviation > 0 for one in repeated)
     assert to_dict(repeated, 2)["parameters"]["Ixx"]["ratio"] == 0
 
 

@@ -87,7 +87,7 @@ def test_commanded_feet_give_another_estimate_from_the_same_recordings(run, caps
     commanded = json.loads(capsys.readouterr().out)
     measured = json.loads((run / "calibration.json").read_text(encoding="utf-8"))
     assert commanded["composite"]["com_in_base"] != measured["composite"]["com_in_base"]
-    assert commanded["feet"] == "commanded"
+    assert commanded["settings"]["feet"] == "commanded"
 
 
 def test_calibrate_prints_json_and_nothing_else(tmp_path, capsys):

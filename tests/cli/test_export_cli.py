@@ -50,7 +50,8 @@ def test_short_texts_are_shown_whole(run, capsys):
 
 def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
     result = RunFolder.open(run).result()
-    heavier = dataclasses.replace(result, composite=dataclasses.replace(result.composite, mass=20.0))
+    mass = dataclasses.replace(result.composite.mass, value=20.0)
+    heavier = dataclasses.replace(result, composite=dataclasses.replace(result.composite, mass=mass))
     heavier.save(run / "weighed.json")
     assert main(["export", str(run / "weighed.json"), "--to", "json", "--json"]) == 0
     assert main(["export", str(run / "weighed.json"), "--to", "urdf"]) == 0

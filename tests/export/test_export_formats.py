@@ -21,10 +21,9 @@ from equipoise.errors import ModelError, NotEstimatedError, NotIdentifiedError, 
 from equipoise.export.formats import FORMATS
 from equipoise.export.randomisation import ENTRIES, pseudo_inertias, spread, stretched
 from equipoise.export.subject import body_of
-from equipoise.precise.parameters import COMPONENTS, components
-from equipoise.result.calibration import BodyEstimate
+from equipoise.result.body import Body
 from equipoise.result.findings import Check
-from equipoise.robot.inertial import InertialParameters, base_parameters
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components
 
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 OWN_FILES = sorted(name for name, row in FORMATS.items() if row.file != "model")
@@ -101,7 +100,7 @@ def test_only_what_a_format_wants_is_judged(a1):
 @pytest.mark.parametrize("force", [False, True])
 def test_what_a_method_does_not_estimate_is_refused(name, force, result):
     paper = dataclasses.replace(
-        result, method="paper", composite=BodyEstimate(com_in_base=(0.01, 0.0, None)), base=BodyEstimate()
+        result, method="paper", composite=Body.partly(com_in_base=(0.01, 0.0, None)), base=Body.partly()
     )
     with pytest.raises(NotEstimatedError) as error:
         export(paper, name, force=force)
@@ -114,7 +113,7 @@ def test_a_base_that_no_body_can_be_is_refused(a1):
     missing = InertialParameters(5.0, np.array([0.0, 0.0, 0.1]), 0.05 * np.eye(3))
     light = body_of(result.nominal.composite.vector - missing.vector, "the robot")
     with pytest.raises(NotPhysicalError) as error:
-        export(dataclasses.replace(result, composite=BodyEstimate.known(light)), "xacro")
+        export(dataclasses.replace(result, composite=Body.known(light, model=result.nominal.composite)), "xacro")
     assert str(error.value).startswith("base link 'trunk', less the model's legs, would have a mass of -0.286")
 
 
@@ -137,7 +136,7 @@ def test_what_a_format_does_not_take_is_refused(name, options, message, result):
 
 def test_the_base_is_such_that_the_models_legs_make_it_the_composite(result, base):
     adjusted = dataclasses.replace(base, mass=base.mass + 0.05)  # with legs that are 50 g lighter than the model's
-    other = dataclasses.replace(result, base=BodyEstimate.known(adjusted))
+    other = dataclasses.replace(result, base=Body.known(adjusted, model=result.nominal.base))
     written = json.loads(export(other, "json").text)["base"]
     assert written["mass"] == pytest.approx(base.mass, rel=1e-12)
 
@@ -356,7 +355,7 @@ def pseudo_of(body):
 
 
 def draw(result, scale=1.0, **options):
-    covariance = scale * np.array(result.uncertainty["composite"].covariance)
+    covariance = scale * result.composite.covariance
     return spread(result.base.parameters(), result.composite.parameters(), covariance, seed=2, **options)
 
 
@@ -374,7 +373,7 @@ def test_robots_with_drawn_bases_have_the_covariance_of_the_composite(result, ba
     drawn = draw(result, 0.01, draws=4000)  # small enough that every body can exist
     legs = composite.vector - base.vector
     robots = np.array([components(body_of(body_from(row).vector + legs, "robot")) for row in drawn.bodies])
-    covariance = 0.01 * np.array(result.uncertainty["composite"].covariance)
+    covariance = 0.01 * result.composite.covariance
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(robots.std(axis=0), deviation, rtol=0.05)
     np.testing.assert_allclose(np.corrcoef(robots.T), covariance / np.outer(deviation, deviation), atol=0.06)
@@ -432,7 +431,7 @@ def test_mjlab_has_the_ranges_of_its_pseudo_inertia_term(result, base):
     assert len(names["SAMPLES"]) == 20
     assert (names["BASE_LINK"], names["SEED"]) == ("trunk", 5)
     low, high = names["QUANTILES"]["mass"]
-    deviation = result.uncertainty["composite"].intervals["mass"].deviation
+    deviation = result.composite.mass.deviation
     assert high - low == pytest.approx(2 * 1.96 * deviation, rel=0.1)
 
 
@@ -456,7 +455,7 @@ def test_what_is_drawn_follows_the_seed(result):
 @pytest.mark.parametrize("name", ["mjlab", "isaaclab"])
 def test_without_a_covariance_nothing_is_drawn(name, result):
     with pytest.raises(NotEstimatedError, match="has no covariance"):
-        export(dataclasses.replace(result, uncertainty={}), name)
+        export(dataclasses.replace(result, composite=dataclasses.replace(result.composite, covariance=None)), name)
 
 
 def test_a_comment_in_the_file_names_the_term(result):

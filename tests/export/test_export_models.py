@@ -21,8 +21,8 @@ from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import RobotDescription, export, load_robot
 from equipoise.errors import MissingDependencyError, ModelError, NotPhysicalError, SettingsError
-from equipoise.precise.parameters import COMPONENTS
-from equipoise.result.calibration import Interval, Uncertainty
+from equipoise.result.body import Body
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import InertialParameters, base_parameters
 
@@ -301,8 +301,9 @@ def test_a_link_that_no_body_could_be_is_refused(text, tmp_path):
 
 def within(result, half):
     """The same result, with intervals of this half-width."""
-    intervals = {name: Interval(half / 2, -half, half, "identified") for name in COMPONENTS}
-    return dataclasses.replace(result, uncertainty={"composite": Uncertainty(intervals, ())})
+    found, variance = result.composite, (half / NORMAL_95) ** 2
+    known = Body.known(found.parameters(), variance * np.eye(10), np.full(10, np.inf), found.model)
+    return dataclasses.replace(result, composite=known)
 
 
 def test_a_difference_that_is_nearly_a_body_is_a_link(a1, tmp_path):
@@ -311,8 +312,8 @@ def test_a_difference_that_is_nearly_a_body_is_a_link(a1, tmp_path):
     written = export(result, "urdf", payload_link=True)
     assert any(note.startswith("within the intervals: the difference is no body") for note in written.notes)
     again = composite_in_equipoise(written.save(tmp_path / "robot.urdf"), result, a1)
-    np.testing.assert_allclose(again.com, result.composite.com_in_base, rtol=1e-12)
-    assert again.mass == pytest.approx(result.composite.mass, rel=1e-12)
+    np.testing.assert_allclose(again.com, result.composite.com_in_base.values, rtol=1e-12)
+    assert again.mass == pytest.approx(result.composite.mass.value, rel=1e-12)
 
 
 def test_a_difference_that_is_no_body_is_no_link_unless_forced(a1, tmp_path):
@@ -325,7 +326,7 @@ def test_a_difference_that_is_no_body_is_no_link_unless_forced(a1, tmp_path):
     assert forced.notes[0].startswith("FORCED, beyond the intervals: the difference is no body")
     assert forced.notes[0] in forced.text
     again = composite_in_equipoise(forced.save(tmp_path / "robot.urdf"), result, a1)
-    np.testing.assert_allclose(again.com, result.composite.com_in_base, rtol=1e-12)
+    np.testing.assert_allclose(again.com, result.composite.com_in_base.values, rtol=1e-12)
     lighter = found(a1, InertialParameters(-0.2, np.zeros(3), -0.001 * np.eye(3)))
     assert "would have a mass of -0.2 kg" in refusal(NotPhysicalError, lighter, "urdf", payload_link=True, force=True)
 

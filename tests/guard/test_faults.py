@@ -16,12 +16,12 @@ from equipoise import CalibrationSettings, calibrate, estimate, load_robot, nomi
 from equipoise.errors import ImuMountingError, MissingDependencyError, RecordingError
 from equipoise.precise.checks import shift_without
 from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.recording import PHASE
 from equipoise.recording.trials import DesignedLift
 from equipoise.robot.description import RobotDescription
+from equipoise.robot.inertial import components
 from equipoise.simulation.sensors import REALISTIC
 
 SETTINGS = CalibrationSettings("precise", precise=PreciseSettings(budget=60))
@@ -148,9 +148,8 @@ def failed(result):
 def assert_harmless(result, run):
     """No alarm, and no parameter leaves its interval."""
     assert not failed(result)
-    intervals = run.result.uncertainty["composite"].intervals
-    for name, value in zip(COMPONENTS, components(result.composite.parameters()), strict=True):
-        assert intervals[name].lower < value < intervals[name].upper, name
+    for before, now in zip(run.result.composite, result.composite, strict=True):
+        assert before.lower < now.value < before.upper, now.name
 
 
 # --- no fault
@@ -166,9 +165,8 @@ def test_looking_for_faults_takes_no_time(run):
 
 
 def test_true_values_lie_where_they_should(run):
-    off = components(run.result.composite.parameters()) - components(run.truth)
-    deviations = [interval.deviation for interval in run.result.uncertainty["composite"].intervals.values()]
-    assert np.abs(off / deviations).max() < 4.0
+    off = run.result.composite.values - components(run.truth)
+    assert np.abs(off / run.result.composite.deviations).max() < 4.0
 
 
 # --- encoders
@@ -337,7 +335,7 @@ def test_a_robot_without_torques_or_velocities_is_estimated(a1, run):
     bare = with_joints(run.recordings, lambda array: None, ["torque", "velocity"])
     result = estimate(a1, bare, SETTINGS)
     assert not failed(result)
-    assert result.uncertainty["composite"].intervals["mass"].verdict == "weak"
+    assert result.composite.mass.verdict == "weak"
     assert "no joint torques" in {check.name: check.message for check in result.checks}["mass"]
 
 
@@ -422,9 +420,9 @@ def test_what_legs_of_two_joints_cannot_tell_is_said(recwarn):
         result = calibrate(simulation.platform, robot, SETTINGS, recordings.append)
         off = components(result.composite.parameters()) - components(simulation.truth.composite)
     assert not failed(result)
-    intervals = result.uncertainty["composite"].intervals
-    assert intervals["com_x"].verdict == intervals["com_z"].verdict == "identified"
-    assert (np.abs(off) < 4 * np.array([interval.deviation for interval in intervals.values()])).all()
+    com = result.composite.com_in_base
+    assert com.x.verdict == com.z.verdict == "identified"
+    assert (np.abs(off) < 4 * result.composite.deviations).all()
     for axis in ("roll", "yaw"):
         assert result.sways[axis].moment is None
         assert "lacks a joint" in result.sways[axis].note

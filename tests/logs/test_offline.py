@@ -15,10 +15,10 @@ from equipoise.experiments.stand import stand_up
 from equipoise.logs.joint_names import map_joints
 from equipoise.logs.log import Log
 from equipoise.logs.offline import estimate_log
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
+from equipoise.robot.inertial import COMPONENTS, components
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +39,7 @@ def found(a1, log):
 
 def errors(result, truth):
     """(10,) errors and (10,) standard deviations of the whole robot."""
-    off = components(result.composite.parameters()) - components(truth.composite)
-    intervals = result.uncertainty["composite"].intervals
-    return off, np.array([intervals[name].deviation for name in COMPONENTS])
+    return result.composite.values - components(truth.composite), result.composite.deviations
 
 
 def agrees(result, truth):
@@ -100,7 +98,7 @@ def test_without_lifts_torques_tell_a_little_and_the_rest_is_not_told(a1, log, f
         log = replace(log, imu=without(log.imu, one.start, one.end), joints=without(log.joints, one.start, one.end))
     other = estimated(a1, log)
     agrees(other.result, precise_run.truth)
-    verdicts = {name: interval.verdict for name, interval in other.result.uncertainty["composite"].intervals.items()}
+    verdicts = {quantity.name: quantity.verdict for quantity in other.result.composite}
     assert verdicts["mass"] == "identified"
     assert verdicts["Ixx"] == verdicts["Izz"] == "not identified"
     assert other.report.not_told[0].startswith("There is no lift of two diagonal feet after a rest")
@@ -115,7 +113,7 @@ def test_standing_alone_tells_the_mass(a1, precise_run):
         other = estimated(a1, as_log([planted.finish()]))
     agrees(other.result, precise_run.truth)
     assert {one.kind for one in other.report.segments} == {"rest"}
-    verdicts = {name: interval.verdict for name, interval in other.result.uncertainty["composite"].intervals.items()}
+    verdicts = {quantity.name: quantity.verdict for quantity in other.result.composite}
     assert verdicts["mass"] in ("identified", "weak")
     assert verdicts["com_z"] == verdicts["Iyy"] == "not identified"
     assert any("no move over planted feet" in sentence for sentence in other.report.not_told)
@@ -127,7 +125,7 @@ def test_without_torques_the_scales_mass_counts(a1, log, precise_run):
     agrees(with_scale.result, precise_run.truth)
     assert any("no joint torques and no --mass" in sentence for sentence in without_scale.report.not_told)
     assert not any("--mass" in sentence for sentence in with_scale.report.not_told)
-    spread = [one.result.uncertainty["composite"].intervals["Iyy"].deviation for one in (without_scale, with_scale)]
+    spread = [one.result.composite.inertia.Iyy.deviation for one in (without_scale, with_scale)]
     assert spread[1] < 0.7 * spread[0]
 
 
@@ -270,4 +268,4 @@ def test_a_run_of_ours_is_read_as_before(precise_run, a1, tmp_path, capsys):
     assert main(["estimate", str(folder.path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert "log" not in result
-    assert result["composite"]["mass"] == pytest.approx(precise_run.result.composite.mass)
+    assert result["composite"]["mass"] == pytest.approx(precise_run.result.composite.mass.value)

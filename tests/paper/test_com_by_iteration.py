@@ -40,7 +40,7 @@ def run(request):
 def test_the_last_iteration_is_the_result(run):
     result, start, _ = run
     path = com_by_iteration(result, start)
-    assert np.allclose(path[-1], result.composite.com_in_base[:2], atol=1e-12)
+    assert np.allclose(path[-1], result.composite.com_in_base.values[:2], atol=1e-12)
 
 
 def test_there_is_a_point_for_each_offset_tried(run):

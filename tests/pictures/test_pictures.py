@@ -15,6 +15,7 @@ from matplotlib.text import Text
 
 from equipoise import Calibration, CalibrationSettings, calibrate, load_robot
 from equipoise.errors import NotEstimatedError, OutputError
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.pictures.files import save_pictures
 from equipoise.pictures.search import draw_search
 from equipoise.pictures.sway import draw_sways
@@ -44,7 +45,7 @@ def calibration() -> Calibration:
 
 @pytest.fixture(scope="module")
 def without_roll(calibration: Calibration) -> Calibration:
-    assert calibration.evidence is not None
+    assert isinstance(calibration.evidence, SearchEvidence)
     fits = {axis: fit for axis, fit in calibration.evidence.fits.items() if axis != "roll"}
     note = "skipped, planted feet do not allow it: " + "the leg is too short or lacks a joint, " * 4 + "and so on"
     return dataclasses.replace(
@@ -100,19 +101,17 @@ def test_a_folder_that_cannot_be_written_is_an_output_error(
 
 def test_both_views_mark_the_com_as_found_as_it_is_and_as_modelled(calibration: Calibration) -> None:
     assert calibration.truth is not None
-    x, y, _ = calibration.composite.com_in_base
-    assert x is not None
-    assert y is not None
+    found = calibration.composite.com_in_base.values[:2]
 
     for axes in draw_search(calibration).axes:
-        np.testing.assert_allclose(marked(axes, "+"), [x * 1000, y * 1000])
+        np.testing.assert_allclose(marked(axes, "+"), found * 1000)
         np.testing.assert_allclose(marked(axes, "o"), calibration.truth.composite.com[:2] * 1000)
         np.testing.assert_allclose(marked(axes, "D"), calibration.nominal.composite.com[:2] * 1000)
 
 
 def test_the_search_names_the_robot_the_method_the_result_and_the_error(calibration: Calibration) -> None:
     assert calibration.truth is not None
-    x, y = (float(value or 0.0) * 1000 for value in calibration.composite.com_in_base[:2])
+    x, y = calibration.composite.com_in_base.values[:2] * 1000
     error = np.hypot(*(np.array([x, y]) - calibration.truth.composite.com[:2] * 1000))
     lifts = sum(trial.kind == "lift" for trial in calibration.trials)
 
@@ -126,7 +125,7 @@ def test_the_search_names_the_robot_the_method_the_result_and_the_error(calibrat
 
 
 def test_the_search_is_seen_from_above_with_named_feet(calibration: Calibration) -> None:
-    assert calibration.evidence is not None
+    assert isinstance(calibration.evidence, SearchEvidence)
     overview = draw_search(calibration).axes[0]
     feet = calibration.evidence.feet_in_base[:, :2] * 1000
 
@@ -165,7 +164,7 @@ def test_the_found_support_lines_cross_at_the_com(calibration: Calibration) -> N
 
 
 def test_a_result_without_truth_shows_no_error(calibration: Calibration) -> None:
-    figure = draw_search(dataclasses.replace(calibration, truth=None))
+    figure = draw_search(calibration.with_truth(None))
 
     assert not any("error" in text or "truth" in text for text in texts(figure))
 
@@ -187,7 +186,7 @@ def test_the_search_is_drawn_without_the_robot_model(calibration: Calibration) -
 
 
 def test_sways_show_measured_and_fitted_curves_with_numbers(calibration: Calibration) -> None:
-    assert calibration.evidence is not None
+    assert isinstance(calibration.evidence, SearchEvidence)
     figure = draw_sways(calibration)
 
     assert len(figure.axes) == 6

@@ -81,8 +81,8 @@ def test_a_calibration_goes_through_as_without_lost_samples(a1, simulation, tmp_
     with folder:
         platform = Stuttering(simulation.platform)
         result = calibrate(Logged(platform, folder.log), a1, settings, folder.keep)
-    error = result.with_truth(simulation.truth).errors()["composite"]
-    assert np.abs(error["com_in_base"][:2]).max() < 0.02
+    error = result.with_truth(simulation.truth).composite.com_in_base.errors
+    assert np.abs(error[:2]).max() < 0.02
     again = RunFolder.open(folder.path).estimate()
     assert again.composite.com_in_base == result.composite.com_in_base
 

@@ -11,11 +11,13 @@ from hypothesis.extra import numpy as hnp
 
 from equipoise import nominal_stance
 from equipoise.errors import SettingsError
-from equipoise.precise.parameters import COMPONENTS, Unknowns, base_vector, components, log_cholesky
+from equipoise.precise.parameters import Unknowns, base_vector, log_cholesky
 from equipoise.precise.unknowns import Priors, by_the_model
 from equipoise.robot.inertial import (
+    COMPONENTS,
     InertialParameters,
     base_parameters,
+    components,
     composite_parameters,
     stance_effective_parameters,
 )

@@ -13,13 +13,12 @@ from equipoise import nominal_stance
 from equipoise.errors import ReachError, SettingsError
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.plan import Candidates, Durations, Goals, describe, make_plan, name_components
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.predict import Predictor
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.trials import DesignedLift, PostureTrial
-from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.inertial import COMPONENTS, components, composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.posture import BodyPosture
@@ -167,9 +166,7 @@ def test_a_plan_says_about_what_a_run_then_finds(a1, precise_run, candidates):
     moves = list(itertools.pairwise([BodyPosture(), *postures]))
     evidence = candidates.predictor.evidence(lifts, moves)
     expected = estimate_posterior(a1, precise_run.stance, evidence, mass=(a1.mass, 0.3), rounds=0).robot_covariance
-    intervals = precise_run.result.uncertainty["composite"].intervals
-    found = np.array([intervals[name].deviation for name in COMPONENTS])
-    ratio = found / np.sqrt(np.diag(expected))
+    ratio = precise_run.result.composite.deviations / np.sqrt(np.diag(expected))
     assert (ratio[1:7] > 0.4).all()
     assert (ratio[1:7] < 2.5).all()
 

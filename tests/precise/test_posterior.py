@@ -10,12 +10,13 @@ from equipoise import nominal_stance
 from equipoise.errors import RecordingError
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Unknowns, components
+from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import body_jacobian, estimate_posterior, prior_rows
 from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TorqueBlock, tilt_noise
 from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import JointStream
+from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.simulation.sensors import PRESETS, DrawnErrors
 
 SURE = 5.0  # standard deviations: a fixed seed of a test that may fail once in a million
@@ -145,9 +146,8 @@ def step_left(posterior):
 @pytest.mark.parametrize("body", ["composite", "base", "stance_effective"])
 def test_the_estimate_is_within_what_it_says_of_itself(precise_run, body):
     truth = components(getattr(precise_run.truth, body))
-    intervals = precise_run.result.uncertainty[body].intervals
-    estimate = components(getattr(precise_run.result, body).parameters())
-    off = (estimate - truth) / [intervals[name].deviation for name in COMPONENTS]
+    found = getattr(precise_run.result, body)
+    off = (found.values - truth) / found.deviations
     assert np.abs(off).max() < SURE, dict(zip(COMPONENTS, off, strict=True))
 
 

@@ -24,7 +24,6 @@ from equipoise import (
 from equipoise.errors import OutputError, SettingsError
 from equipoise.experiments.tilt import SupportPlane, tilt_curve
 from equipoise.paper.iterations import tried_offsets
-from equipoise.precise.parameters import COMPONENTS
 from equipoise.recording.trials import LiftTrial
 from equipoise.report.advice import outlook
 from equipoise.report.blocks import short
@@ -101,7 +100,7 @@ def test_the_papers_method_shows_its_search(paper):
 
 def test_the_last_error_by_iteration_is_that_of_the_result(paper):
     (figure,) = (f for f in blocks(run_contents(paper), "figure") if f["title"] == "Error by iteration")
-    error = 1000 * np.hypot(*(np.array(paper.composite.com_in_base[:2]) - paper.truth.composite.com[:2]))
+    error = 1000 * np.hypot(*(paper.composite.com_in_base.errors[:2]))
     assert figure["data"][0]["y"][-1] == pytest.approx(error, rel=1e-3)
 
 
@@ -121,9 +120,9 @@ def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
 
 
 def test_the_lead_says_the_change_against_the_model(precise):
-    change = precise.composite.mass - precise.nominal.composite.mass
+    change = precise.composite.mass.value - precise.nominal.composite.mass
     assert f"{change:.2f} kg more than its model file says" in run_contents(precise)["lead"]
-    same = dataclasses.replace(precise, nominal=precise.truth)
+    same = dataclasses.replace(precise, composite=precise.composite.with_model(precise.truth.composite))
     assert "as its model file says, within the interval" in run_contents(same)["lead"]
 
 
@@ -140,11 +139,11 @@ def test_failed_checks_are_alerts_and_warnings_where_there_are_no_checks(precise
 
 def test_numbers_are_the_results_in_the_terminals_units(precise):
     mass, com_x, *_ = numbers(precise)
-    interval = precise.uncertainty["composite"].intervals["com_x"]
-    assert (com_x.label, com_x.verdict) == ("CoM x [mm]", interval.verdict)
-    assert com_x.half == pytest.approx(1960 * interval.deviation)
-    assert com_x.error == pytest.approx(1000 * (precise.composite.com_in_base[0] - precise.truth.composite.com[0]))
-    assert mass.change == pytest.approx(precise.composite.mass - precise.nominal.composite.mass)
+    found = precise.composite.com_in_base.x
+    assert (com_x.label, com_x.quantity.verdict) == ("CoM x [mm]", found.verdict)
+    assert com_x.quantity.half == pytest.approx(1960 * found.deviation)
+    assert com_x.quantity.error == pytest.approx(1000 * (found.value - precise.truth.composite.com[0]))
+    assert mass.quantity.change == pytest.approx(precise.composite.mass.value - precise.nominal.composite.mass)
 
 
 def test_a_bar_keeps_the_order_of_what_it_shows(precise):
@@ -153,7 +152,7 @@ def test_a_bar_keeps_the_order_of_what_it_shows(precise):
         assert 0 <= drawn["low"] < drawn["value"] < drawn["high"] <= 1
         for kind, place in drawn["marks"].items():
             assert 0 <= place <= 1
-            assert (place < drawn["value"]) == (getattr(one, kind) < one.value)
+            assert (place < drawn["value"]) == (getattr(one.quantity, kind) < one.value)
 
 
 @pytest.mark.parametrize(
@@ -200,7 +199,7 @@ def test_a_cut_lies_in_its_plane():
 def test_the_planes_of_the_lifts_pass_near_the_com(precise):
     planes = support_planes(precise)
     assert len(planes) == sum(motion.lift is not None for motion in precise.evidence.motions)
-    com = np.array(precise.composite.com_in_base)
+    com = precise.composite.com_in_base.values
     assert np.median([abs(plane.distance_to(com)) for _, plane in planes]) < 3e-3
 
 
@@ -241,10 +240,8 @@ def test_more_evidence_never_widens_an_interval(precise):
     assert np.all(with_scale <= now)
     assert np.all(more <= now)
     assert np.all(both <= np.minimum(with_scale, more) * (1 + 0.3))  # another plan may choose otherwise
-    assert with_scale[0] <= 1.96 * 0.005 * precise.composite.mass
-    np.testing.assert_allclose(
-        now, [1.96 * precise.uncertainty["composite"].intervals[n].deviation for n in COMPONENTS]
-    )
+    assert with_scale[0] <= 1.96 * 0.005 * precise.composite.mass.value
+    np.testing.assert_allclose(now, 1.96 * precise.composite.deviations)
     assert seen.motions
 
 
@@ -304,12 +301,12 @@ def test_the_package_that_is_built_has_the_page(tmp_path):
 
 
 def test_ellipses_beside_each_other_are_seen_whole(precise):
-    known = precise.uncertainty["composite"]
-    wide = dataclasses.replace(known, covariance=tuple(tuple(16 * v for v in row) for row in known.covariance))
-    before = dataclasses.replace(precise, uncertainty={**precise.uncertainty, "composite": wide})
-    x, y, z = precise.composite.com_in_base
-    there = (x + 2e-3 * ellipse(1e6 * np.array(wide.covariance)[1:3, 1:3])["major"], y, z)
-    after = dataclasses.replace(before, composite=dataclasses.replace(precise.composite, com_in_base=there))
+    wide = dataclasses.replace(precise.composite, covariance=16 * precise.composite.covariance)
+    com = wide.com_in_base
+    there = com.x.value + 2e-3 * ellipse(1e6 * wide.covariance[1:3, 1:3])["major"]
+    moved = dataclasses.replace(com, x=dataclasses.replace(com.x, value=there))
+    before = dataclasses.replace(precise, composite=wide)
+    after = dataclasses.replace(precise, composite=dataclasses.replace(wide, com_in_base=moved))
     seen = comparison_contents({"before": before, "after": after})["top_view"]
     for mark in seen["marks"]:
         away = np.abs(np.array(mark["at"]) - seen["zoom"]["centre"]).max()
@@ -320,7 +317,7 @@ def test_a_difference_has_the_combined_interval(precise, static):
     other = dataclasses.replace(precise, composite=precise.composite)
     contents = comparison_contents({"before": precise, "after": other})
     table = next(block for block in blocks(contents, "table") if block["caption"] == "after less before")
-    half = numbers(precise)[0].half
+    half = numbers(precise)[0].quantity.half
     assert table["rows"][0] == [
         "mass [kg]", {"text": "+0.000", "tone": ""}, f"± {np.sqrt(2) * half:.3f}", "within the interval",
     ]  # fmt: skip

@@ -367,7 +367,7 @@ def test_dart_needs_no_mujoco():
 def test_a_calibration_in_dart_finds_the_centre_of_mass(a1):
     with simulate(a1, "realistic", "1.5,0.05,-0.02,0.06", seed=4, timestep=1e-3, engine="dart") as simulation:
         result = calibrate(simulation.platform, a1, CalibrationSettings("paper")).with_truth(simulation.truth)
-    assert np.abs(result.errors()["composite"]["com_in_base"][:2]).max() < 6e-3
+    assert np.abs(result.composite.com_in_base.errors[:2]).max() < 6e-3
     assert result.sways["yaw"].moment == pytest.approx(simulation.truth.stance_effective.inertia[2, 2], rel=0.4)
 
 

@@ -38,7 +38,7 @@ def test_light_shanks_are_damped_and_do_not_chatter(a1_urdf, tmp_path, timestep)
         assert np.abs(state.angular_velocity).max() < 0.02
         assert simulation.platform.control_period == pytest.approx(2e-3)
         result = calibrate(simulation.platform, light, CalibrationSettings("paper")).with_truth(simulation.truth)
-    assert np.abs(result.errors()["composite"]["com_in_base"][:2]).max() < 5e-3
+    assert np.abs(result.composite.com_in_base.errors[:2]).max() < 5e-3
 
 
 def test_a_payload_may_be_given_as_text(a1):

@@ -47,7 +47,7 @@ def test_the_estimate_closes_in_on_what_the_run_found(viewing, paper_run):
     path, result = paper_run
     history = viewing.closing_in.history(99)
     assert [estimate.trials for estimate in history] == list(range(1, 1 + len(RunFolder.open(path).recordings())))
-    found = [value for value in result.composite.com_in_base if value is not None]
+    found = result.composite.com_in_base.values[:2]
     assert np.allclose(history[-1].com[:2], found, atol=1e-9)
     widths = np.array([estimate.half[:2] for estimate in history])
     assert (np.diff(widths, axis=0) <= 1e-3).all(), "a bracket does not widen"
@@ -69,9 +69,8 @@ def test_what_the_precise_method_finds_is_where_its_estimates_end(a1, precise_ru
         assert newest is not None, "the newest comes first"
         assert newest.trials == len(precise_run.recordings)
         result = estimate(a1, precise_run.recordings, settings)
-        assert np.allclose(newest.com, result.composite.com_in_base, atol=1e-9)
-        deviations = [result.uncertainty["composite"].intervals[f"com_{axis}"].deviation for axis in "xyz"]
-        assert np.allclose(newest.half, 1.96 * np.array(deviations))
+        assert np.allclose(newest.com, result.composite.com_in_base.values, atol=1e-9)
+        assert np.allclose(newest.half, 1.96 * result.composite.com_in_base.deviations)
         assert len(closing_in.planes) >= 4
         misses = [plane.normal @ (newest.com - plane.point) for plane in closing_in.planes]
         assert np.abs(misses).max() < 0.01

@@ -58,7 +58,7 @@ def draw_bisection() -> Figure:
 
 
 def _draw_crossing(axes, result) -> None:
-    found = 1000 * np.array(result.composite.com_in_base[:2], dtype=float)
+    found = 1000 * result.composite.com_in_base.values[:2]
     height = result.nominal.composite.com[2]  # support planes lean a little: this is where they are cut
     for diagonal, colour in _COLOURS.items():
         line = result.support_lines[diagonal]
@@ -137,12 +137,11 @@ def draw_sensors() -> Figure:
     """Joint zeros that the precise method found, beside those that were drawn for the simulated robot."""
     result, _, errors = _run("precise")
     names = _robot().joint_names
-    found = {finding.name: finding for finding in result.sensors}
     figure = new_figure(7.6, 2.9)
     axes = figure.add_subplot()
     places = np.arange(len(names))
-    values = np.array([found[f"{name} zero"].value for name in names])
-    halves = 1.96 * np.array([found[f"{name} zero"].deviation for name in names])
+    zeros = [result.joints[name].zero for name in names]
+    values, halves = (np.array([getattr(zero, which) for zero in zeros]) for which in ("value", "half"))
     axes.errorbar(places, np.degrees(values), np.degrees(halves), fmt="o", color=BLUE, capsize=4, markersize=5,
                   label="found, with 95 %")  # fmt: skip
     axes.plot(places, np.degrees(errors.joint_zero), "x", color=ORANGE, mew=2, markersize=7, label="truth")
@@ -185,16 +184,14 @@ def draw_payload() -> Figure:
     after, second, _ = _run("precise", _PAYLOAD)
     delta = find_delta(_robot(), first, second)
     names = ("mass", "com_x", "com_y", "com_z")
-    apart = [
-        np.hypot(*(run.uncertainty["composite"].intervals[name].deviation for run in (before, after))) for name in names
-    ]
-    together = [delta.change_intervals[name].deviation for name in names]
+    apart = np.hypot(before.composite.deviations, after.composite.deviations)
+    together = delta.change.deviations
     figure = new_figure(7.6, 2.5)
     mass, com = figure.subplots(1, 2, width_ratios=[1, 3])
     for axes, chosen, factor, label in ((mass, slice(0, 1), 1000, "[g]"), (com, slice(1, 4), 1000, "[mm]")):
         places = np.arange(len(names[chosen]))
-        axes.bar(places - 0.19, factor * np.array(apart[chosen]), 0.36, color=FAINT, label="one result less the other")
-        axes.bar(places + 0.19, factor * np.array(together[chosen]), 0.36, color=ORANGE, label="estimated together")
+        axes.bar(places - 0.19, factor * apart[chosen], 0.36, color=FAINT, label="one result less the other")
+        axes.bar(places + 0.19, factor * together[chosen], 0.36, color=ORANGE, label="estimated together")
         axes.set_xticks(places, [name.replace("com_", "CoM ") for name in names[chosen]])
         axes.set_ylabel(f"standard deviation {label}")
         axes.tick_params(axis="x", length=0)

@@ -54,11 +54,13 @@ def calibrated(robot: RobotModel, stance: Stance, calibration: Calibration) -> B
         )
     nominal = composite_parameters(robot, stance.joint_position)
     found = calibration.composite
-    if found.com_in_base[0] is None or found.com_in_base[1] is None:
+    com = found.com_in_base.values
+    if not np.isfinite(com[:2]).all():
         raise SettingsError("the calibration knows no planar centre of mass; calibrate with --method precise or paper")
-    com = np.array([new if new is not None else old for new, old in zip(found.com_in_base, nominal.com, strict=True)])
-    inertia = None if calibration.base.inertia is None else np.array(calibration.base.inertia)
-    model = with_composite(robot, stance, found.mass or nominal.mass, com, inertia)
+    com = np.where(np.isnan(com), nominal.com, com)
+    inertia = calibration.base.inertia.values
+    mass = nominal.mass if found.mass.value is None else found.mass.value
+    model = with_composite(robot, stance, mass, com, inertia if np.isfinite(inertia).all() else None)
     return Belief(model, SensorKnowledge.of(calibration, robot), f"a calibration by the method {calibration.method}")
 
 

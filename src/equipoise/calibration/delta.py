@@ -7,20 +7,21 @@ about the base's origin add up: those of the second run's base less those of the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.parameters import COMPONENTS, base_vector, components
+from equipoise.precise.parameters import base_vector
 from equipoise.precise.screening import screen
 from equipoise.precise.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
-from equipoise.result.calibration import NORMAL_95, BodyEstimate, Interval
-from equipoise.robot.inertial import InertialParameters, RobotInertia
+from equipoise.result.body import Body, parameters_to_dict
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import InertialParameters, RobotInertia, components
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
@@ -34,32 +35,27 @@ class Delta:
     Attributes:
         robot: its name.
         payload: mass, CoM in the base frame and inertia about its own CoM of what was added. Of what was taken off, if
-            `removed`. CoM and inertia are None if no mass can be told from none.
-        intervals: of the payload, by name. Verdicts say how sure a mass is beside itself, a CoM beside the robot's size,
-            an inertia beside the payload's largest moment.
-        change: of the whole robot at its stance, after less before, by name; SI units.
-        change_intervals: of that; verdicts say whether a change can be told from none.
+            `removed`. CoM and inertia are not estimated if no mass can be told from none. Verdicts say how sure a mass
+            is beside itself, a CoM beside the robot's size, an inertia beside the payload's largest moment.
+        change: differences of the whole robot's ten quantities at its stance, after less before. Verdicts say whether a
+            change can be told from none.
         removed: whether the robot became lighter.
         warnings: what speaks against the result.
-        truth: of the payload, in simulation.
+        provenance: version, time, runs, what a scale said.
     """
 
     robot: str
-    payload: BodyEstimate
-    intervals: Mapping[str, Interval]
-    change: Mapping[str, float]
-    change_intervals: Mapping[str, Interval]
+    payload: Body
+    change: Body
     removed: bool
     warnings: tuple[str, ...] = ()
-    truth: InertialParameters | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def with_truth(self, before: RobotInertia, after: RobotInertia) -> Delta:
         """The same with the truth of both simulated runs joined to it."""
         added = after.base.vector - before.base.vector
-        return replace(
-            self, truth=InertialParameters.from_vector(-added if self.removed else added) if added[0] else None
-        )
+        truth = InertialParameters.from_vector(-added if self.removed else added) if added[0] else None
+        return replace(self, payload=self.payload.with_truth(truth))
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -67,12 +63,12 @@ class Delta:
             "schema": SCHEMA,
             "robot": self.robot,
             "removed": self.removed,
-            "payload": self.payload.to_dict(),
-            "intervals": {name: asdict(interval) for name, interval in self.intervals.items()},
-            "change": dict(self.change),
-            "change_intervals": {name: asdict(interval) for name, interval in self.change_intervals.items()},
+            "payload": self.payload.numbers(),
+            "intervals": self.payload.intervals(),
+            "change": {quantity.name: quantity.value for quantity in self.change},
+            "change_intervals": self.change.intervals(),
             "warnings": list(self.warnings),
-            "truth": None if self.truth is None else BodyEstimate.known(self.truth).to_dict(),
+            "truth": None if self.payload.truth is None else parameters_to_dict(self.payload.truth),
             "provenance": dict(self.provenance),
         }
 
@@ -118,38 +114,24 @@ def _delta(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str
     vector, covariance = _propagated(added, both, runs.covariance)
     removed = bool(vector[0] < 0)
     vector = -vector if removed else vector
-    payload, intervals = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
-    return Delta(
-        robot.name,
-        payload,
-        intervals,
-        {name: float(value) for name, value in zip(COMPONENTS, change, strict=True)},
-        _intervals(change, np.sqrt(np.diag(change_covariance)), np.abs(change)),
-        removed,
-        warnings,
-    )
+    payload = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
+    return Delta(robot.name, payload, Body.of(change, change_covariance, np.abs(change)), removed, warnings)
 
 
-def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> tuple[BodyEstimate, dict[str, Interval]]:
-    """A body and its intervals from (10,) parameters about the base's origin; of nothing, only the mass.
+def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> Body:
+    """A body from (10,) parameters about the base's origin; of nothing, only the mass.
 
     Args:
         length: what a position is compared with [m].
     """
     if vector[0] <= NORMAL_95 * np.sqrt(covariance[0, 0]):
-        return BodyEstimate(float(vector[0])), _intervals(vector[:1], np.sqrt(covariance[:1, 0]), np.abs(vector[:1]))
-    body = InertialParameters.from_vector(vector)
+        alone, variance = np.full(10, np.nan), np.full((10, 10), np.nan)
+        alone[0], variance[0, 0] = vector[0], covariance[0, 0]
+        return Body.of(alone, variance, np.abs(alone))
     values, spread = _propagated(lambda at: components(InertialParameters.from_vector(at)), vector, covariance)
     largest = float(np.abs(values[4:]).max())
     typical = np.concatenate([values[:1], np.full(3, length), np.full(6, largest)])
-    return BodyEstimate.known(body), _intervals(values, np.sqrt(np.diag(spread)), typical)
-
-
-def _intervals(values: FloatArray, deviations: FloatArray, typical: FloatArray) -> dict[str, Interval]:
-    return {
-        name: Interval.of(float(value), float(deviation), float(size))
-        for name, value, deviation, size in zip(COMPONENTS, values, deviations, typical, strict=False)
-    }
+    return Body.of(values, spread, typical)
 
 
 def _propagated(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from equipoise.errors import NotEstimatedError, SettingsError
 from equipoise.result.calibration import Calibration
+from equipoise.result.quantity import Quantity
 
 SCHEMA = "equipoise.repeatability/1"
 
@@ -19,16 +20,12 @@ class Repeated:
     """One parameter of the whole robot, over the repetitions; SI units.
 
     Attributes:
-        name: as in a result's intervals.
-        mean: over the repetitions.
-        spread: their standard deviation.
-        deviation: that they say they have, the median; None: the method gives none.
+        quantity: its mean over the repetitions, with the median of the standard deviations that they say they have.
+        spread: standard deviation over the repetitions.
     """
 
-    name: str
-    mean: float
+    quantity: Quantity
     spread: float
-    deviation: float | None
 
     @property
     def ratio(self) -> float | None:
@@ -36,7 +33,7 @@ class Repeated:
 
         Less is no sign of caution: an interval also covers what is the same each time, as joint zeros and a scale's error.
         """
-        return None if self.deviation is None or self.deviation == 0 else self.spread / self.deviation
+        return self.spread / self.quantity.deviation if self.quantity.deviation else None
 
 
 def repeatability(results: Sequence[Calibration]) -> list[Repeated]:
@@ -48,18 +45,19 @@ def repeatability(results: Sequence[Calibration]) -> list[Repeated]:
     """
     if len(results) < 2:
         raise SettingsError(f"{len(results)} calibrations show no spread; repeat at least twice")
-    bodies = [result.composite.by_name() for result in results]
     found: list[Repeated] = []
-    for name in bodies[0]:
-        known = [value for body in bodies if (value := body[name]) is not None]
+    for same in zip(*(result.composite for result in results), strict=True):
+        known = [quantity.value for quantity in same if quantity.value is not None]
         if len(known) < len(results):
             continue
-        intervals = [result.uncertainty["composite"].intervals for result in results if result.uncertainty]
-        deviations = [interval[name].deviation for interval in intervals if name in interval]
-        spread = float(np.std(known, ddof=1))
-        found.append(
-            Repeated(name, float(np.mean(known)), spread, float(np.median(deviations)) if deviations else None)
+        deviations = [quantity.deviation for quantity in same if quantity.deviation is not None]
+        mean = replace(
+            same[0],
+            value=float(np.mean(known)),
+            deviation=float(np.median(deviations)) if deviations else None,
+            verdict=None,
         )
+        found.append(Repeated(mean, float(np.std(known, ddof=1))))
     if not found:
         raise NotEstimatedError("no parameter was estimated in every repetition")
     return found
@@ -71,6 +69,12 @@ def to_dict(repeated: Sequence[Repeated], count: int) -> dict[str, Any]:
         "schema": SCHEMA,
         "repetitions": count,
         "parameters": {
-            r.name: {"mean": r.mean, "spread": r.spread, "deviation": r.deviation, "ratio": r.ratio} for r in repeated
+            one.quantity.name: {
+                "mean": one.quantity.value,
+                "spread": one.spread,
+                "deviation": one.quantity.deviation,
+                "ratio": one.ratio,
+            }
+            for one in repeated
         },
     }

@@ -42,7 +42,8 @@ from equipoise.recording.rosbag2 import METADATA, write_metadata
 from equipoise.recording.run_log import RunLog
 from equipoise.recording.run_log_reader import LogContent, read_log
 from equipoise.recording.run_log_resume import resume_log
-from equipoise.result.calibration import Calibration, inertia_from_dict, inertia_to_dict
+from equipoise.result.body import inertia_from_dict, inertia_to_dict
+from equipoise.result.calibration import Calibration
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel

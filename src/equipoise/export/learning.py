@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from equipoise.errors import NotEstimatedError
 from equipoise.export.randomisation import Spread, spread
 from equipoise.export.subject import Subject, number
 from equipoise.export.written import Written
-from equipoise.precise.parameters import COMPONENTS
+from equipoise.robot.inertial import COMPONENTS
 
 
 def mjlab(subject: Subject) -> Written:
@@ -53,9 +51,9 @@ def isaaclab(subject: Subject) -> Written:
 
 
 def _spread(subject: Subject) -> Spread:
-    if "composite" not in subject.result.uncertainty:
+    covariance = subject.result.composite.covariance
+    if covariance is None:
         raise NotEstimatedError("this calibration has no covariance; calibrate with --method precise")
-    covariance = np.array(subject.result.uncertainty["composite"].covariance)
     return spread(subject.base, subject.composite, covariance, subject.seed)
 
 

@@ -23,9 +23,8 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import NotIdentifiedError, NotPhysicalError
-from equipoise.precise.parameters import COMPONENTS, components
-from equipoise.result.calibration import NORMAL_95
-from equipoise.robot.inertial import InertialParameters
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 
 ENTRIES = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
 """Of U: density, stretches along x y z, shears, shifts of the CoM."""
@@ -155,9 +154,7 @@ def _vector_slope(body: InertialParameters) -> FloatArray:
 
 
 def _vector(at: FloatArray) -> FloatArray:
-    xx, yy, zz, xy, xz, yz = at[4:]
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return InertialParameters(float(at[0]), at[1:4], inertia).vector
+    return InertialParameters.from_components(at).vector
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:

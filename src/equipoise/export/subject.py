@@ -13,6 +13,7 @@ from equipoise._version import __version__
 from equipoise.conventions import FloatArray
 from equipoise.errors import NotEstimatedError, NotIdentifiedError, NotPhysicalError
 from equipoise.result.calibration import Calibration
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters
 
 PAYLOAD = "equipoise_payload"
@@ -79,12 +80,7 @@ class Subject:
 
     def within_intervals(self, change: FloatArray) -> bool:
         """Whether a change of the inertia [kg m2] (3, 3) is within what the run leaves open of the whole robot's."""
-        if "composite" not in self.result.uncertainty:
-            return False
-        known = self.result.uncertainty["composite"].intervals
-        names = [f"I{'xyz'[row]}{'xyz'[column]}" for row, column in _PRODUCTS]
-        halves = [(known[name].upper - known[name].lower) / 2 for name in names]
-        return all(abs(change[place]) <= half for place, half in zip(_PRODUCTS, halves, strict=True))
+        return bool((np.abs(change) <= NORMAL_95 * self.result.composite.inertia.deviations).all())  # nan: none given
 
     @property
     def base_link(self) -> str:
@@ -145,7 +141,7 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
     """
     for body in bodies:
         try:
-            {"composite": result.composite, "base": result.base}[body].parameters()
+            getattr(result, body).parameters()
         except NotEstimatedError as error:
             raise NotEstimatedError(f"{body}: {error}; calibrate with --method precise") from None
     missing = _with_verdict(result, bodies, "not identified")
@@ -162,11 +158,10 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
 
 def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> list[str]:
     return [
-        f"{body} {name}"
+        f"{body} {quantity.name}"
         for body in bodies
-        if body in result.uncertainty
-        for name, interval in result.uncertainty[body].intervals.items()
-        if interval.verdict == verdict
+        for quantity in getattr(result, body)
+        if quantity.verdict == verdict
     ]
 
 

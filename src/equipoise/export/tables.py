@@ -9,7 +9,7 @@ from typing import Any, cast
 from equipoise._version import __version__
 from equipoise.export.subject import Subject, number
 from equipoise.export.written import Written
-from equipoise.result.calibration import BodyEstimate, Calibration
+from equipoise.result.body import Body, parameters_to_dict
 from equipoise.robot.inertial import InertialParameters
 
 SCHEMA = "equipoise.inertia/1"
@@ -44,17 +44,17 @@ def _table(subject: Subject, about: str) -> dict[str, Any]:
         "model": dict(result.model),
         "notes": list(subject.notes),
         "stance": {"joint_position": dict(result.joint_position)},
-        "composite": _body(result, "composite", subject.composite),
-        "base": _body(result, "base", subject.base),
+        "composite": _body(result.composite, subject.composite),
+        "base": _body(result.base, subject.base),
     }
 
 
-def _body(result: Calibration, name: str, body: InertialParameters) -> dict[str, Any]:
-    table = BodyEstimate.known(body).to_dict()
-    if name in result.uncertainty:
-        intervals = result.uncertainty[name].to_dict()["intervals"]
-        table["deviation"] = {key: interval["deviation"] for key, interval in intervals.items()}
-        table["verdict"] = {key: interval["verdict"] for key, interval in intervals.items()}
+def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
+    table = parameters_to_dict(written)
+    sure = [quantity for quantity in found if quantity.deviation is not None]
+    if sure:
+        table["deviation"] = {quantity.name: quantity.deviation for quantity in sure}
+        table["verdict"] = {quantity.name: quantity.verdict for quantity in sure}
     return table
 
 

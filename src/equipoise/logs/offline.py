@@ -161,9 +161,8 @@ def _not_told(result: Calibration, report: LogReport, settings: CalibrationSetti
             "There are no joint torques and no --mass: the mass is the model's, and the inertia, which scales with it, is as "
             "uncertain."
         )
-    intervals = result.uncertainty["composite"].intervals
     for verdict, words in (("not identified", "Not told by this log"), ("weak", "Told only roughly")):
-        names = [name for name, interval in intervals.items() if interval.verdict == verdict]
+        names = [quantity.name for quantity in result.composite if quantity.verdict == verdict]
         if names:
             said.append(f"{words}: {', '.join(names)}.")
     return said

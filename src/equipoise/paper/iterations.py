@@ -13,6 +13,7 @@ from equipoise.errors import NotEstimatedError
 from equipoise.experiments.tilt import SupportPlane, Verdict
 from equipoise.paper.bracket import Bracket, TriedOffset, step
 from equipoise.paper.equations import between, find_intersection
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS
 
@@ -21,7 +22,8 @@ def tried_offsets(calibration: Calibration, diagonal: str) -> list[TriedOffset]:
     """What the lifts on a diagonal showed, in order; with their planes, if the calibration has its evidence."""
     lifts = [trial for trial in calibration.trials if trial.kind == "lift"]
     evidence = calibration.evidence
-    planes: Sequence[SupportPlane | None] = [None] * len(lifts) if evidence is None else evidence.trial_planes
+    known = isinstance(evidence, SearchEvidence)
+    planes: Sequence[SupportPlane | None] = evidence.trial_planes if known else [None] * len(lifts)
     return [
         TriedOffset(trial.offset or 0.0, trial.lift_height or 0.0, cast(Verdict, trial.verdict), plane)
         for trial, plane in zip(lifts, planes, strict=True)
@@ -41,7 +43,7 @@ def com_by_iteration(calibration: Calibration, start: Bracket) -> FloatArray:
     Raises:
         NotEstimatedError: the calibration came from a JSON file, which holds no planes.
     """
-    if calibration.evidence is None:
+    if not isinstance(calibration.evidence, SearchEvidence):
         raise NotEstimatedError("the support planes are not at hand: open the run folder instead of its JSON file")
     by_diagonal = [_planes_by_iteration(tried_offsets(calibration, diagonal), start) for diagonal in DIAGONALS]
     count = max(len(planes) for planes in by_diagonal)

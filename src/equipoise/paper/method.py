@@ -18,27 +18,15 @@ from equipoise.experiments.tilt import SupportPlane
 from equipoise.paper.bracket import done, step
 from equipoise.paper.com_search import find_com
 from equipoise.paper.equations import AxisFit, between, commanded_plane, find_intersection, fit_axis
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.paper.lift_trial import LiftReading, read_lift_trials
 from equipoise.paper.sway import sway_axis, why_not_planted
-from equipoise.paper.trial_runner import (
-    ComSearchSettings,
-    SearchProgress,
-    TrialRunner,
-    check_search,
-    shifted_feet,
-)
+from equipoise.paper.trial_runner import ComSearchSettings, SearchProgress, TrialRunner, check_search, shifted_feet
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial, SwayTrial
-from equipoise.result.calibration import (
-    BodyEstimate,
-    Calibration,
-    Evidence,
-    SupportLine,
-    SwayEstimate,
-    Trial,
-    model_facts,
-)
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration, SupportLine, SwayEstimate, Trial, model_facts
 from equipoise.robot.inertial import nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
@@ -99,20 +87,19 @@ def estimate(
     sways, fits, trials = estimate_sways(robot, recordings, com, stance, settings.sway)
     return Calibration(
         method=settings.method,
-        feet=settings.feet,
         **model_facts(robot, stance.joint_position),
-        composite=BodyEstimate(com_in_base=(float(x_c), float(y_c), None)),
-        base=BodyEstimate(),
+        composite=Body.partly(nominal.composite, com_in_base=(float(x_c), float(y_c), None)),
+        base=Body.partly(nominal.base),
+        stance_effective=Body.partly(nominal.stance_effective),
         sways=sways,
         support_lines=lines,
         trials=(*(_trial(lift) for lift in lifts), *trials),
         settings=dataclasses.asdict(settings),
-        nominal=nominal,
         warnings=(
             *_weight_warning(robot, recordings),
             *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
         ),
-        evidence=Evidence(tuple(lift.plane for lift in lifts), fits, stance.feet_in_base, tuple(recordings)),
+        evidence=SearchEvidence(stance.feet_in_base, tuple(recordings), fits, tuple(lift.plane for lift in lifts)),
     )
 
 

@@ -5,12 +5,15 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from equipoise.errors import NotEstimatedError
 from equipoise.result.calibration import Calibration, Evidence
 
+Kind = TypeVar("Kind", bound=Evidence)
 DPI = 150
 # Okabe and Ito's palette, which readers with any colour vision can tell apart.
 BLACK, BLUE, VERMILLION, GREEN, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -25,8 +28,8 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def evidence_of(calibration: Calibration) -> Evidence:
+def evidence_of(calibration: Calibration, kind: type[Kind]) -> Kind:
     """What there is to draw; raises NotEstimatedError for a result that came from a JSON file."""
-    if calibration.evidence is None:
+    if not isinstance(calibration.evidence, kind):
         raise NotEstimatedError("the recordings are not at hand to draw: open the run folder instead of its JSON file")
     return calibration.evidence

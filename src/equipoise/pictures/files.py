@@ -31,7 +31,7 @@ def save_pictures(calibration: Calibration, folder: str | Path) -> list[Path]:
         NotEstimatedError: the calibration came from a JSON file, which does not hold what the pictures show.
     """
     figures: dict[str, Figure] = {}
-    if calibration.uncertainty:
+    if calibration.has_intervals:
         figures["precise.png"] = draw_precise(calibration)
     elif calibration.support_lines:
         figures["search.png"] = draw_search(calibration)

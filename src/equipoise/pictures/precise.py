@@ -5,19 +5,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from equipoise.pictures.figure import BLUE, GREEN, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
-from equipoise.precise.parameters import COMPONENTS, components
-from equipoise.result.calibration import NORMAL_95, Calibration
+from equipoise.result.calibration import Calibration
+from equipoise.result.quantity import Quantity
 
 _GROUPS = (
-    ("CoM in the base frame [mm]", ("com_x", "com_y", "com_z"), 1000.0),
-    ("moments of inertia [kg m2]", ("Ixx", "Iyy", "Izz"), 1.0),
-    ("products of inertia [kg m2]", ("Ixy", "Ixz", "Iyz"), 1.0),
+    ("CoM in the base frame [mm]", slice(1, 4), 1000.0),
+    ("moments of inertia [kg m2]", slice(4, 7), 1.0),
+    ("products of inertia [kg m2]", slice(7, 10), 1.0),
 )
 _SHOWN_BIASES = 10
 
@@ -26,43 +28,39 @@ def draw_precise(calibration: Calibration) -> Figure:
     """95 % intervals beside the model's values (and the truth), misfits of all motions, sensor errors found."""
     figure = new_figure(12.0, 9.0)
     figure.set_layout_engine(ConstrainedLayoutEngine(h_pad=0.08, w_pad=0.08, rect=(0.01, 0.01, 0.98, 0.98)))
-    mass = calibration.uncertainty["composite"].intervals["mass"]
-    half = (mass.upper - mass.lower) / 2
+    mass = calibration.composite.mass
     figure.suptitle(
-        f"{calibration.robot}: {calibration.composite.mass:.2f} +- {half:.2f} kg, the whole robot at its stance",
+        f"{calibration.robot}: {mass.value:.2f} +- {mass.half:.2f} kg, the whole robot at its stance",
         fontsize=13,
     )
     grid = figure.add_gridspec(2, 6, height_ratios=[1.0, 1.1])
-    for column, (title, names, factor) in enumerate(_GROUPS):
-        _draw_intervals(figure.add_subplot(grid[0, 2 * column : 2 * column + 2]), calibration, title, names, factor)
+    for column, (title, which, factor) in enumerate(_GROUPS):
+        shown = list(calibration.composite)[which]
+        _draw_intervals(figure.add_subplot(grid[0, 2 * column : 2 * column + 2]), shown, title, factor)
     _draw_misfits(figure.add_subplot(grid[1, :3]), calibration)
     _draw_sensors(figure.add_subplot(grid[1, 3:]), calibration)
     return figure
 
 
-def _draw_intervals(axes: Axes, calibration: Calibration, title: str, names: tuple[str, ...], factor: float) -> None:
-    bodies = {"model": components(calibration.nominal.composite)}
-    if calibration.truth is not None:
-        bodies["truth"] = components(calibration.truth.composite)
-    for place, name in enumerate(names):
-        interval = calibration.uncertainty["composite"].intervals[name]
-        middle = (interval.lower + interval.upper) / 2 * factor
-        half = (interval.upper - interval.lower) / 2 * factor
+def _draw_intervals(axes: Axes, shown: Sequence[Quantity], title: str, factor: float) -> None:
+    for place, quantity in enumerate(shown):
+        middle, half = (quantity.value or 0.0) * factor, (quantity.half or 0.0) * factor
         axes.errorbar(place, middle, yerr=half, fmt="o", color=BLUE, capsize=9, markersize=5, linewidth=2, zorder=3)
         label = f"{middle:.3g}\n+- {half:.2g}"
         axes.annotate(
             label, (place, middle + half), (0, 5), textcoords="offset points", fontsize=SMALL, ha="center", va="bottom"
         )
-        for label, marker, colour in (("model", "_", GREY), ("truth", "x", VERMILLION)):
-            if label in bodies:
-                value = bodies[label][COMPONENTS.index(name)] * factor
-                axes.plot(place, value, marker, color=colour, markersize=22 if marker == "_" else 8, mew=2, zorder=4)
+        for value, marker, colour in ((quantity.model, "_", GREY), (quantity.truth, "x", VERMILLION)):
+            if value is not None:
+                axes.plot(
+                    place, value * factor, marker, color=colour, markersize=22 if marker == "_" else 8, mew=2, zorder=4
+                )
     axes.plot([], [], "o", color=BLUE, label="found, 95 %")
     axes.plot([], [], "_", color=GREY, mew=2, markersize=12, label="model file")
-    if "truth" in bodies:
+    if any(quantity.truth is not None for quantity in shown):
         axes.plot([], [], "x", color=VERMILLION, mew=2, label="truth")
-    axes.set_xticks(range(len(names)), names, fontsize=TEXT)
-    axes.set_xlim(-0.5, len(names) - 0.5)
+    axes.set_xticks(range(len(shown)), [quantity.name for quantity in shown], fontsize=TEXT)
+    axes.set_xlim(-0.5, len(shown) - 0.5)
     axes.margins(y=0.25)
     axes.set_title(title, fontsize=TEXT)
     axes.grid(axis="y", color=LIGHT_GREY)
@@ -91,7 +89,7 @@ def _draw_sensors(axes: Axes, calibration: Calibration) -> None:
     shown = [f for f in calibration.sensors if f.name.endswith(" zero") or f.name.startswith("IMU ")]
     shown = sorted(shown, key=lambda finding: -abs(finding.value))[:_SHOWN_BIASES][::-1]
     values = np.degrees([finding.value for finding in shown])
-    halves = NORMAL_95 * np.degrees([finding.deviation for finding in shown])
+    halves = np.degrees([finding.half for finding in shown])
     colours = [VERMILLION if finding.notable else BLUE for finding in shown]
     axes.barh(range(len(shown)), values, xerr=halves, color=colours, ecolor=GREY, capsize=4)
     axes.set_yticks(range(len(shown)), [finding.name for finding in shown], fontsize=SMALL)

@@ -21,6 +21,7 @@ from matplotlib.ticker import MultipleLocator
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import NotEstimatedError
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.pictures.figure import (
     BLACK,
     BLUE,
@@ -34,7 +35,7 @@ from equipoise.pictures.figure import (
     evidence_of,
     new_figure,
 )
-from equipoise.result.calibration import Calibration, Evidence
+from equipoise.result.calibration import Calibration
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
@@ -128,7 +129,7 @@ def draw_search(calibration: Calibration) -> Figure:
     Raises:
         NotEstimatedError: the calibration came from a JSON file, or has no planar CoM.
     """
-    evidence = evidence_of(calibration)
+    evidence = evidence_of(calibration, SearchEvidence)
     trials, found, marks = _trial_lines(calibration, evidence), _found_lines(calibration), _marks(calibration)
     feet, centre, half_width = evidence.feet_in_base, marks[0].position, _zoom_half_width(marks, trials)
     figure = new_figure(*_SEARCH_SIZE)
@@ -155,7 +156,7 @@ def _place(figure: Figure, left: float, bottom: float, width: float, height: flo
     return figure.add_axes((left / across, bottom / up, width / across, height / up))
 
 
-def _trial_lines(calibration: Calibration, evidence: Evidence) -> list[_TrialLine]:
+def _trial_lines(calibration: Calibration, evidence: SearchEvidence) -> list[_TrialLine]:
     """Every lift trial's line, in order."""
     height = float(calibration.nominal.composite.com[2])
     lifts = [trial for trial in calibration.trials if trial.kind == "lift"]
@@ -177,12 +178,12 @@ def _found_lines(calibration: Calibration) -> dict[str, _Line]:
 
 def _found_com(calibration: Calibration) -> FloatArray:
     """(2,) x and y of the estimate [mm]."""
-    x, y, _ = calibration.composite.com_in_base
-    if x is None or y is None:
+    found = calibration.composite.com_in_base.values[:2]
+    if not np.isfinite(found).all():
         raise NotEstimatedError(
             "this calibration does not know composite.com_in_base.x and y; there is no search to draw"
         )
-    return np.array([x, y]) * 1000
+    return found * 1000
 
 
 def _marks(calibration: Calibration) -> list[_Mark]:

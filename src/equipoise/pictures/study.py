@@ -6,18 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from equipoise.conventions import FloatArray
-from equipoise.pictures.figure import BLACK, BLUE, GREEN, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
+from equipoise.pictures.figure import BLACK, BLUE, GREEN, GREY, LIGHT_GREY, PURPLE, SMALL, TEXT, VERMILLION, new_figure
 from equipoise.study.statistics import LEVELS, WITHIN, MethodSummary, Slope, column, planar_errors
 from equipoise.study.summary import rate_text, slope_numbers, source_label, source_unit
 from equipoise.study.trial import SUCCEEDED, Row
 
-METHOD_COLOURS = {"precise": BLUE, "paper": VERMILLION, "static": GREEN}
+_PALETTE = (BLUE, VERMILLION, GREEN, PURPLE)
 _BINS = 6  # of size, with as many trials each
 
 
@@ -36,7 +37,7 @@ def draw_study(rows: Sequence[Row], summaries: Sequence[MethodSummary], title: s
 
 def _draw_distribution(axes: Axes, rows: Sequence[Row], summaries: Sequence[MethodSummary]) -> None:
     """How many calibrations were at most so far off; those that failed never are."""
-    largest = 1000 * WITHIN * 1.4
+    largest, colours = 1000 * WITHIN * 1.4, _colours(rows)
     for summary in summaries:
         errors = 1000 * planar_errors([row for row in rows if row["method"] == summary.method])
         found = np.sort(errors[np.isfinite(errors)])
@@ -46,7 +47,7 @@ def _draw_distribution(axes: Axes, rows: Sequence[Row], summaries: Sequence[Meth
         share = 100 * np.arange(1, len(found) + 1) / summary.trials
         label = f"{summary.method}: {rate_text(summary.within)} within 5 mm"
         axes.step(np.concatenate([[0], found]), np.concatenate([[0], share]), where="post", lw=2,
-                  color=METHOD_COLOURS.get(summary.method, BLACK), label=label)  # fmt: skip
+                  color=colours[summary.method], label=label)  # fmt: skip
     axes.axvline(1000 * WITHIN, color=GREY, ls="--", lw=1)
     axes.annotate(
         "the paper's 5 mm", (1000 * WITHIN, 4), (4, 0), textcoords="offset points", fontsize=SMALL, color=GREY
@@ -57,6 +58,11 @@ def _draw_distribution(axes: Axes, rows: Sequence[Row], summaries: Sequence[Meth
     if axes.lines[:-1]:  # the last is the 5 mm
         axes.legend(loc="lower right", fontsize=SMALL, frameon=False, bbox_to_anchor=(1, 0.1))
     tidy(axes)
+
+
+def _colours(rows: Sequence[Row]) -> dict[str, str]:
+    """By method, in the order in which they appear."""
+    return dict(zip(dict.fromkeys(str(row["method"]) for row in rows), cycle(_PALETTE), strict=False))
 
 
 def _draw_coverage(axes: Axes, summary: MethodSummary) -> None:
@@ -91,7 +97,7 @@ def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Fi
         steepness, deviation, per_unit = slope_numbers(slope)
         # What the others cost on average stays: the line is the root of its square and this source's.
         others = float(np.sqrt(max(0.0, float(np.mean(errors**2) - steepness**2 * np.mean(size**2)))))
-        draw_line_in_squares(axes, size, errors, others, steepness, METHOD_COLOURS.get(method, BLACK))
+        draw_line_in_squares(axes, size, errors, others, steepness, _colours(rows)[method])
         axes.set_title(f"{source_label(slope.source)}\n{steepness:.2g} ± {deviation:.2g} {per_unit}", fontsize=SMALL)
         axes.set_xlabel(unit, fontsize=SMALL)
         axes.set_ylim(0, float(np.quantile(errors, 0.995)))

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 
 from equipoise.conventions import AXES, Axis
 from equipoise.paper.equations import AxisFit
+from equipoise.paper.evidence import SwayEvidence
 from equipoise.pictures.figure import (
     BLACK,
     BLUE,
@@ -40,11 +41,11 @@ def draw_sways(calibration: Calibration) -> Figure:
     Raises:
         NotEstimatedError: the calibration came from a JSON file.
     """
-    fits = evidence_of(calibration).fits
+    fits = evidence_of(calibration, SwayEvidence).fits
     heights = [1.0 if axis in fits else 0.45 for axis in AXES]
     figure = new_figure(11.5, 1.0 + 2.8 * sum(heights))
     figure.set_layout_engine(ConstrainedLayoutEngine(h_pad=0.08, rect=(0.01, 0.01, 0.98, 0.98)))
-    feet = f", feet {calibration.feet}" if calibration.method == "paper" else ""
+    feet = f", feet {calibration.feet}" if calibration.feet else ""
     title = f"Sways of {calibration.robot}: method {calibration.method}{feet}"
     figure.suptitle(textwrap.fill(title, 95), fontsize=13)
     grid = figure.add_gridspec(len(AXES), 2, height_ratios=heights)

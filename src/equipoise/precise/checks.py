@@ -9,11 +9,10 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.support_planes import com_by_planes
-from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
 from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
-from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.inertial import COMPONENTS, composite_parameters
 from equipoise.robot.model import RobotModel
 
 # Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.

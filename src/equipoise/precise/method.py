@@ -6,41 +6,23 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from equipoise.calibration.settings import CalibrationSettings
-from equipoise.conventions import FloatArray
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.paper.method import estimate_sways
 from equipoise.precise.checks import judge
 from equipoise.precise.measurements.evidence import MotionReading, read_evidence
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.plan import describe
 from equipoise.precise.posterior import Posterior, estimate_posterior
+from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.routine import PreciseRoutine, plan_ahead
 from equipoise.precise.screening import screen
 from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import (
-    CommandedLift,
-    DesignedLift,
-    LiftTrial,
-    PostureTrial,
-    RecordedTrial,
-    SwayTrial,
-)
-from equipoise.result.calibration import (
-    BodyEstimate,
-    Calibration,
-    Evidence,
-    Interval,
-    SwayEstimate,
-    Trial,
-    Uncertainty,
-    model_facts,
-)
-from equipoise.robot.inertial import InertialParameters, nominal_inertia
+from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial, PostureTrial, RecordedTrial, SwayTrial
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration, SwayEstimate, Trial, model_facts
+from equipoise.robot.inertial import nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -102,41 +84,30 @@ def estimate(
     with _Timed(timings, "the paper's I and C"):
         sways, fits, _ = estimate_sways(robot, recordings, posterior.robot_body.com, stance, settings.sway)
         sways = {axis: _explained(sway) for axis, sway in sways.items()}
-    bodies = {
-        "composite": (posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation),
-        "base": (posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation),
-        "stance_effective": (
-            posterior.stance_effective_body, posterior.stance_effective_covariance, posterior.prior_deviation,
-        ),
-    }  # fmt: skip
+    nominal = nominal_inertia(robot, stance.joint_position)
     return Calibration(
         **model_facts(robot, stance.joint_position),
         method=settings.method,
-        feet=settings.feet,
-        composite=BodyEstimate.known(posterior.robot_body),
-        base=BodyEstimate.known(posterior.base_body),
-        stance_effective=BodyEstimate.known(posterior.stance_effective_body),
-        uncertainty={name: _uncertainty(*body) for name, body in bodies.items()},
+        composite=Body.known(
+            posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
+        ),
+        base=Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base),
+        stance_effective=Body.known(
+            posterior.stance_effective_body,
+            posterior.stance_effective_covariance,
+            posterior.prior_deviation,
+            nominal.stance_effective,
+        ),
         sensors=findings,
         checks=checks,
         sways=sways,
         support_lines={},
         trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
         settings=dataclasses.asdict(settings),
-        nominal=nominal_inertia(robot, stance.joint_position),
         warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-        evidence=Evidence((), fits, stance.feet_in_base, tuple(recordings), evidence.motions, posterior),
+        evidence=PosteriorEvidence(stance.feet_in_base, tuple(recordings), fits, evidence.motions, posterior),
         timings=timings,
     )
-
-
-def _uncertainty(body: InertialParameters, covariance: FloatArray, prior: FloatArray) -> Uncertainty:
-    deviations = np.sqrt(np.diag(covariance))
-    intervals = {
-        name: Interval.of(float(value), float(deviation), float(before))
-        for name, value, deviation, before in zip(COMPONENTS, components(body), deviations, prior, strict=True)
-    }
-    return Uncertainty(intervals, tuple(tuple(float(value) for value in row) for row in covariance))
 
 
 def _trial(motion: MotionReading, posterior: Posterior) -> Trial:

@@ -13,10 +13,6 @@ from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
-COMPONENTS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
-"""Order in which the ten inertial parameters of a body are reported; inertia about the CoM, in base axes."""
-_ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
-
 
 class Unknowns:
     """The vector of unknowns: ten log-Cholesky parameters of the base, then everything else in units of its prior.
@@ -106,11 +102,6 @@ class Unknowns:
                 scaled = pin.Inertia(link.mass * factor, link.lever, link.inertia * factor)
                 total = total + poses[joint].act(scaled)
         return InertialParameters.from_pinocchio(total)
-
-
-def components(body: InertialParameters) -> FloatArray:
-    """(10,) in the order of COMPONENTS."""
-    return np.concatenate([[body.mass], body.com, body.inertia[_ROWS, _COLUMNS]])
 
 
 def log_cholesky(body: InertialParameters) -> FloatArray:

@@ -22,11 +22,12 @@ from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.posture import check_posture, feet_in_posture
 from equipoise.precise.lift_design import AMPLITUDES, LiftDesign, check_lift
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Unknowns, components
+from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import body_jacobian, prior_rows
 from equipoise.precise.predict import Predictor
 from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock
 from equipoise.precise.unknowns import Priors
+from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance

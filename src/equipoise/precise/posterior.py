@@ -22,10 +22,10 @@ from equipoise.errors import RecordingError
 from equipoise.precise.gauss_newton import solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS, Unknowns, components
+from equipoise.precise.parameters import Unknowns
 from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, TiltBlock, TorqueBlock
 from equipoise.precise.unknowns import Priors
-from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 

@@ -14,7 +14,6 @@ from equipoise.experiments.progress import Progress
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
-from equipoise.precise.parameters import components
 from equipoise.precise.plan import FEW_LIFTS, Candidates, Durations, Goals, Plan, describe, make_plan
 from equipoise.precise.posterior import Posterior, estimate_posterior, prior_rows
 from equipoise.precise.safe_lift import found_doubt
@@ -22,7 +21,7 @@ from equipoise.precise.sway import sway_all_axes, sway_time
 from equipoise.precise.trials import PreciseTrials
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
-from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.inertial import components, composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 

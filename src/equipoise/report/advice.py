@@ -9,12 +9,14 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import COMPONENTS
 from equipoise.precise.plan import Candidates, Plan, Visit, describe, make_plan
 from equipoise.precise.posterior import Posterior, body_jacobian
+from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.routine import PreciseSettings, plan_ahead
 from equipoise.report.blocks import Block, items, table, text
-from equipoise.result.calibration import NORMAL_95, Calibration
+from equipoise.result.calibration import Calibration
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import COMPONENTS
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.terminal.calibration import ROWS
@@ -39,7 +41,7 @@ def advice_blocks(result: Calibration) -> list[Block]:
     robot = result.robot_model
     if robot is None:
         return []
-    posterior = None if result.evidence is None else result.evidence.posterior
+    posterior = result.evidence.posterior if isinstance(result.evidence, PosteriorEvidence) else None
     try:
         return _ahead(robot) if posterior is None else _further(outlook(result, robot, posterior), result)
     except EquipoiseError as error:
@@ -101,8 +103,7 @@ def _lifts(visit: Visit) -> str:
 
 
 def _further(seen: Outlook, result: Calibration) -> list[Block]:
-    intervals = result.uncertainty["composite"].intervals
-    poor = [name for name in COMPONENTS if intervals[name].verdict != "identified"]
+    poor = [quantity.name for quantity in result.composite if quantity.verdict != "identified"]
     said = (
         f"Weak or not identified: {', '.join(poor)}."
         if poor

@@ -65,8 +65,8 @@ def _side_by_side(labels: list[str], shown: dict[str, dict[str, Number]]) -> Blo
 def _told(one: Number | None) -> Cell:
     if one is None:
         return "\u2013"
-    half = "" if one.half is None else f" \u00b1 {one.half:{one.form}}"
-    return {"text": tell(one.value, one.form) + half, "verdict": one.verdict}
+    half = "" if one.quantity.half is None else f" \u00b1 {one.quantity.half:{one.form}}"
+    return {"text": tell(one.value, one.form) + half, "verdict": one.quantity.verdict}
 
 
 def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Block:
@@ -77,12 +77,12 @@ def _overlay(label: str, shown: dict[str, dict[str, Number]]) -> Block:
         one, series = shown[name][label], list(shown).index(name)
         data.append({
             "type": "scatter", "mode": "markers", "x": short([one.value], 6), "y": [plain(name)], "showlegend": False,
-            "error_x": {"type": "data", "array": short([one.half or 0.0]), "width": 6, "thickness": 2},
+            "error_x": {"type": "data", "array": short([one.quantity.half or 0.0]), "width": 6, "thickness": 2},
             "marker": {"color": SERIES[series % 4], "symbol": _SYMBOLS[series % 4], "size": 9},
             "hovertemplate": f"%{{x:{one.form}}}<extra></extra>",
         })  # fmt: skip
     for kind, symbol, colour in (("model", "line-ns-open", "--muted"), ("truth", "x-thin-open", "--ink")):
-        there = [(name, value) for name in names if (value := getattr(shown[name][label], kind)) is not None]
+        there = [(name, value) for name in names if (value := getattr(shown[name][label].quantity, kind)) is not None]
         if there:
             data.append({
                 "type": "scatter", "mode": "markers", "name": kind, "x": short([value for _, value in there], 6),
@@ -102,7 +102,8 @@ def _differences(labels: list[str], shown: dict[str, dict[str, Number]], first: 
         if a is None or b is None:
             continue
         difference, form = b.value - a.value, a.form
-        half = None if a.half is None or b.half is None else float(np.hypot(a.half, b.half))
+        one, two = a.quantity.half, b.quantity.half
+        half = None if one is None or two is None else float(np.hypot(one, two))
         differs = half is not None and abs(difference) > half
         said = "" if half is None else "differs" if differs else "within the interval"
         cell: Cell = {"text": tell(difference, "+" + form), "tone": "strong" if differs else ""}

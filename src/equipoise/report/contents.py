@@ -72,21 +72,20 @@ def _subtitle(result: Calibration) -> str:
 def _lead(result: Calibration) -> str:
     """The change against the model file, in a sentence or two."""
     said: list[str] = []
-    mass = next((one for one in numbers(result) if one.label.startswith("mass")), None)
-    if mass is not None and mass.change is not None:
+    mass = result.composite.mass
+    if mass.value is not None and mass.change is not None:
         half = "" if mass.half is None else f" \u00b1 {mass.half:.2f}"
         more = "more" if mass.change > 0 else "less"
         against = f"{abs(mass.change):.2f} kg {more} than its model file says"
         if mass.half is not None and abs(mass.change) <= mass.half:
             against = "as its model file says, within the interval"
         said.append(f"It weighs {mass.value:.2f}{half} kg, {against}.")
-    pairs = zip(result.composite.com_in_base, result.nominal.composite.com, strict=True)
-    shifts = [1000 * (value - float(model)) for value, model in pairs if value is not None]
+    shifts = [1000 * one.change for one in result.composite.com_in_base if one.change is not None]
     if shifts:
         names = ("forward", "left", "up")[: len(shifts)]
         along = ", ".join(f"{tell(shift, '+.1f')} mm {name}" for shift, name in zip(shifts, names, strict=True))
         said.append(f"Its centre of mass is {np.linalg.norm(shifts):.1f} mm from where the file has it ({along}).")
-    missing = [label for name, label, *_ in ROWS if result.composite.by_name()[name] is None]
+    missing = [label for one, (_, label, *_) in zip(result.composite, ROWS, strict=True) if one.value is None]
     if missing:
         names = ", ".join(label.split(" [")[0] for label in missing)
         said.append(f"The method {result.method} does not find the whole robot's {names}.")

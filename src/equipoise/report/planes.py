@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.experiments.tilt import SupportPlane
+from equipoise.paper.evidence import SearchEvidence
 from equipoise.precise.measurements.support_planes import centre_shift
+from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.result.calibration import Calibration
 
 Planes = Sequence[tuple[str, SupportPlane]]
@@ -20,11 +22,11 @@ def support_planes(result: Calibration) -> Planes:
     Empty for a result from a JSON file.
     """
     evidence, robot = result.evidence, result.robot_model
-    if evidence is None or robot is None:
-        return []
-    if evidence.trial_planes:
+    if isinstance(evidence, SearchEvidence):
         lifts = [trial.about for trial in result.trials if trial.kind == "lift"]
         return list(zip(lifts, evidence.trial_planes, strict=True))
+    if not isinstance(evidence, PosteriorEvidence) or robot is None:
+        return []
     found: list[tuple[str, SupportPlane]] = []
     com = result.nominal.composite.com
     for motion in evidence.motions:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.precise.posterior import Posterior, body_jacobian
+from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.report.blocks import Block, axes, figure, line
-from equipoise.result.calibration import NORMAL_95, Calibration
+from equipoise.result.calibration import Calibration
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import COMPONENTS, components
 
 
 def progress_figures(result: Calibration) -> Block | None:
     """Half the 95 % intervals of CoM and moments against robot time; None without a posterior."""
     evidence = result.evidence
-    if evidence is None or evidence.posterior is None:
+    if not isinstance(evidence, PosteriorEvidence):
         return None
     posterior = evidence.posterior
     durations = [motion.duration for motion in evidence.motions]

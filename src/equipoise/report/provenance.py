@@ -19,7 +19,7 @@ def facts(result: Calibration) -> dict[str, str]:
     about = {
         "robot": result.robot,
         "method": result.method,
-        **({"feet": result.feet} if result.method == "paper" else {}),
+        **({"feet": result.feet} if result.feet else {}),
     }
     repaired = {"model repairs": "; ".join(repairs)} if repairs else {}
     return {**about, **dict(_flat(result.provenance)), **model, **repaired}
@@ -27,9 +27,7 @@ def facts(result: Calibration) -> dict[str, str]:
 
 def provenance_blocks(result: Calibration) -> list[Block]:
     """Facts, settings and the stance as tables."""
-    settings = dict(
-        _flat({name: value for name, value in result.settings.items() if name not in _others(result.method)})
-    )
+    settings = dict(_flat({name: value for name, value in result.settings.items() if name not in _others(result)}))
     stance = [[name, tell(q, ".4f"), tell(float(np.degrees(q)), ".2f")] for name, q in result.joint_position.items()]
     return [
         table(["what", "value"], [list(row) for row in facts(result).items()], "Where this comes from"),
@@ -38,11 +36,11 @@ def provenance_blocks(result: Calibration) -> list[Block]:
     ]
 
 
-def _others(method: str) -> tuple[str, ...]:
-    """Settings of other methods."""
-    return {"precise": ("com_search", "feet"), "paper": ("precise",)}.get(
-        method, ("com_search", "sway", "precise", "feet")
-    )
+def _others(result: Calibration) -> set[str]:
+    """Settings of what the run did not do."""
+    did = {"com_search": result.support_lines, "feet": result.support_lines, "sway": result.sways,
+           "precise": result.has_intervals}  # fmt: skip
+    return {name for name, what in did.items() if not what}
 
 
 def _flat(table_of: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:

@@ -55,11 +55,10 @@ def _misfits(result: Calibration) -> list[Block]:
 
 def _plane_misses(result: Calibration, planes: Planes) -> list[Block]:
     """How far each lift's support plane passes by the CoM found, without any sensor bias taken into account."""
-    com = result.composite.com_in_base
-    x, y, z = com
-    if x is None or y is None or z is None:
+    com = result.composite.com_in_base.values
+    if not np.isfinite(com).all():
         return []
-    misses = [1000 * plane.distance_to(np.array([x, y, z])) for _, plane in planes]
+    misses = [1000 * plane.distance_to(com) for _, plane in planes]
     if not misses:
         return []
     caption = (

@@ -13,9 +13,9 @@ from equipoise.report.meshes import body, ellipsoid, merged
 from equipoise.report.planes import Planes
 from equipoise.report.scene_planes import outlines, surfaces
 from equipoise.result.calibration import Calibration
+from equipoise.result.statistics import SPATIAL_95
 from equipoise.robot.kinematics import foot_positions
 
-_SPATIAL_95 = 2.7955  # standard deviations that hold 95 % of a normal distribution in space
 _SEEN = 0.12  # size at which the ellipsoid is drawn beside the robot, over the hip height
 
 
@@ -62,9 +62,8 @@ def scene(result: Calibration, found: Planes) -> Block | None:
 
 def _com(result: Calibration) -> FloatArray:
     """As found; what was not found is the model's."""
-    return np.array(
-        [m if v is None else v for v, m in zip(result.composite.com_in_base, result.nominal.composite.com, strict=True)]
-    )
+    found = result.composite.com_in_base.values
+    return np.where(np.isnan(found), result.nominal.composite.com, found)
 
 
 def _body(meshes: Sequence[Mesh], part: str, opacity: float) -> Block:
@@ -98,11 +97,11 @@ def _marks(result: Calibration, com: FloatArray) -> list[Block]:
 
 def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list[Block], list[Block], str]:
     """At its true size, and enlarged so that it is seen beside the robot; and by how much."""
-    if not result.uncertainty:
+    covariance = result.composite.covariance
+    if covariance is None:
         return [], [], ""
-    covariance = np.array(result.uncertainty["composite"].covariance)[1:4, 1:4]
-    values, vectors = np.linalg.eigh(covariance)
-    half_axes = _SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
+    values, vectors = np.linalg.eigh(covariance[1:4, 1:4])
+    half_axes = SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
     times = max(1.0, 10.0 * round(_SEEN * size / float(half_axes.max()) / 10))
     look = {"color": SERIES[0], "opacity": 0.45, "showlegend": True, "hoverinfo": "name", "flatshading": False}
     near = {**ellipsoid(com, half_axes, vectors), "name": "95 % of the CoM", **look}

@@ -6,7 +6,7 @@ import numpy as np
 
 from equipoise.report.blocks import SERIES, Block, axes, figure, plain, short, table
 from equipoise.report.numbers import tell
-from equipoise.result.calibration import NORMAL_95, Calibration
+from equipoise.result.calibration import Calibration
 
 _SHOWN = 15
 
@@ -17,7 +17,7 @@ def sensor_blocks(result: Calibration) -> list[Block]:
         return []
     rows = [
         [{"text": finding.sentence, "tone": "strong" if finding.notable else ""}, tell(finding.value, ".3g"),
-         f"\u00b1 {NORMAL_95 * finding.deviation:.2g}", "worth fixing" if finding.notable else ""]
+         f"\u00b1 {finding.half:.2g}", "worth fixing" if finding.notable else ""]
         for finding in result.sensors
     ]  # fmt: skip
     found = table(
@@ -36,7 +36,7 @@ def _angles(result: Calibration) -> list[Block]:
     data = [{
         "type": "bar", "orientation": "h", "y": [plain(finding.name.replace("_", " ")) for finding in shown],
         "x": short(np.degrees([finding.value for finding in shown])),
-        "error_x": {"type": "data", "array": short(NORMAL_95 * np.degrees([finding.deviation for finding in shown])),
+        "error_x": {"type": "data", "array": short(np.degrees([finding.half for finding in shown])),
                     "color": "--ink", "thickness": 1.2, "width": 3},
         "marker": {"color": [SERIES[1] if finding.notable else SERIES[0] for finding in shown],
                    "pattern": {"shape": ["/" if finding.notable else "" for finding in shown]}},

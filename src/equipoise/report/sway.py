@@ -6,13 +6,14 @@ from collections.abc import Mapping
 
 from equipoise.conventions import AXES
 from equipoise.paper.equations import AxisFit
+from equipoise.paper.evidence import SwayEvidence
 from equipoise.report.blocks import Block, axes, figure, items, line
 from equipoise.result.calibration import Calibration
 
 
 def sway_blocks(result: Calibration) -> list[Block]:
     """Two figures for each axis, and the reasons for those without an estimate."""
-    fits: Mapping[str, AxisFit] = {} if result.evidence is None else result.evidence.fits
+    fits: Mapping[str, AxisFit] = result.evidence.fits if isinstance(result.evidence, SwayEvidence) else {}
     figures = [one for axis in AXES if axis in fits for one in _figures(fits[axis])]
     notes = [f"{axis}: {sway.note}" for axis, sway in result.sways.items() if sway.note]
     same = {sway.note for sway in result.sways.values()}

@@ -14,7 +14,8 @@ from equipoise.pictures.geometry import Mesh
 from equipoise.report.blocks import Block
 from equipoise.report.meshes import body
 from equipoise.report.planes import Planes
-from equipoise.result.calibration import PLANAR_95, Calibration
+from equipoise.result.calibration import Calibration
+from equipoise.result.statistics import PLANAR_95
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
@@ -31,7 +32,7 @@ def top_view(results: dict[str, Calibration], planes: Planes = ()) -> Block | No
     Returns:
         None if none knows where its CoM is in the plane.
     """
-    shown = {name: result for name, result in results.items() if None not in result.composite.com_in_base[:2]}
+    shown = {name: one for name, one in results.items() if np.isfinite(one.composite.com_in_base.values[:2]).all()}
     if not shown:
         return None
     first = next(iter(shown.values()))
@@ -51,11 +52,10 @@ def top_view(results: dict[str, Calibration], planes: Planes = ()) -> Block | No
 
 
 def _found(result: Calibration, label: str) -> Block:
-    x, y = (1000 * (value or 0.0) for value in result.composite.com_in_base[:2])
+    x, y = (1000 * float(value) for value in result.composite.com_in_base.values[:2])
     mark: Block = {"kind": "found", "label": label, "at": [round(x, 3), round(y, 3)]}
-    if result.uncertainty:
-        planar = np.array(result.uncertainty["composite"].covariance)[1:3, 1:3] * 1e6
-        mark["ellipse"] = ellipse(planar)
+    if result.composite.covariance is not None:
+        mark["ellipse"] = ellipse(result.composite.covariance[1:3, 1:3] * 1e6)
     return mark
 
 
@@ -133,8 +133,8 @@ def _through_feet(robot: RobotModel, result: Calibration, diagonal: str) -> Bloc
 
 def _cuts(result: Calibration, planes: Planes) -> list[Block]:
     """The support planes of all lifts, cut at the height of the CoM."""
-    z = result.composite.com_in_base[2]
-    height = float(result.nominal.composite.com[2]) if z is None else z
+    z = result.composite.com_in_base.z
+    height = float(result.nominal.composite.com[2]) if z.value is None else z.value
     return [
         {"diagonal": diagonal, **cut(plane, height)}
         for diagonal, plane in planes

@@ -12,94 +12,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 import pinocchio as pin
 
 from equipoise._version import __version__
-from equipoise.conventions import AXES, FloatArray
+from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import NotEstimatedError, RecordingError
-from equipoise.experiments.tilt import SupportPlane
-from equipoise.paper.equations import AxisFit
-from equipoise.precise.measurements.evidence import MotionReading
-from equipoise.precise.parameters import COMPONENTS
-from equipoise.precise.posterior import Posterior
 from equipoise.recording.recording import Recording
-from equipoise.result.findings import Check, SensorFinding
+from equipoise.result.body import Body, inertia_from_dict, inertia_to_dict
+from equipoise.result.findings import Check, JointFindings, SensorFinding
+from equipoise.result.quantity import Quantity
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
 
 Maybe = float | None
+BODIES = ("composite", "base", "stance_effective")
+"""Attributes of a result that are bodies."""
 
-SCHEMA = "equipoise.calibration/2"
-NORMAL_95 = 1.96
-"""Standard deviations to either side that hold 95 % of a normal distribution."""
-PLANAR_95 = 2.4477
-"""The same in the plane: the half axes of an ellipse."""
-SPATIAL_95 = 2.7955
-"""The same in space: the half axes of an ellipsoid."""
-# Standard deviation up to which a quantity counts as identified, and as weak; over what it is compared with.
-_IDENTIFIED, _WEAK = 0.1, 0.5
-
-
-@dataclass(frozen=True)
-class BodyEstimate:
-    """What is known of one body's inertial parameters. None: not estimated.
-
-    Attributes:
-        mass: [kg].
-        com_in_base: x, y, z in the base frame [m].
-        inertia: 3 rows of 3, about the CoM in base axes [kg m2].
-    """
-
-    mass: Maybe = None
-    com_in_base: tuple[Maybe, Maybe, Maybe] = (None, None, None)
-    inertia: tuple[tuple[float, float, float], ...] | None = None
-
-    @classmethod
-    def known(cls, parameters: InertialParameters) -> BodyEstimate:
-        """With everything known."""
-        x, y, z = (float(value) for value in parameters.com)
-        rows = tuple((float(a), float(b), float(c)) for a, b, c in parameters.inertia)
-        return cls(parameters.mass, (x, y, z), rows)
-
-    def by_name(self) -> dict[str, Maybe]:
-        """Mass, com_x, com_y, com_z, Ixx, Iyy, Izz, Ixy, Ixz, Iyz: the names that intervals have; SI units."""
-        table: dict[str, Maybe] = {"mass": self.mass, **dict(zip(COMPONENTS[1:4], self.com_in_base, strict=True))}
-        for name in COMPONENTS[4:]:
-            row, column = ("xyz".index(axis) for axis in name[1:])
-            table[name] = None if self.inertia is None else self.inertia[row][column]
-        return table
-
-    def parameters(self) -> InertialParameters:
-        """As inertial parameters; raises NotEstimatedError naming what is missing."""
-        missing = [name for name, value in (("mass", self.mass), ("inertia", self.inertia)) if value is None]
-        missing += [f"com_in_base.{axis}" for axis, value in zip("xyz", self.com_in_base, strict=True) if value is None]
-        if missing or self.mass is None:
-            raise NotEstimatedError(
-                f"this calibration does not know {', '.join(missing)}; its method does not estimate it"
-            )
-        return InertialParameters(self.mass, np.array(self.com_in_base, dtype=float), np.array(self.inertia))
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        inertia = None if self.inertia is None else [list(row) for row in self.inertia]
-        return {"mass": self.mass, "com_in_base": list(self.com_in_base), "inertia": inertia}
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> BodyEstimate:
-        """From the JSON form."""
-        x, y, z = table["com_in_base"]
-        inertia = table["inertia"]
-        return cls(table["mass"], (x, y, z), None if inertia is None else tuple((a, b, c) for a, b, c in inertia))
-
-    def minus(self, truth: BodyEstimate) -> BodyEstimate:
-        """Estimate less truth, for what both know."""
-        x, y, z = (_difference(a, b) for a, b in zip(self.com_in_base, truth.com_in_base, strict=True))
-        inertia = None
-        if self.inertia is not None and truth.inertia is not None:
-            inertia = tuple((a, b, c) for a, b, c in (np.array(self.inertia) - np.array(truth.inertia)).tolist())
-        return BodyEstimate(_difference(self.mass, truth.mass), (x, y, z), inertia)
+SCHEMA = "equipoise.calibration/3"
+_BEFORE = "equipoise.calibration/2"
+"""Had `uncertainty` by body beside the bodies, and `feet` beside the settings that have it too."""
 
 
 @dataclass(frozen=True)
@@ -119,57 +51,6 @@ class SwayEstimate:
     frequency: Maybe = None
     amplitude: Maybe = None
     note: str | None = None
-
-
-@dataclass(frozen=True)
-class Interval:
-    """How sure a quantity is.
-
-    Attributes:
-        deviation: posterior standard deviation.
-        lower, upper: 95 % interval.
-        verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before.
-    """
-
-    deviation: float
-    lower: float
-    upper: float
-    verdict: str
-
-    @classmethod
-    def of(cls, value: float, deviation: float, compared_with: float) -> Interval:
-        """About a value.
-
-        Args:
-            compared_with: what a standard deviation is small or large beside: the one before the run, or the quantity's size.
-        """
-        small, half = deviation <= _IDENTIFIED * compared_with, NORMAL_95 * deviation
-        verdict = "identified" if small else "weak" if deviation <= _WEAK * compared_with else "not identified"
-        return cls(deviation, value - half, value + half, verdict)
-
-
-@dataclass(frozen=True, eq=False)
-class Uncertainty:
-    """How sure one body's parameters are.
-
-    Attributes:
-        intervals: by name: mass, com_x, com_y, com_z, Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
-        covariance: 10 rows of 10 in that order.
-    """
-
-    intervals: Mapping[str, Interval]
-    covariance: tuple[tuple[float, ...], ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        intervals = {name: dataclasses.asdict(interval) for name, interval in self.intervals.items()}
-        return {"intervals": intervals, "covariance": [list(row) for row in self.covariance]}
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> Uncertainty:
-        """From the JSON form."""
-        intervals = {name: Interval(**interval) for name, interval in table["intervals"].items()}
-        return cls(intervals, tuple(tuple(row) for row in table["covariance"]))
 
 
 @dataclass(frozen=True)
@@ -228,49 +109,40 @@ class SupportLine:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the pictures show: too large for the JSON file, and made again from the recordings.
+    """What the pictures show: too large for the JSON file, and made again from the recordings. Methods add theirs.
 
     Attributes:
-        trial_planes: support plane of every lift trial, in order.
-        fits: by axis.
         feet_in_base: (4, 3) of the nominal stance [m].
         recordings: all that were estimated from, in order.
-        motions: what was read from each; `precise` only.
-        posterior: the estimate with its information by motion; `precise` only.
     """
 
-    trial_planes: tuple[SupportPlane, ...]
-    fits: Mapping[str, AxisFit]
     feet_in_base: FloatArray
-    recordings: tuple[Recording, ...] = ()
-    motions: tuple[MotionReading, ...] = ()
-    posterior: Posterior | None = None
+    recordings: tuple[Recording, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """The result of a calibration.
 
+    Every number of a body is a `Quantity`: `result.composite.com_in_base.x` has its value, interval, verdict, the model
+    file's value, and in simulation the truth.
+
     Attributes:
         robot: its name.
         method: "precise", "paper" or "static".
-        feet: "measured" or "commanded".
         joint_position: the nominal stance that all refers to, by joint name [rad].
         model: format, hash and base link of the model file.
         composite: the whole robot at the stance.
         base: the base link with all that is fixed to it.
+        stance_effective: the paper's body: base, hips and thighs about their own CoM.
         sways: the paper's I and C, by axis.
         support_lines: by diagonal; `paper` only.
-        stance_effective: the paper's body: base, hips and thighs about their own CoM.
-        uncertainty: of "composite", "base" and "stance_effective"; `precise` only.
         sensors: what was found wrong with the sensors; `precise` only.
         checks: what the result says about itself, failed ones first.
         trials: every motion, in order.
         settings: as JSON values.
         provenance: version, time, and in simulation seed, noise and payload.
         warnings: what speaks against the result, worst first.
-        truth: in simulation.
-        nominal: what the model file says.
         evidence: not in the JSON form.
         robot_model: the model that was used; not in the JSON form.
         timings: seconds that each stage of the estimate took; not in the JSON form.
@@ -278,23 +150,19 @@ class Calibration:
 
     robot: str
     method: str
-    feet: str
     joint_position: Mapping[str, float]
     model: Mapping[str, str]
-    composite: BodyEstimate
-    base: BodyEstimate
+    composite: Body
+    base: Body
+    stance_effective: Body
     sways: Mapping[str, SwayEstimate]
     support_lines: Mapping[str, SupportLine]
     trials: tuple[Trial, ...]
     settings: Mapping[str, Any]
-    nominal: RobotInertia
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
     warnings: tuple[str, ...] = ()
-    truth: RobotInertia | None = None
     evidence: Evidence | None = None
     robot_model: RobotModel | None = None
-    stance_effective: BodyEstimate = field(default_factory=BodyEstimate)
-    uncertainty: Mapping[str, Uncertainty] = field(default_factory=dict[str, Uncertainty])
     sensors: tuple[SensorFinding, ...] = ()
     checks: tuple[Check, ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -304,9 +172,50 @@ class Calibration:
         """Whether every check passed."""
         return all(check.passed for check in self.checks)
 
-    def with_truth(self, truth: RobotInertia) -> Calibration:
-        """The same with the truth joined to it."""
-        return dataclasses.replace(self, truth=truth)
+    @property
+    def feet(self) -> str | None:
+        """Which feet the support lines run through, "measured" or "commanded"; None: there are no support lines."""
+        return self.settings.get("feet") if self.support_lines else None
+
+    @property
+    def has_intervals(self) -> bool:
+        """Whether the method says how sure it is of the whole robot."""
+        return any(quantity.deviation is not None for quantity in self.composite)
+
+    @property
+    def nominal(self) -> RobotInertia:
+        """The three bodies by the model file."""
+        return RobotInertia(**{name: _given(getattr(self, name).model, name) for name in BODIES})
+
+    @property
+    def truth(self) -> RobotInertia | None:
+        """The three bodies as simulated; None on a real robot."""
+        if self.composite.truth is None:
+            return None
+        return RobotInertia(**{name: _given(getattr(self, name).truth, name) for name in BODIES})
+
+    @property
+    def moments(self) -> dict[Axis, Quantity]:
+        """The paper's I by axis [kg m2], for axes with an estimate, beside the body that it is meant to be of."""
+        moments: dict[Axis, Quantity] = {}
+        for axis, letter, of_body in zip(AXES, "xyz", self.stance_effective.inertia.moments, strict=True):
+            if axis in self.sways and self.sways[axis].moment is not None:
+                value = self.sways[axis].moment
+                moments[axis] = Quantity(f"I_{letter}", of_body.unit, value, model=of_body.model, truth=of_body.truth)
+        return moments
+
+    @property
+    def joints(self) -> dict[str, JointFindings]:
+        """What was found about each joint, by the model's joint names."""
+        found = {finding.name: finding for finding in self.sensors}
+        return {name: JointFindings.of(name, found) for name in self.joint_position}
+
+    def with_truth(self, truth: RobotInertia | None) -> Calibration:
+        """The same with the truth joined to it; None takes it away."""
+        bodies = {
+            name: getattr(self, name).with_truth(None if truth is None else getattr(truth, name)) for name in BODIES
+        }
+        return dataclasses.replace(self, **bodies)
 
     def with_provenance(self, **facts: Any) -> Calibration:
         """The same with more facts about where it came from."""
@@ -327,29 +236,18 @@ class Calibration:
         model.inertias[1] = base - held if robot.held else base
         return model
 
-    def moment_errors(self) -> dict[str, dict[str, float]]:
+    def moment_errors(self) -> dict[Axis, dict[str, float]]:
         """Relative errors of the paper's I against both truths, by axis. Empty without a truth."""
-        if self.truth is None:
+        truth = self.truth
+        if truth is None:
             return {}
-        errors: dict[str, dict[str, float]] = {}
-        for index, axis in enumerate(AXES):
-            moment = self.sways[axis].moment if axis in self.sways else None
-            if moment is not None:
-                errors[axis] = {
-                    "against_stance_effective": moment / self.truth.stance_effective.inertia[index, index] - 1,
-                    "against_composite": moment / self.truth.composite.inertia[index, index] - 1,
-                }
-        return errors
-
-    def errors(self) -> dict[str, Any] | None:
-        """Estimate less truth, in the shape of the estimates; None without a truth."""
-        if self.truth is None:
-            return None
         return {
-            "composite": self.composite.minus(BodyEstimate.known(self.truth.composite)).to_dict(),
-            "base": self.base.minus(BodyEstimate.known(self.truth.base)).to_dict(),
-            "stance_effective": self.stance_effective.minus(BodyEstimate.known(self.truth.stance_effective)).to_dict(),
-            "moments_relative": self.moment_errors(),
+            axis: {
+                "against_stance_effective": float(moment / truth.stance_effective.inertia[index, index] - 1),
+                "against_composite": float(moment / truth.composite.inertia[index, index] - 1),
+            }
+            for index, axis in enumerate(AXES)
+            if axis in self.moments and (moment := self.moments[axis].value) is not None
         }
 
     def to_dict(self) -> dict[str, Any]:
@@ -358,13 +256,11 @@ class Calibration:
             "schema": SCHEMA,
             "robot": self.robot,
             "method": self.method,
-            "feet": self.feet,
             "model": dict(self.model),
             "stance": {"joint_position": dict(self.joint_position)},
             "composite": self.composite.to_dict(),
             "base": self.base.to_dict(),
             "stance_effective": self.stance_effective.to_dict(),
-            "uncertainty": {body: uncertainty.to_dict() for body, uncertainty in self.uncertainty.items()},
             "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
@@ -375,8 +271,13 @@ class Calibration:
             "warnings": list(self.warnings),
             "nominal": inertia_to_dict(self.nominal),
             "truth": None if self.truth is None else inertia_to_dict(self.truth),
-            "errors": self.errors(),
+            "errors": None if self.truth is None else self._errors(),
         }
+
+    def _errors(self) -> dict[str, Any]:
+        """JSON form of the estimates less the truth, in the shape of the estimates."""
+        bodies = {name: getattr(self, name).numbers("error") for name in BODIES}
+        return {**bodies, "moments_relative": self.moment_errors()}
 
     def to_json(self) -> str:
         """The JSON form as text."""
@@ -400,37 +301,48 @@ class Calibration:
         except ValueError as error:
             raise RecordingError(f"the result {str(path)!r} is not JSON: {error}") from error
         found = cast("dict[str, Any]", table).get("schema") if isinstance(table, dict) else type(table).__name__
-        if found != SCHEMA:
+        if found not in (SCHEMA, _BEFORE):
             raise RecordingError(f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}")
         try:
-            return cls._from_dict(cast("dict[str, Any]", table))
+            return cls._from_dict(_as_now(cast("dict[str, Any]", table)))
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"the result {str(path)!r} is damaged: {error!r}") from error
 
     @classmethod
     def _from_dict(cls, table: Mapping[str, Any]) -> Calibration:
-        truth = table["truth"]
-        return cls(
+        truth, nominal = table["truth"], inertia_from_dict(table["nominal"])
+        result = cls(
             robot=table["robot"],
             method=table["method"],
-            feet=table["feet"],
             joint_position=table["stance"]["joint_position"],
             model=table["model"],
-            composite=BodyEstimate.from_dict(table["composite"]),
-            base=BodyEstimate.from_dict(table["base"]),
+            composite=Body.from_dict(table["composite"], nominal.composite),
+            base=Body.from_dict(table["base"], nominal.base),
+            stance_effective=Body.from_dict(table["stance_effective"], nominal.stance_effective),
             sways={axis: SwayEstimate(**sway) for axis, sway in table["sways"].items()},
             support_lines={name: SupportLine.from_dict(line) for name, line in table["support_lines"].items()},
             trials=tuple(Trial(**trial) for trial in table["trials"]),
             settings=table["settings"],
-            nominal=inertia_from_dict(table["nominal"]),
             provenance=table["provenance"],
             warnings=tuple(table["warnings"]),
-            truth=None if truth is None else inertia_from_dict(truth),
-            stance_effective=BodyEstimate.from_dict(table["stance_effective"]),
-            uncertainty={body: Uncertainty.from_dict(value) for body, value in table["uncertainty"].items()},
             sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
             checks=tuple(Check(**check) for check in table["checks"]),
         )
+        return result if truth is None else result.with_truth(inertia_from_dict(truth))
+
+
+def _as_now(table: dict[str, Any]) -> dict[str, Any]:
+    """The JSON form of today from that or the one before."""
+    if table["schema"] == SCHEMA:
+        return table
+    return {**table, **{name: {**table[name], "uncertainty": table["uncertainty"].get(name)} for name in BODIES}}
+
+
+def _given(body: InertialParameters | None, name: str) -> InertialParameters:
+    """A body of the model file or of the truth; raises NotEstimatedError if it was never given."""
+    if body is None:
+        raise NotEstimatedError(f"neither the model file nor a simulation says what the body {name!r} is")
+    return body
 
 
 def library_versions() -> dict[str, str]:
@@ -447,20 +359,3 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
         "robot_model": robot,
         "provenance": library_versions(),
     }
-
-
-def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:
-    """JSON form of the three bodies."""
-    return {
-        field.name: BodyEstimate.known(getattr(inertia, field.name)).to_dict() for field in dataclasses.fields(inertia)
-    }
-
-
-def inertia_from_dict(table: Mapping[str, Any]) -> RobotInertia:
-    """From the JSON form."""
-    bodies = {field.name: BodyEstimate.from_dict(table[field.name]) for field in dataclasses.fields(RobotInertia)}
-    return RobotInertia(**{name: body.parameters() for name, body in bodies.items()})
-
-
-def _difference(a: Maybe, b: Maybe) -> Maybe:
-    return None if a is None or b is None else a - b

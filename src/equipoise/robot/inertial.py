@@ -12,6 +12,10 @@ from equipoise.errors import SettingsError
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
+COMPONENTS = ("mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+"""Order in which the ten inertial parameters of a body are reported; inertia about the CoM, in base axes."""
+_ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+
 
 @dataclass(frozen=True, eq=False)
 class InertialParameters:
@@ -45,6 +49,12 @@ class InertialParameters:
     def to_pinocchio(self) -> pin.Inertia:
         """As a pinocchio.Inertia, which also keeps the inertia about the centre of mass."""
         return pin.Inertia(self.mass, self.com, self.inertia)
+
+    @classmethod
+    def from_components(cls, values: FloatArray) -> InertialParameters:
+        """From (10,) mass [kg], CoM [m] and inertia about it [kg m2], in the order of COMPONENTS."""
+        xx, yy, zz, xy, xz, yz = values[4:]
+        return cls(float(values[0]), values[1:4], np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
     @classmethod
     def from_vector(cls, vector: FloatArray) -> InertialParameters:
@@ -87,6 +97,11 @@ class InertialParameters:
         if largest > (smallest + middle) * (1 + 1e-3):
             return f"a principal moment, {largest:.3g} kg m2, exceeds the sum of the others, {smallest + middle:.3g}"
         return None
+
+
+def components(body: InertialParameters) -> FloatArray:
+    """(10,) in the order of COMPONENTS."""
+    return np.concatenate([[body.mass], body.com, body.inertia[_ROWS, _COLUMNS]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,8 @@ from equipoise.experiments.progress import Progress
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import StandTrial
-from equipoise.result.calibration import BodyEstimate, Calibration, Trial, model_facts
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration, Trial, model_facts
 from equipoise.robot.inertial import composite_parameters, nominal_inertia
 from equipoise.robot.kinematics import foot_forces_from_torques, foot_positions
 from equipoise.robot.model import RobotModel
@@ -64,15 +65,15 @@ def estimate(
     moved = composite_parameters(robot, stance.joint_position).com - composite_parameters(robot, position).com
     x, y = centre + moved[:2]
     mass = float(lift.sum() / np.linalg.norm(robot.pinocchio.gravity.linear))
+    nominal = nominal_inertia(robot, stance.joint_position)
     return Calibration(
         **model_facts(robot, stance.joint_position),
         method=settings.method,
-        feet=settings.feet,
-        composite=BodyEstimate(mass=mass, com_in_base=(float(x), float(y), None)),
-        base=BodyEstimate(),
+        composite=Body.partly(nominal.composite, mass, (float(x), float(y), None)),
+        base=Body.partly(nominal.base),
+        stance_effective=Body.partly(nominal.stance_effective),
         sways={},
         support_lines={},
         trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in standing),
         settings=dataclasses.asdict(settings),
-        nominal=nominal_inertia(robot, stance.joint_position),
     )

@@ -137,11 +137,10 @@ def _table() -> tuple[TableRow, ...]:
                 effective, com = simulation.truth.stance_effective.inertia, simulation.truth.composite.com
                 truth = (*(float(effective[i, i]) for i in range(3)), float(com[0]), float(com[1]))
                 rows.append(TableRow(TRUTH, noise, truth))
-            inertia = result.stance_effective.inertia
-            moments = (
-                [result.sways[axis].moment for axis in AXES] if inertia is None else [inertia[i][i] for i in range(3)]
-            )
-            rows.append(TableRow(method, noise, (*moments, *result.composite.com_in_base[:2])))
+            found = [one.value for one in result.stance_effective.inertia.moments]
+            moments = [result.sways[axis].moment for axis in AXES] if None in found else found
+            com = result.composite.com_in_base
+            rows.append(TableRow(method, noise, (*moments, com.x.value, com.y.value)))
     return tuple(rows)
 
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from equipoise.conventions import AXES, FloatArray
-from equipoise.precise.parameters import COMPONENTS
+from equipoise.result.statistics import NORMAL
+from equipoise.robot.inertial import COMPONENTS
 from equipoise.study.study import SOURCES
 from equipoise.study.trial import SUCCEEDED, Row
 
@@ -25,7 +26,6 @@ LEVELS = (50, 90, 95)
 """Intervals whose coverage is counted [%]."""
 
 _TRIALS_PER_SLOPE = 10  # fewer say nothing
-_QUANTILES = {50: 0.674490, 90: 1.644854, 95: 1.959964}  # of the normal distribution, two-sided
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Rate:
         """95 % interval by Wilson's score, which is sane near 0 and 1; from 0 to 1 of none."""
         if not self.of:
             return 0.0, 1.0
-        z, n = _QUANTILES[95], self.of
+        z, n = NORMAL[95], self.of
         middle = (self.value + z**2 / (2 * n)) / (1 + z**2 / n)
         half = z / (1 + z**2 / n) * np.sqrt(self.value * (1 - self.value) / n + z**2 / (4 * n**2))
         return max(0.0, float(middle - half)), min(1.0, float(middle + half))
@@ -204,7 +204,7 @@ def _statistics(
 def _coverage(relative: FloatArray) -> dict[int, Rate]:
     if not relative.size:
         return {}
-    return {level: Rate(int(np.sum(np.abs(relative) <= _QUANTILES[level])), relative.size) for level in LEVELS}
+    return {level: Rate(int(np.sum(np.abs(relative) <= NORMAL[level])), relative.size) for level in LEVELS}
 
 
 def _median(values: FloatArray) -> float:

@@ -20,7 +20,7 @@ from typing import Any, cast
 
 from equipoise.conventions import AXES
 from equipoise.errors import MissingDependencyError, OutputError, RecordingError, SettingsError
-from equipoise.precise.parameters import COMPONENTS
+from equipoise.robot.inertial import COMPONENTS
 from equipoise.study.study import SOURCES, Study
 from equipoise.study.trial import Row
 from equipoise.user_file import write_file

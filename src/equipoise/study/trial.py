@@ -20,9 +20,9 @@ from equipoise.calibration.settings import Method
 from equipoise.conventions import AXES
 from equipoise.errors import EquipoiseError
 from equipoise.paper.iterations import com_by_iteration
-from equipoise.precise.parameters import COMPONENTS, components
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
+from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.kinematics import foot_jacobians
 from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulation import Simulation, simulate
@@ -157,18 +157,11 @@ def _truth(simulation: Simulation) -> Row:
 
 def _estimates(result: Calibration, drawn: Draw, settings: CalibrationSettings) -> Row:
     """What a calibration found; where it does not estimate a parameter there is no value."""
-    values: list[float | None] = [result.composite.mass, *result.composite.com_in_base, *(None,) * 6]
-    deviations: list[float | None] = [None] * len(COMPONENTS)
     moments = {axis: sway.moment for axis, sway in result.sways.items()}
     row: Row = {f"moment_{axis}": moments.get(axis) for axis in AXES}
-    if result.composite.inertia is not None:
-        values = list(components(result.composite.parameters()).tolist())
-    if "composite" in result.uncertainty:
-        intervals = result.uncertainty["composite"].intervals
-        deviations = [intervals[name].deviation for name in COMPONENTS]
-    row |= dict(zip([f"estimated_{name}" for name in COMPONENTS], values, strict=True))
-    row |= dict(zip([f"deviation_{name}" for name in COMPONENTS], deviations, strict=True))
-    if result.method == "paper":
+    row |= {f"estimated_{quantity.name}": quantity.value for quantity in result.composite}
+    row |= {f"deviation_{quantity.name}": quantity.deviation for quantity in result.composite}
+    if result.support_lines:
         path = com_by_iteration(result, settings.com_search.bracket(drawn.stance))
         row |= {"iteration_x": path[:, 0].tolist(), "iteration_y": path[:, 1].tolist()}
     row["estimation_time"] = sum(result.timings.values()) or None

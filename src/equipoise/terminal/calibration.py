@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -16,7 +17,9 @@ from equipoise.calibration.routine import Progress as RoutineProgress
 from equipoise.calibration.run_folder import HEADER, RESULT
 from equipoise.conventions import AXES
 from equipoise.precise.plan import Plan, describe
-from equipoise.result.calibration import NORMAL_95, BodyEstimate, Calibration
+from equipoise.result.calibration import Calibration
+from equipoise.result.quantity import Quantity
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
 from equipoise.robot.catalog import CatalogRow
 from equipoise.robot.model import DIAGONALS
@@ -69,7 +72,7 @@ def print_calibration(
     for check in result.checks:
         if not check.passed:
             console.print(f"[red]check failed:[/red] {escape(f'{check.name}: {check.message}')}")
-    if result.uncertainty:
+    if result.has_intervals:
         _print_precise(console, result)
     else:
         _print_paper(console, result)
@@ -89,14 +92,14 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
     said = [f"see {file}" for file in files if file.suffix == ".html"]
     if kept is None:
         return said
-    if None not in result.base.by_name().values():
+    if all(quantity.value is not None for quantity in result.base):
         alone = kept.is_file() and not (kept.parent / HEADER).exists()
         model = f" --file {result.robot_model.source.path}" if alone and result.robot_model is not None else ""
         said.append(f"export with: equipoise export {kept} --to {result.model['format']}{model}")
     return [*said, *([f"estimate again: equipoise estimate {kept}"] if (kept / RESULT) in files else [])]
 
 
-# Name in intervals, label, factor from SI units, format.
+# Name of the quantity, label, factor from SI units, format.
 ROWS = (
     ("mass", "mass [kg]", 1.0, ".3f"),
     ("com_x", "CoM x [mm]", 1000.0, ".2f"),
@@ -107,36 +110,29 @@ ROWS = (
 
 
 def _print_precise(console: Console, result: Calibration) -> None:
-    estimate, truth = _known(result.composite), None
-    if result.truth is not None:
-        truth = _known(BodyEstimate.known(result.truth.composite))
     title = f"{result.robot}: method {result.method}; the whole robot at its stance"
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if truth else []), "model"]
+    columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if result.truth else []), "model"]
     for column in columns:
         table.add_column(column, justify="left" if column in ("parameter", "") else "right")
-    model = _known(BodyEstimate.known(result.nominal.composite))
-    for name, label, factor, form in ROWS:
-        interval = result.uncertainty["composite"].intervals[name]
-        value = estimate[name]
-        half = (interval.upper - interval.lower) / 2
-        cells = [escape(label), format(value * factor, form), format(half * factor, form), interval.verdict]
-        if truth:
-            error = value - truth[name]
-            inside = "" if abs(error) <= half else " (!)"
-            cells += [format(truth[name] * factor, form), format(error * factor, "+" + form) + inside]
-        table.add_row(*cells, format(model[name] * factor, form))
+    for quantity, (_, label, factor, form) in zip(result.composite, ROWS, strict=True):
+        table.add_row(
+            escape(label),
+            *estimate_cells(quantity, factor, form, bool(result.truth)),
+            number(quantity.model, factor, form),
+        )
     console.print(table)
-    base = result.base.com_in_base
-    if result.base.mass is not None and None not in base:
+    base = result.base
+    if base.mass.value is not None and np.isfinite(base.com_in_base.values).all():
+        com = " ".join(f"{1000 * value:.2f}" for value in base.com_in_base.values)
         console.print(
-            f"Base link alone: {result.base.mass:.3f} kg, CoM {' '.join(f'{1000 * (c or 0):.2f}' for c in base)} mm; its "
+            f"Base link alone: {base.mass.value:.3f} kg, CoM {com} mm; its "
             "inertia, covariances and the paper's stance-effective body are in the JSON form."
         )
     paper = [f"{axis} {sway.moment:.3f}, C {sway.damping:.1f}" for axis, sway in result.sways.items() if sway.moment]
     if paper:
-        effective = result.stance_effective.inertia or ()
-        moments = " ".join(f"{effective[i][i]:.3f}" for i in range(len(effective)))
+        effective = result.stance_effective.inertia.moments
+        moments = " ".join(f"{moment.value:.3f}" for moment in effective if moment.value is not None)
         console.print(
             f"The paper's I and C by sways: {'; '.join(paper)} (kg m2, Nm s/rad). The body that they are of has {moments}: "
             "motor torques hold friction too, and the reading takes legs to have no mass."
@@ -151,28 +147,30 @@ def _print_precise(console: Console, result: Calibration) -> None:
     console.print(f"{len(lifts)} lifts in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
 
 
-def _known(body: BodyEstimate) -> dict[str, float]:
-    return {name: value for name, value in body.by_name().items() if value is not None}
+def estimate_cells(quantity: Quantity, factor: float, form: str, with_truth: bool) -> list[str]:
+    """Estimate, half the interval and verdict; truth and error too, marked where the truth is outside."""
+    cells = [number(quantity.value, factor, form), number(quantity.half, factor, form), quantity.verdict or ""]
+    if with_truth:
+        outside = " (!)" if quantity.missed else ""
+        cells += [number(quantity.truth, factor, form), number(quantity.error, factor, "+" + form) + outside]
+    return cells
 
 
 def _print_paper(console: Console, result: Calibration) -> None:
-    truth = result.truth
-    feet = f", {result.feet} feet" if result.method == "paper" else ""
+    feet = f", {result.feet} feet" if result.feet else ""
     table = Table(title=f"{result.robot}: method {result.method}{feet}", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("parameter", "estimate", "truth", "error"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
-    if result.composite.mass is not None:
-        true = None if truth is None else truth.composite.mass
-        error = "-" if true is None else f"{result.composite.mass / true - 1:+.1%}"
-        table.add_row(escape("mass [kg]"), f"{result.composite.mass:.3f}", number(true, 1, ".3f"), error)
-    for index, axis in enumerate("xy"):
-        value = result.composite.com_in_base[index]
-        true = None if truth is None else float(truth.composite.com[index])
+    mass, com = result.composite.mass, result.composite.com_in_base
+    if mass.value is not None:
+        error = "-" if mass.truth is None else f"{mass.value / mass.truth - 1:+.1%}"
+        table.add_row(escape("mass [kg]"), f"{mass.value:.3f}", number(mass.truth, 1, ".3f"), error)
+    for axis, one in (("x", com.x), ("y", com.y)):
         table.add_row(
             escape(f"CoM {axis} in base [mm]"),
-            number(value, 1000, ".2f"),
-            number(true, 1000, ".2f"),
-            "-" if value is None or true is None else f"{(value - true) * 1000:+.2f} mm",
+            number(one.value, 1000, ".2f"),
+            number(one.truth, 1000, ".2f"),
+            "-" if one.error is None else f"{one.error * 1000:+.2f} mm",
         )
     errors = result.moment_errors()
     for index, axis in enumerate(AXES):
@@ -180,8 +178,8 @@ def _print_paper(console: Console, result: Calibration) -> None:
         if sway is None:
             continue
         name = f"I_{'xyz'[index]} ({axis}) [kg m2]"
-        effective = None if truth is None else float(truth.stance_effective.inertia[index, index])
-        composite = None if truth is None else float(truth.composite.inertia[index, index])
+        effective = result.stance_effective.inertia.moments[index].truth
+        composite = result.composite.inertia.moments[index].truth
         error = errors.get(axis)
         table.add_row(
             escape(f"{name} of base, hips, thighs"),
@@ -199,10 +197,12 @@ def _print_paper(console: Console, result: Calibration) -> None:
     console.print(table)
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     time = sum(trial.duration for trial in result.trials)
-    missing = "CoM height, inertia" if result.method == "static" else "mass, CoM height, products of inertia"
+    missing = ["mass"] if mass.value is None else []
+    missing += ["CoM height"] if com.z.value is None else []
+    missing += ["products of inertia" if result.moments else "inertia"]
     console.print(
         f"{len(lifts)} lifts and {len(result.trials) - len(lifts)} other motions, {time:.0f} s of robot time. "
-        f"Not estimated by this method: {missing}."
+        f"Not estimated by this method: {', '.join(missing)}."
     )
 
 

@@ -8,8 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.delta import Delta
-from equipoise.result.calibration import BodyEstimate
-from equipoise.terminal.calibration import ROWS
+from equipoise.terminal.calibration import ROWS, estimate_cells, number
 
 
 def print_delta(delta: Delta) -> None:
@@ -21,27 +20,19 @@ def print_delta(delta: Delta) -> None:
     title = f"{delta.robot}: what was {what}; CoM in the base frame, inertia about its own CoM"
     console.print(f"[italic]{escape(title)}[/italic]")  # wider than its table
     console.print(_payload(delta))
-    if delta.payload.inertia is None:
+    if delta.payload.com_in_base.x.value is None:
         console.print("No mass can be told from none: nothing is said of where it is. What changed in the whole robot:")
     console.print(_change(delta))
 
 
 def _payload(delta: Delta) -> Table:
-    truth = {} if delta.truth is None else BodyEstimate.known(delta.truth).by_name()
+    known = delta.payload.truth is not None
     table = Table(box=box.SIMPLE_HEAD)
-    for column in ("parameter", "estimate", "95 % +-", "", *(("truth", "error") if truth else ())):
+    for column in ("parameter", "estimate", "95 % +-", "", *(("truth", "error") if known else ())):
         table.add_column(column, justify="left" if column in ("parameter", "") else "right")
-    values = delta.payload.by_name()
-    for name, label, factor, form in ROWS:
-        if (value := values[name]) is None:
-            continue
-        interval = delta.intervals[name]
-        half = (interval.upper - interval.lower) / 2
-        cells = [escape(label), format(value * factor, form), format(half * factor, form), interval.verdict]
-        if (true := truth.get(name)) is not None:
-            outside = "" if abs(value - true) <= half else " (!)"
-            cells += [format(true * factor, form), format((value - true) * factor, "+" + form) + outside]
-        table.add_row(*cells)
+    for quantity, (_, label, factor, form) in zip(delta.payload, ROWS, strict=True):
+        if quantity.value is not None:
+            table.add_row(escape(label), *estimate_cells(quantity, factor, form, known))
     return table
 
 
@@ -50,13 +41,7 @@ def _change(delta: Delta) -> Table:
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("parameter", "change", "95 % +-", ""):
         table.add_column(column, justify="left" if column in ("parameter", "") else "right")
-    for name, label, factor, form in ROWS:
-        interval = delta.change_intervals[name]
-        half = (interval.upper - interval.lower) / 2
-        table.add_row(
-            escape(label),
-            format(delta.change[name] * factor, "+" + form),
-            format(half * factor, form),
-            interval.verdict,
-        )
+    for quantity, (_, label, factor, form) in zip(delta.change, ROWS, strict=True):
+        change, half = number(quantity.value, factor, "+" + form), number(quantity.half, factor, form)
+        table.add_row(escape(label), change, half, quantity.verdict)
     return table

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.repeatability import Repeated
-from equipoise.terminal.calibration import ROWS
+from equipoise.terminal.calibration import ROWS, number
 
 _TOO_MUCH = 2.0  # of spread over deviation, with a handful of repetitions
 
@@ -21,20 +21,18 @@ def print_repeatability(robot: str, repeated: Sequence[Repeated], count: int) ->
     table = Table(title=f"{robot}: {count} calibrations", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("parameter", "mean", "spread (sd)", "reported sd", "spread / sd"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
-    by_name = {one.name: one for one in repeated}
+    by_name = {one.quantity.name: one for one in repeated}
     for name, label, factor, form in ROWS:
         if (one := by_name.get(name)) is None:
             continue
         finer = f".{int(form[1]) + 1}f"
-        deviation = "-" if one.deviation is None else format(one.deviation * factor, finer)
+        mean, deviation = number(one.quantity.value, factor, form), number(one.quantity.deviation, factor, finer)
         ratio = "-" if one.ratio is None else f"{one.ratio:.2f}"
-        table.add_row(
-            escape(label), format(one.mean * factor, form), format(one.spread * factor, finer), deviation, ratio
-        )
+        table.add_row(escape(label), mean, format(one.spread * factor, finer), deviation, ratio)
     console.print(table)
     worst = [one for one in repeated if one.ratio is not None and one.ratio > _TOO_MUCH]
     if worst:
-        names = ", ".join(one.name for one in worst)
+        names = ", ".join(one.quantity.name for one in worst)
         console.print(f"{names}: they differ by more than they say that they may; something changes between the runs.")
     else:
         console.print(

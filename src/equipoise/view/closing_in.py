@@ -26,7 +26,7 @@ from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.support_planes import centre_shift
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.recording.recording import Recording
-from equipoise.result.calibration import NORMAL_95
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import FloatArray
 from equipoise.precise.plan import Durations
 from equipoise.recording.phases import Phase
-from equipoise.result.calibration import SPATIAL_95
+from equipoise.result.statistics import SPATIAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES

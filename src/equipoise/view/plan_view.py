@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.result.calibration import PLANAR_95
+from equipoise.result.statistics import PLANAR_95
 from equipoise.view.closing_in import ComEstimate, LiftPlane
 from equipoise.view.colours import COM, VERDICTS, html
 

@@ -1,0 +1,32 @@
+"""What the paper's search and sways leave beside their result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from equipoise.experiments.tilt import SupportPlane
+from equipoise.paper.equations import AxisFit
+from equipoise.result.calibration import Evidence
+
+
+@dataclass(frozen=True, eq=False)
+class SwayEvidence(Evidence):
+    """Of a run with sways.
+
+    Attributes:
+        fits: equations 2 to 5 by axis.
+    """
+
+    fits: Mapping[str, AxisFit]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchEvidence(SwayEvidence):
+    """Of a run with the paper's search.
+
+    Attributes:
+        trial_planes: support plane of every lift trial, in order.
+    """
+
+    trial_planes: tuple[SupportPlane, ...]

@@ -1,0 +1,22 @@
+"""What the precise method leaves beside its result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from equipoise.paper.evidence import SwayEvidence
+from equipoise.precise.measurements.evidence import MotionReading
+from equipoise.precise.posterior import Posterior
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorEvidence(SwayEvidence):
+    """Of a run of this method.
+
+    Attributes:
+        motions: what was read from each recording.
+        posterior: the estimate with its information by motion.
+    """
+
+    motions: tuple[MotionReading, ...]
+    posterior: Posterior

@@ -1,0 +1,69 @@
+"""Quantity: one number that was found, how sure it is, and what it is compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from equipoise.result.statistics import NORMAL_95
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number, in SI units. None stands for what is not known.
+
+    Attributes:
+        name: "mass", "com_x", "Ixx", ...
+        unit: "kg", "m", "kg m2", ...
+        value: estimate; None: the method does not estimate it.
+        deviation: posterior standard deviation; None: the method gives none.
+        verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before.
+        model: value by the model file.
+        truth: value of the simulated robot.
+    """
+
+    name: str
+    unit: str
+    value: float | None = None
+    deviation: float | None = None
+    verdict: str | None = None
+    model: float | None = None
+    truth: float | None = None
+
+    @property
+    def half(self) -> float | None:
+        """Half the 95 % interval."""
+        return None if self.deviation is None else NORMAL_95 * self.deviation
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Lower and upper end of the 95 % interval."""
+        return None if self.value is None or self.half is None else (self.value - self.half, self.value + self.half)
+
+    @property
+    def lower(self) -> float | None:
+        """Lower end of the 95 % interval."""
+        return None if self.interval is None else self.interval[0]
+
+    @property
+    def upper(self) -> float | None:
+        """Upper end of the 95 % interval."""
+        return None if self.interval is None else self.interval[1]
+
+    @property
+    def error(self) -> float | None:
+        """Estimate less truth."""
+        return _difference(self.value, self.truth)
+
+    @property
+    def change(self) -> float | None:
+        """Estimate less the model file's value."""
+        return _difference(self.value, self.model)
+
+    @property
+    def missed(self) -> bool:
+        """Whether the truth is known and outside the interval."""
+        return self.error is not None and self.half is not None and abs(self.error) > self.half
+
+
+def _difference(a: float | None, b: float | None) -> float | None:
+    return None if a is None or b is None else a - b

@@ -1,0 +1,26 @@
+"""How sure an estimate is: what holds 95 % in one, two and three dimensions, and what is called identified."""
+
+from __future__ import annotations
+
+NORMAL_95 = 1.96
+"""Standard deviations to either side that hold 95 % of a normal distribution: the root of chi-squared's 95 %, one degree."""
+PLANAR_95 = 2.4477
+"""The same in the plane, two degrees: the half axes of an ellipse."""
+SPATIAL_95 = 2.7955
+"""The same in space, three degrees: the half axes of an ellipsoid."""
+NORMAL = {50: 0.674490, 90: 1.644854, 95: NORMAL_95}
+"""Standard deviations to either side that hold so many percent of a normal distribution."""
+IDENTIFIED, WEAK = 0.1, 0.5
+"""Standard deviation up to which a quantity counts as identified, and as weak; over what it is compared with."""
+
+
+def verdict_of(deviation: float, compared_with: float) -> str:
+    """How much a run told beyond what was believed before: "identified", "weak" or "not identified".
+
+    Args:
+        deviation: posterior standard deviation.
+        compared_with: what it is small or large beside, in the same unit: the one before the run, or the quantity's size.
+    """
+    if deviation <= IDENTIFIED * compared_with:
+        return "identified"
+    return "weak" if deviation <= WEAK * compared_with else "not identified"

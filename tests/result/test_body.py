@@ -1,0 +1,123 @@
+"""One body: its quantities, their arrays, and its JSON form."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from equipoise import InertialParameters, Quantity
+from equipoise.errors import NotEstimatedError
+from equipoise.result.body import Body
+from equipoise.robot.inertial import COMPONENTS, components
+
+BASE = InertialParameters(
+    6.2, np.array([0.02, -0.003, 0.03]), np.array([[0.03, 1e-3, 2e-3], [1e-3, 0.07, -1e-3], [2e-3, -1e-3, 0.08]])
+)
+TRUE = InertialParameters(6.0, np.array([0.01, 0.0, 0.05]), np.diag([0.02, 0.06, 0.07]))
+COVARIANCE = np.diag(np.arange(1.0, 11.0) ** 2 * 1e-6) + 1e-8
+
+
+def same(one, other):
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("mass", "com", "inertia"))
+
+
+@pytest.fixture
+def body():
+    return Body.known(BASE, COVARIANCE, np.full(10, 0.012), TRUE).with_truth(TRUE)
+
+
+def test_a_quantity_has_all_that_is_known_of_it(body):
+    deviation = np.sqrt(COVARIANCE[2, 2])
+    y = body.com_in_base.y
+    assert y == Quantity("com_y", "m", -0.003, deviation, "weak", 0.0, 0.0)
+    assert y.half == 1.96 * deviation
+    assert y.interval == (y.lower, y.upper) == (-0.003 - y.half, -0.003 + y.half)
+    assert (y.error, y.change) == (-0.003, -0.003)
+    assert not y.missed
+    assert dataclasses.replace(y, truth=-0.003 - 1.01 * y.half).missed
+    assert body.mass.missed
+
+
+def test_quantities_are_asked_by_attribute(body):
+    assert [quantity.name for quantity in body] == list(COMPONENTS)
+    for name in COMPONENTS[4:]:
+        quantity = getattr(body.inertia, name)
+        row, column = ("xyz".index(axis) for axis in name[1:])
+        assert (quantity.name, quantity.value, quantity.unit) == (name, BASE.inertia[row, column], "kg m2")
+    assert [moment.name for moment in body.inertia.moments] == ["Ixx", "Iyy", "Izz"]
+    assert (body.mass.value, body.mass.unit) == (BASE.mass, "kg")
+
+
+def test_arrays_are_those_of_the_quantities(body):
+    assert np.array_equal(body.values, components(BASE))
+    assert np.array_equal(body.com_in_base.values, BASE.com)
+    assert np.array_equal(body.inertia.values, BASE.inertia)
+    assert np.array_equal(body.deviations, np.sqrt(np.diag(COVARIANCE)))
+    assert np.array_equal(body.com_in_base.errors, BASE.com - TRUE.com)
+    assert np.array_equal(body.inertia.errors, BASE.inertia - TRUE.inertia)
+    assert np.array_equal(body.covariance, COVARIANCE)
+    with pytest.raises(ValueError, match="read-only"):
+        body.covariance[0, 0] = 0.0
+
+
+def test_a_body_gives_back_what_it_was_made_of(body):
+    assert same(body.parameters(), BASE)
+    assert same(body.model, TRUE)
+    assert same(body.truth, TRUE)
+    assert body.with_truth(None).truth is None
+    assert body.with_truth(None).mass.error is None
+    assert same(body.with_model(BASE).model, BASE)
+
+
+def test_a_known_body_goes_there_and_back(body):
+    table = json.loads(json.dumps(body.to_dict(), allow_nan=False))
+    again = Body.from_dict(table, TRUE).with_truth(TRUE)
+    assert list(again) == list(body)
+    assert np.array_equal(again.covariance, body.covariance)
+    assert table["uncertainty"]["intervals"]["Ixy"] == {
+        "deviation": body.inertia.Ixy.deviation, "lower": body.inertia.Ixy.lower, "upper": body.inertia.Ixy.upper,
+        "verdict": body.inertia.Ixy.verdict,
+    }  # fmt: skip
+
+
+def test_what_is_partly_known_goes_there_and_back():
+    variance = np.full((10, 10), np.nan)
+    variance[0, 0] = 0.04
+    body = Body.of([2.0, *9 * [np.nan]], variance, np.ones(10))
+    assert body.covariance is None
+    table = json.loads(json.dumps(body.to_dict(), allow_nan=False))
+    assert table["inertia"] is None
+    assert table["com_in_base"] == [None, None, None]
+    assert list(table["uncertainty"]["intervals"]) == ["mass"]
+    assert list(Body.from_dict(table)) == list(body)
+    assert np.isnan(body.values[1:]).all()
+
+
+@pytest.mark.parametrize(
+    ("body", "missing"),
+    [
+        (Body.partly(), "mass, inertia, com_in_base.x, com_in_base.y, com_in_base.z"),
+        (Body.of([1.0, 0, 0, np.nan, 1, 1, 1, 0, 0, 0]), "com_in_base.z"),
+        (Body.of([np.nan, 0, 0, 0, 1, 1, 1, 0, 0, 0]), "mass"),
+        (Body.of([1.0, 0, 0, 0, 1, 1, 1, 0, 0, np.nan]), "inertia"),
+    ],
+)
+def test_a_body_that_is_not_known_names_what_is_missing(body, missing):
+    with pytest.raises(NotEstimatedError) as caught:
+        body.parameters()
+    assert str(caught.value) == f"this calibration does not know {missing}; its method does not estimate it"
+
+
+def test_errors_are_of_what_both_know():
+    partial = Body.partly(mass=6.0, com_in_base=(0.01, None, None)).with_truth(BASE)
+    assert partial.numbers("error") == {
+        "mass": pytest.approx(-0.2), "com_in_base": [pytest.approx(-0.01), None, None], "inertia": None,
+    }  # fmt: skip
+    assert not Body.known(BASE).with_truth(BASE).errors.any()
+
+
+def test_what_is_not_estimated_still_has_the_models_value():
+    height = Body.partly(TRUE, com_in_base=(0.01, 0.0, None)).com_in_base.z
+    assert height == Quantity("com_z", "m", model=0.05)
+    assert height.interval is height.half is height.error is height.change is None
