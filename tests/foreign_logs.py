@@ -9,9 +9,9 @@ import pyarrow.parquet as pq
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.logs.message_types import known_types
 from equipoise.recording.recording import Recording
-from equipoise.robot.unitree_motors import MOTOR_LEGS
 
 EPOCH = 1_763_712_000_123_456_789  # [ns]
 

@@ -16,6 +16,7 @@ from hypothesis.extra.numpy import arrays
 
 from equipoise.drivers.unitree.crc import crc32_words
 from equipoise.drivers.unitree.formats import A1, A1_STRUCT, FORMS, GO1, GO1_SCRAMBLED, forms_of
+from equipoise.drivers.unitree.motors import MOTORS
 from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
     VELOCITY_STOP,
@@ -28,7 +29,6 @@ from equipoise.drivers.unitree.packets import (
     read_state,
 )
 from equipoise.errors import SettingsError
-from equipoise.robot.unitree_motors import MOTORS
 
 ALL = {"a1": A1, "a1 struct": A1_STRUCT, "go1": GO1, "go1 scrambled": GO1_SCRAMBLED}
 PACKETS = pytest.mark.parametrize("packets", ALL.values(), ids=ALL)

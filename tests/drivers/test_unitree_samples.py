@@ -21,9 +21,9 @@ from equipoise.drivers.unitree.messages import (
     MotorCmd,
     MotorState,
 )
+from equipoise.drivers.unitree.motors import joints_of_motors
 from equipoise.drivers.unitree.samples import COMMAND, LOW_CMD, LOW_STATE, STATE, Message, read_message
 from equipoise.errors import SettingsError
-from equipoise.robot.unitree_motors import joints_of_motors
 
 # As in the robot's memory, fields in order: of a command and of a state.
 C_COMMAND = "<4B4IH2x" + "B3x5f3I" * 20 + "4B" + "55Bx2I"

@@ -22,13 +22,13 @@ from equipoise.drivers.robot_clock import RobotClock, UnitSearch
 from equipoise.drivers.unitree import udp as unitree_udp
 from equipoise.drivers.unitree.form_search import FormSearch
 from equipoise.drivers.unitree.formats import FORMS
+from equipoise.drivers.unitree.motors import MOTORS
 from equipoise.drivers.unitree.packets import Damage, LowState, MotorCommands, StatePacket, read_command
 from equipoise.drivers.unitree.udp import UnitreeUdpSettings, open_link
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.guard import connection
 from equipoise.peers.unitree_udp import FaultyNetwork, NetworkFaults
 from equipoise.platform.platform import JointCommand, Trajectory
-from equipoise.robot.unitree_motors import MOTORS
 
 ROBOTS = [(protocol, form) for protocol, forms in FORMS.items() for form in forms]
 EACH_ROBOT = pytest.mark.parametrize(("protocol", "form"), ROBOTS, ids=map("-".join, ROBOTS))

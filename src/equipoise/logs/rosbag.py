@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from equipoise.conventions import FloatArray
+from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import EquipoiseError, RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
 from equipoise.logs.finding import Finding
@@ -23,7 +24,6 @@ from equipoise.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE, M
 from equipoise.logs.stamps import Stamps, common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
 from equipoise.robot.model import RobotModel
-from equipoise.robot.unitree_motors import MOTOR_LEGS
 
 SUFFIXES = (".mcap", ".db3")
 _METADATA = "metadata.yaml"

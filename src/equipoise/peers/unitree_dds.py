@@ -23,6 +23,7 @@ from tyro.conf import OmitArgPrefixes
 from equipoise.drivers.dds.domain import LOOPBACK, DdsDomain, raw
 from equipoise.drivers.unitree.dds import COMMAND_TOPIC, STATE_TOPIC
 from equipoise.drivers.unitree.messages import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
+from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
 from equipoise.errors import SettingsError
@@ -30,7 +31,6 @@ from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
-from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 _SPORT_MODE = "normal"
 _LETS_GO = 0.3  # [s] after which the robot's own controller has ended

@@ -19,6 +19,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes
 
 from equipoise.drivers.unitree.formats import PacketFormat, Protocol, forms_of
+from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
     VELOCITY_STOP,
@@ -34,7 +35,6 @@ from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
-from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 _TEMPERATURE = 40.0  # [deg C] of every motor
 _CHARGE, _VOLTAGE = 0.8, 24.96  # of a Go1's battery

@@ -16,6 +16,7 @@ from equipoise.drivers.checkup import Finding
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.robot_clock import RobotClock
 from equipoise.drivers.unitree.messages import LowCmd, LowState
+from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.sport import MotionSwitcher, outlook
 from equipoise.errors import CommunicationError, MotionError, SettingsError
@@ -23,7 +24,6 @@ from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
-from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 COMMAND_TOPIC, STATE_TOPIC = "rt/lowcmd", "rt/lowstate"
 CONTROL_PERIOD = 2e-3  # [s]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.crc import crc32_words
 from equipoise.drivers.unitree.formats import PacketFormat
+from equipoise.drivers.unitree.motors import MOTORS
 from equipoise.errors import SettingsError
-from equipoise.robot.unitree_motors import MOTORS
 
 POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # instead of a target: do not control this
 _SERVO = 0x0A

@@ -16,6 +16,7 @@ import numpy as np
 
 from equipoise.drivers.robot_clock import RobotClock, UnitSearch
 from equipoise.drivers.unitree.form_search import FormSearch
+from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.packets import CommandPacket, Damage, LowState, MotorCommands
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.drivers.unitree.udp_socket import Address, address_towards, no_way, open_socket, receive
@@ -23,7 +24,6 @@ from equipoise.errors import CommunicationError, SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
-from equipoise.robot.unitree_motors import MOTORS, joints_of_motors
 
 _CONTROL_PERIOD = 2e-3  # [s]
 _KEPT = 512  # datagrams that wait while nobody reads: a second's
