@@ -31,7 +31,8 @@ import tyro
 import equipoise
 from equipoise import CalibrationSettings, JointCommand, Trajectory, calibrate, load_robot, nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import UnitreeGo2Settings, open_link
+from equipoise.drivers.unitree.dds import open_link
+from equipoise.drivers.unitree.dds_settings import UnitreeGo2Settings
 from equipoise.guard.guard import Guard
 from equipoise.precise.parameters import components
 from equipoise.precise.routine import PreciseSettings

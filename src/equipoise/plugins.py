@@ -9,7 +9,10 @@ An entry point is loaded when somebody asks for its name; to list names loads no
 from __future__ import annotations
 
 import importlib
+import os
+import sys
 from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar, cast
@@ -92,6 +95,8 @@ class Table(Generic[Row]):
                 f"{whose} cannot be used: {entry.value!r} is of type {type(row).__name__}; "
                 f"it must be {' or '.join(kind.__name__ for kind in kinds)}"
             )
+        if not isinstance(row, type) and getattr(row, "name", name) != name:
+            raise PluginError(f"{whose} cannot be used: it calls itself {row.name!r}; the two names must be one")
         return cast("Row", row)
 
 
@@ -104,3 +109,38 @@ def resolve(path: str) -> Any:
     """What "module:name" names."""
     module, _, name = path.partition(":")
     return getattr(importlib.import_module(module), name)
+
+
+def import_users(noun: str, path: str) -> Any:
+    """What a user names as MODULE:NAME; the module may be in the current folder.
+
+    Args:
+        noun: word for it in messages, as "platform".
+        path: as "my_robot:MyRobot".
+
+    Raises:
+        SettingsError: there is no such module, or no such name in it.
+        PluginError: the module fails when it is imported.
+    """
+    name, _, attribute = path.partition(":")
+    here = os.getcwd()
+    if here not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        module = importlib.import_module(name)
+    except (Exception, SystemExit) as error:  # what a foreign module does when it is imported is anybody's guess
+        if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
+            raise SettingsError(
+                f"{noun} {path!r}: there is no module {error.name!r}, neither in {here!r} nor among what is installed"
+            ) from error
+        raise PluginError(
+            f"{noun} {path!r}: the module {name!r} fails when it is imported ({type(error).__name__}: {error})"
+        ) from error
+    if hasattr(module, attribute):
+        return getattr(module, attribute)
+    classes = [key for key, value in vars(module).items() if isinstance(value, type) and value.__module__ == name]
+    near = get_close_matches(attribute, classes, n=1)
+    meant = f"did you mean {near[0]!r}? " if near else ""
+    raise SettingsError(
+        f"{noun} {path!r}: the module {name!r} has no {attribute!r}; {meant}its classes are {', '.join(classes) or 'none'}"
+    )
