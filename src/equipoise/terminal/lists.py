@@ -34,7 +34,7 @@ def print_robots(rows: Sequence[CatalogRow]) -> None:
     for row in rows:
         what = row.note if row.install is None else "not installed"
         table.add_row(row.name, f"{row.mass:.3f}", row.legs, f"{row.leg_length:.3f}", row.source, escape(what))
-    console = Console()
+    console = Console(emoji=False)
     console.print(table)
     for install in dict.fromkeys(row.install for row in rows if row.install is not None):
         console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
@@ -43,7 +43,7 @@ def print_robots(rows: Sequence[CatalogRow]) -> None:
 
 def print_platforms(rows: Sequence[PlatformRow]) -> None:
     """Platforms, how they start, and their settings."""
-    console = Console()
+    console = Console(emoji=False)
     console.print("mujoco, dart: simulators; without --platform a calibration is simulated in MuJoCo.\n")
     for row in rows:
         console.print(f"[bold]{escape(row.name)}[/bold]" + (f": {escape(row.what)}" if row.what else ""))

@@ -23,7 +23,7 @@ def print_checkup(
     name: str, joints: Sequence[tuple[str, str, float, float, float]], findings: Sequence[Finding]
 ) -> None:
     """A robot that was examined."""
-    console = Console()
+    console = Console(emoji=False)
     table = Table(title=f"{name}: joint map", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("leg", "joint", "is at [rad]", "from", "to"):
         table.add_column(escape(column), justify="left" if column in ("leg", "joint") else "right")
@@ -42,7 +42,7 @@ def print_checkup(
 
 def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
     """All that a calibration would do."""
-    console = Console()
+    console = Console(emoji=False)
     for line in rehearsal_lines(rehearsal, platform):
         console.print(escape(line))
     table = Table(title="Postures", title_justify="left", box=box.SIMPLE_HEAD)
@@ -101,7 +101,7 @@ class RecordingProgress:
     """How much was recorded so far, on one line of stderr."""
 
     def __init__(self, quiet: bool, into: Path, duration: float | None) -> None:
-        self._console = Console(stderr=True)
+        self._console = Console(stderr=True, emoji=False)
         self._quiet = quiet or not self._console.is_terminal
         if not quiet:
             until = "until Ctrl-C" if duration is None else f"for {duration:g} s"
