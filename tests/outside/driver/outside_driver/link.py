@@ -36,7 +36,8 @@ class BusLink:
         self._there.close()
 
     def _sample(self) -> RobotState:
-        return replace(self._there.read(), received=time.monotonic())
+        now = time.monotonic()  # by the simulated clock a robot that nobody commands would stand still
+        return replace(self._there.read(), time=now, received=now)
 
 
 def open_link(robot: RobotModel, settings: BusSettings) -> BusLink:
