@@ -31,7 +31,8 @@ import tyro
 import equipoise
 from equipoise import CalibrationSettings, JointCommand, Trajectory, calibrate, load_robot, nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import UnitreeDdsSettings, open_link
+from equipoise.drivers.unitree.dds import open_link
+from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.guard.guard import Guard
 from equipoise.precise.routine import PreciseSettings
 from equipoise.robot.inertial import components

@@ -28,7 +28,8 @@ import numpy as np
 import equipoise
 from equipoise import CalibrationSettings, calibrate, load_robot, simulate
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.ros2.driver import Ros2Settings, open_link
+from equipoise.drivers.ros2.driver import open_link
+from equipoise.drivers.ros2.settings import Ros2Settings
 from equipoise.errors import EquipoiseError
 from equipoise.guard.guard import Guard
 from equipoise.precise.routine import PreciseSettings

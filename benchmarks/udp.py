@@ -32,7 +32,8 @@ import numpy as np
 import equipoise
 from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.udp import UnitreeUdpSettings, open_link
+from equipoise.drivers.unitree.udp import open_link
+from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.guard.guard import Guard
 from equipoise.precise.routine import PreciseSettings
 from equipoise.robot.inertial import COMPONENTS

@@ -34,7 +34,8 @@ import tyro
 import equipoise
 from equipoise import CalibrationSettings, RunFolder, Trajectory, load_robot, nominal_stance
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import UnitreeDdsSettings, open_link
+from equipoise.drivers.unitree.dds import open_link
+from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.guard.guard import Guard
 from equipoise.view.process import ViewerProcess
 

@@ -1,6 +1,7 @@
 """What keeps the house a house: imports go one way, engines stay where they belong, exports are what they are."""
 
 import ast
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ SOURCE = Path(equipoise.__file__).parent
 # From the ground up; a module may import from lower floors and from its own.
 FLOORS = [
     ["errors", "conventions", "_version"],
-    ["alive", "user_file"],
+    ["alive", "user_file", "plugins"],
     ["robot"],
     ["recording"],
     ["platform"],
@@ -133,6 +134,29 @@ def test_importing_the_package_imports_no_simulator_and_no_plots():
     assert done.stdout.strip() == "[]"
 
 
+def test_a_room_with_the_name_of_a_public_function_is_called_as_the_function():
+    rooms = {path.name for path in SOURCE.iterdir() if path.is_dir()}
+    assert rooms & set(equipoise.__all__) == {"export"}
+    importlib.import_module("equipoise.export.formats")
+    for _ in range(2):
+        with pytest.raises(equipoise.SettingsError, match="no format is called 'nothing'"):
+            equipoise.export(None, "nothing")
+
+
+HEAVY = ("numpy", "scipy", "pinocchio", "mujoco", "matplotlib", "tyro")
+
+
+@pytest.mark.parametrize("words", [["robots"], ["robots", "--json"], ["platforms"], ["--help"], ["--version"]])
+def test_lists_import_nothing_that_they_do_not_show(words):
+    code = (
+        "import sys; from equipoise.cli import main; code = main(sys.argv[1:])\n"
+        f"print(code, [name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1] == "0 []"
+    assert done.stdout
+
+
 MISSING = {
     "mujoco": "simulation needs MuJoCo: pip install mujoco",
     "dartpy": "simulation in DART needs dartpy: pip install 'equipoise[dart]'",
@@ -153,11 +177,14 @@ def test_without_an_engine_the_simulation_says_what_to_install(engine):
 def test_exports_are_frozen():
     assert sorted(equipoise.__all__) == sorted(
         [
-            "Audit", "Body", "Calibration", "CalibrationSettings", "ComSearchSettings", "Delta", "EquipoiseError",
-            "InertialParameters", "JointCommand", "Payload", "Platform", "PreciseSettings", "Quantity", "Recording",
-            "RobotDescription", "RobotModel", "RobotState", "RunFolder", "ScaleReadings", "SensorErrors",
-            "Simulation", "Stance", "SwaySettings", "Trajectory", "__version__", "audit", "calibrate", "estimate",
-            "export", "find_delta", "load_robot", "nominal_stance", "simulate",
+            "Audit", "Body", "Calibration", "CalibrationSettings", "ComSearchSettings", "CommunicationError",
+            "Delta", "Driver", "EquipoiseError", "Format", "Guard", "Health", "InertialParameters",
+            "JointCommand", "Link", "LogReader", "Payload", "Platform", "PreciseSettings", "Quantity", "RawImu",
+            "RawJoints", "RawLog", "Recording", "RecordingError", "RobotDescription", "RobotModel",
+            "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "SettingsError", "Simulation",
+            "Stance", "SteppedPlatform", "Subject", "SwaySettings", "TiltLimit", "Topics", "Trajectory",
+            "Written", "__version__", "audit", "calibrate", "estimate", "export", "find_delta",
+            "load_robot", "nominal_stance", "play_by_stepping", "simulate",
         ]
     )  # fmt: skip
     for name in equipoise.__all__:

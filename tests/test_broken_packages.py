@@ -71,10 +71,10 @@ def test_a_missing_package_too():
 
 def test_a_driver_whose_own_package_is_broken():
     code = (
-        "import sys; sys.modules['socket'] = None\n"
+        "import sys; from equipoise import load_robot; robot = load_robot('unitree_a1'); sys.modules['socket'] = None\n"
         "from equipoise.errors import MissingDependencyError\n"
-        "from equipoise.drivers.catalog import settings_of\n"
-        "try: settings_of('unitree-go1')\n"
+        "from equipoise.drivers.catalog import open_link\n"
+        "try: open_link('unitree-go1', robot, {})\n"
         "except MissingDependencyError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

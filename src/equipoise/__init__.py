@@ -18,11 +18,22 @@ if TYPE_CHECKING:
     from equipoise.calibration.delta import Delta, find_delta
     from equipoise.calibration.routine import CalibrationSettings, calibrate, estimate
     from equipoise.calibration.run_folder import RunFolder
-    from equipoise.errors import EquipoiseError
+    from equipoise.drivers.catalog import Driver
+    from equipoise.drivers.hardware import Link
+    from equipoise.errors import CommunicationError, EquipoiseError, RecordingError, SettingsError
     from equipoise.experiments.sway import SwaySettings
-    from equipoise.export.formats import export
+    from equipoise.export.formats import Format, export
+    from equipoise.export.subject import Subject
+    from equipoise.export.written import Written
+    from equipoise.guard.guard import Guard
+    from equipoise.logs.log import RawImu, RawJoints, RawLog
+    from equipoise.logs.reader import LogReader
+    from equipoise.logs.topics import Topics
     from equipoise.paper.trial_runner import ComSearchSettings
-    from equipoise.platform.platform import JointCommand, Platform, RobotState, Trajectory
+    from equipoise.platform.platform import Health, JointCommand, Platform, RobotState, Trajectory
+    from equipoise.platform.stepped import SteppedPlatform
+    from equipoise.platform.stepping import play_by_stepping
+    from equipoise.platform.tilt_limit import TiltLimit
     from equipoise.precise.routine import PreciseSettings
     from equipoise.precise.two_runs import ScaleReadings
     from equipoise.recording.recording import Recording
@@ -30,9 +41,9 @@ if TYPE_CHECKING:
     from equipoise.result.calibration import Calibration
     from equipoise.result.quantity import Quantity
     from equipoise.robot.audit import Audit, audit
-    from equipoise.robot.catalog import load_robot
     from equipoise.robot.description import RobotDescription
     from equipoise.robot.inertial import InertialParameters
+    from equipoise.robot.load import load_robot
     from equipoise.robot.model import RobotModel
     from equipoise.robot.stance import Stance, nominal_stance
     from equipoise.simulation.payload import Payload
@@ -45,32 +56,50 @@ _HOME = {
     "Calibration": "result.calibration",
     "CalibrationSettings": "calibration.routine",
     "ComSearchSettings": "paper.trial_runner",
+    "CommunicationError": "errors",
     "Delta": "calibration.delta",
+    "Driver": "drivers.catalog",
     "EquipoiseError": "errors",
+    "Format": "export.formats",
+    "Guard": "guard.guard",
+    "Health": "platform.platform",
     "InertialParameters": "robot.inertial",
     "JointCommand": "platform.platform",
+    "Link": "drivers.hardware",
+    "LogReader": "logs.reader",
     "Payload": "simulation.payload",
     "Platform": "platform.platform",
     "PreciseSettings": "precise.routine",
     "Quantity": "result.quantity",
+    "RawImu": "logs.log",
+    "RawJoints": "logs.log",
+    "RawLog": "logs.log",
     "Recording": "recording.recording",
+    "RecordingError": "errors",
     "RobotDescription": "robot.description",
     "RobotModel": "robot.model",
     "RobotState": "platform.platform",
     "RunFolder": "calibration.run_folder",
     "ScaleReadings": "precise.two_runs",
     "SensorErrors": "simulation.sensors",
+    "SettingsError": "errors",
     "Simulation": "simulation.simulation",
     "Stance": "robot.stance",
+    "SteppedPlatform": "platform.stepped",
+    "Subject": "export.subject",
     "SwaySettings": "experiments.sway",
+    "TiltLimit": "platform.tilt_limit",
+    "Topics": "logs.topics",
     "Trajectory": "platform.platform",
+    "Written": "export.written",
     "audit": "robot.audit",
     "calibrate": "calibration.routine",
     "estimate": "calibration.routine",
     "export": "export.formats",
     "find_delta": "calibration.delta",
-    "load_robot": "robot.catalog",
+    "load_robot": "robot.load",
     "nominal_stance": "robot.stance",
+    "play_by_stepping": "platform.stepping",
     "simulate": "simulation.simulation",
 }
 """Public names and the modules that they live in."""
@@ -81,25 +110,42 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "Calibration",
     "CalibrationSettings",
     "ComSearchSettings",
+    "CommunicationError",
     "Delta",
+    "Driver",
     "EquipoiseError",
+    "Format",
+    "Guard",
+    "Health",
     "InertialParameters",
     "JointCommand",
+    "Link",
+    "LogReader",
     "Payload",
     "Platform",
     "PreciseSettings",
     "Quantity",
+    "RawImu",
+    "RawJoints",
+    "RawLog",
     "Recording",
+    "RecordingError",
     "RobotDescription",
     "RobotModel",
     "RobotState",
     "RunFolder",
     "ScaleReadings",
     "SensorErrors",
+    "SettingsError",
     "Simulation",
     "Stance",
+    "SteppedPlatform",
+    "Subject",
     "SwaySettings",
+    "TiltLimit",
+    "Topics",
     "Trajectory",
+    "Written",
     "audit",
     "calibrate",
     "estimate",
@@ -107,6 +153,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "find_delta",
     "load_robot",
     "nominal_stance",
+    "play_by_stepping",
     "simulate",
     "__version__",
 ]

@@ -138,6 +138,10 @@ class MissingDependencyError(EquipoiseError, ImportError):
     exit_code = 7
 
 
+class PluginError(MissingDependencyError):
+    """What an installed package adds to equipoise cannot be imported, or is something else."""
+
+
 class NotEstimatedError(EquipoiseError, ValueError):
     """A quantity was asked for that the method used does not estimate."""
 

@@ -14,7 +14,8 @@ pytest.importorskip("cyclonedds")
 from equipoise import nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.ros2 import driver as ros2
-from equipoise.drivers.ros2.driver import Ros2Settings, open_link
+from equipoise.drivers.ros2.driver import open_link
+from equipoise.drivers.ros2.settings import Ros2Settings
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.peers.ros2 import Interpolation
 from equipoise.platform.platform import JointCommand, Trajectory

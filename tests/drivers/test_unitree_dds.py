@@ -18,7 +18,8 @@ pytest.importorskip("cyclonedds")
 from equipoise import nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import UnitreeB2Settings, UnitreeDdsSettings, open_link
+from equipoise.drivers.unitree.dds import open_link
+from equipoise.drivers.unitree.dds_settings import UnitreeB2Settings, UnitreeDdsSettings
 from equipoise.drivers.unitree.samples import STATE, Message
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory

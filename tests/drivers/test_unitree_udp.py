@@ -24,7 +24,8 @@ from equipoise.drivers.unitree.form_search import FormSearch
 from equipoise.drivers.unitree.formats import FORMS
 from equipoise.drivers.unitree.motors import MOTORS
 from equipoise.drivers.unitree.packets import Damage, LowState, MotorCommands, StatePacket, read_command
-from equipoise.drivers.unitree.udp import UnitreeUdpSettings, open_link
+from equipoise.drivers.unitree.udp import open_link
+from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.guard import connection
 from equipoise.peers.unitree_udp import FaultyNetwork, NetworkFaults

@@ -5,7 +5,8 @@ from peer_processes import free_port, in_real_time, running_peer, stalls_told
 
 from equipoise import CalibrationSettings, calibrate, simulate
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.udp import UnitreeUdpSettings, open_link
+from equipoise.drivers.unitree.udp import open_link
+from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
 

@@ -2,52 +2,48 @@
 
 from __future__ import annotations
 
+import importlib
 import json as json_module
 import os
 import sys
 import traceback
 import warnings
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
+from inspect import signature
 from typing import Any
 
-import tyro
-from tyro.conf import OmitArgPrefixes
-
 from equipoise import _version
-from equipoise.cli.balance import balance
-from equipoise.cli.calibrate import calibrate
-from equipoise.cli.delta import delta
-from equipoise.cli.export import export
-from equipoise.cli.inspect import audit, estimate, plan, robots
-from equipoise.cli.monte_carlo import monte_carlo
-from equipoise.cli.overview import completion, print_overview
-from equipoise.cli.report import report
-from equipoise.cli.reproduce import reproduce
-from equipoise.cli.robot import doctor, platforms, record
-from equipoise.cli.view import view
 from equipoise.errors import EquipoiseError, OutputError
 
 INTERRUPTED = 130
 VERBS = {
-    calibrate: "find mass, centre of mass and inertia; simulated or on the robot",
-    plan: "what 'calibrate' would do, and how accurate it would be",
-    estimate: "estimate again from a run, or from a log that is not ours",
-    view: "watch a run in the browser, live or again",
-    report: "a page to read and to show: a run, or several compared",
-    export: "write the result into the file that your controller reads",
-    delta: "what was added between two calibrations",
-    doctor: "look at a robot without moving it",
-    record: "log a robot's sensors without moving it",
-    balance: "stand on two feet in simulation, to test a centre of mass",
-    monte_carlo: "calibrate many simulated robots, and count how near they come",
-    reproduce: "the paper's table, figures and rates, made again",
-    robots: "robots known by name",
-    platforms: "simulators and robots, how they start, their settings",
-    audit: "what speaks against the inertias in a model file",
-    completion: "a script with which a shell completes verbs and flags",
+    "calibrate": ("calibrate", "find mass, centre of mass and inertia; simulated or on the robot"),
+    "plan": ("inspect", "what 'calibrate' would do, and how accurate it would be"),
+    "estimate": ("inspect", "estimate again from a run, or from a log that is not ours"),
+    "view": ("view", "watch a run in the browser, live or again"),
+    "report": ("report", "a page to read and to show: a run, or several compared"),
+    "export": ("export", "write the result into the file that your controller reads"),
+    "delta": ("delta", "what was added between two calibrations"),
+    "doctor": ("robot", "look at a robot without moving it"),
+    "record": ("robot", "log a robot's sensors without moving it"),
+    "balance": ("balance", "stand on two feet in simulation, to test a centre of mass"),
+    "monte-carlo": ("monte_carlo", "calibrate many simulated robots, and count how near they come"),
+    "reproduce": ("reproduce", "the paper's table, figures and rates, made again"),
+    "robots": ("overview", "robots known by name"),
+    "platforms": ("overview", "simulators and robots, how they start, their settings"),
+    "audit": ("inspect", "what speaks against the inertias in a model file"),
+    "completion": ("completion", "a script with which a shell completes verbs and flags"),
 }
-"""What can be done, and what it is in a few words."""
+"""What can be done: the module here that does it, which is imported when it is asked for, and what it is in a few words."""
+
+
+def find_verb(name: str) -> Callable[..., int | None]:
+    """The function of a verb."""
+    verb: Callable[..., int | None] = getattr(
+        importlib.import_module(f"equipoise.cli.{VERBS[name][0]}"), name.replace("-", "_")
+    )
+    return verb
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -57,19 +53,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"equipoise {_version.__version__}")
         return 0
     if arguments in ([], ["-h"], ["--help"]):
-        print_overview(VERBS)
+        from equipoise.terminal.lists import print_verbs
+
+        print_verbs({name: words for name, (_, words) in VERBS.items()})
         return 0 if arguments else 2
-    app = tyro.extras.SubcommandApp()
-    for verb in VERBS:
-        app.command(verb)
     with _warnings_on_stderr("--quiet" in arguments):
         try:
-            code = app.cli(
-                args=arguments,
-                prog="equipoise",
-                description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
-                config=(OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-            )
+            code = _run(arguments)
         except SystemExit as stop:  # tyro has printed its help, or what is wrong with the flags
             code = int(stop.code or 0)
             return _failed("UsageError", "the flags cannot be used; see stderr", code, arguments) if code else 0
@@ -88,6 +78,35 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"error: cannot write: {error}", file=sys.stderr)
             return OutputError.exit_code
     return int(code or 0)  # verbs that judge return an exit code
+
+
+def _run(arguments: Sequence[str]) -> int | None:
+    """Do what the arguments say, importing only the verb that they name; raises SystemExit if they cannot be used."""
+    named = arguments[0] in VERBS
+    verbs = {name: find_verb(name) for name in ([arguments[0]] if named else VERBS)}
+    if named and (switches := _switches(verbs[arguments[0]], arguments[1:])) is not None:
+        return verbs[arguments[0]](**switches)
+    import tyro
+
+    app = tyro.extras.SubcommandApp()
+    for name, verb in verbs.items():
+        app.command(name=name)(verb)
+    return app.cli(
+        args=arguments,
+        prog="equipoise",
+        description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+
+
+def _switches(verb: Callable[..., Any], words: Sequence[str]) -> dict[str, bool] | None:
+    """The flags of a verb that takes nothing but switches: a list is there before a parser is; None: it takes others."""
+    parameters = signature(verb).parameters
+    if any(parameter.default is not False for parameter in parameters.values()):
+        return None
+    return (
+        dict.fromkeys((word[2:] for word in words), True) if {*words} <= {f"--{name}" for name in parameters} else None
+    )
 
 
 @contextmanager

@@ -89,17 +89,19 @@ def export(
 
 
 def _show_formats(json: bool) -> None:
-    from equipoise.export.formats import FORMATS
+    from equipoise.export.formats import Format, all_formats
 
+    known = all_formats()
     if not json:
         from equipoise.terminal.export import print_formats
 
-        print_formats(tuple(FORMATS.values()))
+        print_formats(known)
         return
     rows = [
         {"name": row.name, "bodies": row.bodies, "where": row.where, "file": row.file, "payload_link": row.payload,
-         "page": f"docs/controllers/{row.page}.md"}
-        for row in FORMATS.values()
+         "page": row.page if "/" in row.page or not row.page else f"docs/controllers/{row.page}.md"}
+        if isinstance(row, Format) else {"name": name, "cannot_be_used": str(row)}
+        for name, row in known.items()
     ]  # fmt: skip
     print(json_module.dumps({"schema": "equipoise.formats/1", "formats": rows}, indent=2))
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from tyro.conf import Positional, UseAppendAction, arg
 
@@ -35,12 +35,10 @@ Verbose = Annotated[bool, arg(aliases=["-v"])]
 _PLATFORMS = (
     "Where: mujoco, dart (simulated); unitree-go2, unitree-b2 (robot lies, cable in, --set interface=eth0; its sport mode is "
     "released); ros2 (Gazebo, ros2_control: load a position controller, --set interface=lo domain and topics); unitree-a1, "
-    "unitree-go1 (beta: lying, in low-level mode, this computer in its network). 'equipoise platforms' lists all settings."
+    "unitree-go1 (beta: lying, in low-level mode, this computer in its network); MODULE:CLASS, a class of your own, also in "
+    "this folder. 'equipoise platforms' lists what packages add too, and all settings."
 )
-PlatformName = Annotated[
-    Literal["mujoco", "dart", "unitree-go2", "unitree-b2", "ros2", "unitree-a1", "unitree-go1"],
-    arg(help=_PLATFORMS),
-]
+PlatformName = Annotated[str, arg(metavar="PLATFORM", help=_PLATFORMS)]
 Setting = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 
@@ -57,7 +55,7 @@ def seconds(text: str | None) -> float | None:
 
 def load(robot: str, description_file: Path | None, description: RobotDescription) -> Any:
     """The robot model that the flags name and describe."""
-    from equipoise.robot.catalog import load_robot
+    from equipoise.robot.load import load_robot
 
     return load_robot(robot, described(description_file, description))
 
@@ -84,9 +82,10 @@ def interruption_told(folder: Any) -> Generator[None]:
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.drivers.catalog import SIMULATED, given_settings
+    from equipoise.drivers.catalog import SIMULATED, find_platform, given_settings
     from equipoise.guard.connection import open_platform
 
+    find_platform(platform)
     given = given_settings(pairs, settings)
     if platform not in SIMULATED:
         with open_platform(platform, model, given) as connection:

@@ -1,4 +1,4 @@
-"""The verbs that move nothing: plan, estimate, robots, audit."""
+"""The verbs that move nothing: plan, estimate, audit."""
 
 from __future__ import annotations
 
@@ -205,28 +205,6 @@ def _estimate_log(
     else:
         print_log_report(found.report, verbose)
         print_calibration(result, files, verbose, given.out)
-
-
-def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
-    """List the robots known by name, with mass, legs and where each model comes from.
-
-    Example: equipoise robots --json
-
-    Args:
-        json: Print one JSON object and nothing else on stdout.
-        quiet: No warnings about the model file.
-        debug: Show a traceback if something goes wrong.
-    """
-    from equipoise.robot.catalog import describe_catalog
-    from equipoise.terminal.calibration import print_robots
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        rows = describe_catalog()
-    if json:
-        print(json_module.dumps({"schema": "equipoise.robots/1", "robots": [dataclasses.asdict(row) for row in rows]}))
-    else:
-        print_robots(rows)
 
 
 def audit(

@@ -1,46 +1,47 @@
-"""What is shown to somebody who names no verb, and to a shell that wants to complete one."""
+"""The verbs that list what is there: robots, platforms. Lists are quick: nothing here needs NumPy, or reads flags."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Mapping
-from contextlib import redirect_stdout
-from typing import Annotated, Any, Literal
-
-from tyro.conf import Positional, arg
-
-Shell = Annotated[Positional[Literal["bash", "zsh"]], arg(metavar="SHELL", help="Which shell.")]
+import dataclasses
+import json as json_module
 
 
-def print_overview(verbs: Mapping[Callable[..., Any], str]) -> None:
-    """What can be done, a line each."""
-    from rich.console import Console
+def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
+    """List the robots known by name, with mass, legs and where each model comes from.
 
-    console = Console(highlight=False)
-    console.print("What your quadruped weighs, where its centre of mass is and how hard it is to turn.\n")
-    console.print("  equipoise calibrate                  try it: a simulated Unitree A1")
-    console.print("  equipoise calibrate my_robot.urdf    yours, simulated")
-    console.print("  equipoise platforms                  yours, on its own feet\n")
-    for verb, words in verbs.items():
-        console.print(f"  [bold]{verb.__name__.replace('_', '-'):<12}[/bold]  {words}")
-    console.print("\n'equipoise VERB --help' says more.")
-
-
-def completion(shell: Shell, *, debug: bool = False) -> int:
-    """Print a script with which a shell completes verbs and flags.
-
-    Example: equipoise completion bash > ~/.local/share/bash-completion/completions/equipoise
-             equipoise completion zsh > ~/.zfunc/_equipoise
+    Example: equipoise robots --json
 
     Args:
+        json: Print one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
         debug: Show a traceback if something goes wrong.
     """
-    from equipoise.cli import main
+    from equipoise.robot.catalog import describe_catalog
+    from equipoise.terminal.lists import print_robots
 
-    written = io.StringIO()
-    with redirect_stdout(written):
-        code = main(["--tyro-print-completion", shell])
-    for line in written.getvalue().splitlines():
-        # A shell takes each line of a description for another word to offer.
-        print(line.replace("\\n", " ") if line.startswith("COMPLETION_SPEC = ") else line)
-    return code
+    rows = describe_catalog()
+    if json:
+        print(json_module.dumps({"schema": "equipoise.robots/1", "robots": [dataclasses.asdict(row) for row in rows]}))
+    else:
+        print_robots(rows)
+
+
+def platforms(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
+    """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
+
+    Example: equipoise platforms
+
+    Args:
+        json: Print one JSON object and nothing else on stdout.
+        quiet: No warnings about the model file.
+        debug: Show a traceback if something goes wrong.
+    """
+    from equipoise.drivers.catalog import describe_platforms
+    from equipoise.terminal.lists import print_platforms
+
+    rows = describe_platforms()
+    if json:
+        table = [dataclasses.asdict(row) for row in rows]
+        print(json_module.dumps({"schema": "equipoise.platforms/1", "platforms": table}, indent=2))
+    else:
+        print_platforms(rows)

@@ -1,4 +1,4 @@
-"""The verbs about robots that are there: platforms, doctor, record."""
+"""The verbs about robots that are there: doctor, record."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json as json_module
 import sys
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
@@ -20,33 +20,6 @@ if TYPE_CHECKING:
 
 _PIECES_HELD = 40  # in memory, by a log that does not know yet what they belong to
 _SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill
-
-
-def platforms(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
-    """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
-
-    Example: equipoise platforms
-
-    Args:
-        json: Print one JSON object and nothing else on stdout.
-        quiet: No warnings about the model file.
-        debug: Show a traceback if something goes wrong.
-    """
-    from equipoise.drivers.catalog import DRIVERS, settings_of
-    from equipoise.errors import MissingDependencyError
-    from equipoise.terminal.platform import print_platforms
-
-    settings: dict[str, list[tuple[str, str, Any]] | str] = {}
-    for name in DRIVERS:
-        try:
-            settings[name] = settings_of(name)
-        except MissingDependencyError as error:
-            settings[name] = f"cannot be used here: {error}"
-    if json:
-        rows = [dataclasses.asdict(driver) | {"settings": settings[driver.name]} for driver in DRIVERS.values()]
-        print(json_module.dumps({"schema": "equipoise.platforms/1", "platforms": rows}, indent=2))
-    else:
-        print_platforms(list(DRIVERS.values()), settings)
 
 
 def doctor(

@@ -29,7 +29,7 @@ class Place:
     """What the flags say about where a run happens.
 
     Attributes:
-        platform: name of a simulator or a driver.
+        platform: name of a simulator or a robot's platform, or MODULE:CLASS.
         given: the driver's settings.
         noise, payload, seed, start, noise_seed: of a simulated robot.
     """
@@ -41,6 +41,11 @@ class Place:
     seed: int = 0
     start: str = "standing"
     noise_seed: int | None = None
+
+    def __post_init__(self) -> None:
+        from equipoise.drivers.catalog import find_platform
+
+        find_platform(self.platform)  # before anything is made for it
 
     @property
     def simulated(self) -> bool:

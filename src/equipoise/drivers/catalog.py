@@ -1,18 +1,22 @@
-"""Platforms by name: where each one's driver is, how it starts, and what can be set."""
+"""Platforms by name: where each one's driver is, how it starts, and what can be set. Lists them without importing any."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib
 import sys
-import typing
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from equipoise.drivers.hardware import Link
-from equipoise.errors import MissingDependencyError, SettingsError
-from equipoise.robot.model import RobotModel
+from equipoise.drivers.settings import Setting, read_settings, settings_of_class, settings_of_constructor
+from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, PluginError, SettingsError
+from equipoise.plugins import Table, import_users, resolve
+
+if TYPE_CHECKING:
+    from equipoise.drivers.hardware import Link
+    from equipoise.platform.stepped import SteppedPlatform
+    from equipoise.robot.model import RobotModel
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -21,20 +25,23 @@ else:
 
 SIMULATED = ("mujoco", "dart")
 """Platforms that are engines: `simulate` makes them."""
+NEEDED = ("read", "step", "close")
+"""Methods of a platform that is a class."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Driver:
-    """A real robot's way in.
+    """A real robot's way in. Texts say where its parts are: to list it imports none of them.
 
     Attributes:
         name: of the platform.
-        what: it is for, in a line.
-        start: how it starts, in a line or two.
-        page: of the documents.
-        module: that holds `open_link(robot, settings)`.
-        settings: name of the settings' class in it.
+        what: robot or bus that it is for, in a line.
+        start: how the robot starts, in a line or two.
+        page: of the documents, or an address.
+        module: module with `open_link(robot, settings)`, which gives a `Link`, and perhaps `open_beside` (see `open_beside`).
+        settings: dataclass of its settings, as "my_package.settings:MySettings"; each has a default.
         preset: settings that belong to the name.
+        needs: module that raises MissingDependencyError when it is imported where the driver cannot be used; empty: none.
     """
 
     name: str
@@ -44,44 +51,86 @@ class Driver:
     module: str
     settings: str
     preset: Mapping[str, Any] = dataclasses.field(default_factory=dict[str, Any])
+    needs: str = ""
 
 
+@dataclasses.dataclass(frozen=True)
+class Engine:
+    """A simulator.
+
+    Attributes:
+        name: of the platform.
+    """
+
+    name: str
+
+
+_DDS = "equipoise.drivers.dds.cyclone"
 DRIVERS: dict[str, Driver] = {
     driver.name: driver
     for driver in (
         Driver(
             "unitree-go2", "Unitree Go2, by SDK2 messages over CycloneDDS",
             "robot lies, cable in, --set interface=eth0; its sport mode is released before the first command",
-            "docs/unitree-go2.md", "equipoise.drivers.unitree.dds", "UnitreeDdsSettings",
+            "docs/unitree-go2.md", "equipoise.drivers.unitree.dds",
+            "equipoise.drivers.unitree.dds_settings:UnitreeDdsSettings", needs=_DDS,
         ),
         Driver(
             "unitree-b2", "Unitree B2, by the same messages as the Go2",
-            "as unitree-go2", "docs/unitree-go2.md", "equipoise.drivers.unitree.dds", "UnitreeB2Settings",
+            "as unitree-go2", "docs/unitree-go2.md", "equipoise.drivers.unitree.dds",
+            "equipoise.drivers.unitree.dds_settings:UnitreeB2Settings", needs=_DDS,
         ),
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, position commands out; no ROS needed here",
             "load a position controller, --set interface=eth0 domain=0; topics and joint order are settings",
-            "docs/ros2.md", "equipoise.drivers.ros2.driver", "Ros2Settings",
+            "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.settings:Ros2Settings", needs=_DDS,
         ),
         Driver(
             "unitree-a1", "Unitree A1 over UDP (beta: never tried on a robot)",
             "robot lies in low-level mode, this computer in its network 192.168.123.x",
-            "docs/unitree-udp.md", "equipoise.drivers.unitree.udp", "UnitreeUdpSettings", {"protocol": "a1"},
+            "docs/unitree-udp.md", "equipoise.drivers.unitree.udp",
+            "equipoise.drivers.unitree.udp_settings:UnitreeUdpSettings", {"protocol": "a1"},
         ),
         Driver(
             "unitree-go1", "Unitree Go1 over UDP (beta: never tried on a robot)",
             "robot lies in low-level mode, this computer in its network 192.168.123.x",
-            "docs/unitree-udp.md", "equipoise.drivers.unitree.udp", "UnitreeUdpSettings", {"protocol": "go1"},
+            "docs/unitree-udp.md", "equipoise.drivers.unitree.udp",
+            "equipoise.drivers.unitree.udp_settings:UnitreeUdpSettings", {"protocol": "go1"},
         ),
     )
 }  # fmt: skip
+"""Our own."""
+PLATFORMS: Table[Driver | Engine | type[Any]] = Table(
+    "platform", "equipoise.platforms", (Driver, type), {**{name: Engine(name) for name in SIMULATED}, **DRIVERS}
+)
+"""With what packages add: drivers, or classes as `equipoise.SteppedPlatform`."""
+
+
+def find_platform(name: str) -> Driver | Engine | type[Any]:
+    """What has a name, or is at MODULE:NAME, which may be in the current folder.
+
+    Raises:
+        SettingsError: there is no such platform, or two have the name.
+        PluginError: it comes from somebody else and fails, or can be no platform.
+    """
+    if ":" in name:
+        row = import_users("platform", name)
+        if not isinstance(row, (Driver, type)):
+            raise PluginError(f"platform {name!r} is of type {type(row).__name__}; it must be a class, or a Driver")
+    elif name in PLATFORMS:
+        row = PLATFORMS[name]
+    else:
+        robots = ", ".join(other for other in PLATFORMS if other not in SIMULATED)
+        raise SettingsError(
+            f"platform {name!r} is not known; robots are {robots}, simulators are {', '.join(SIMULATED)}; a class of your "
+            "own is MODULE:CLASS"
+        )
+    return _checked(name, row) if isinstance(row, type) else row
 
 
 def open_link(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
-    """The link alone; raises SettingsError, MissingDependencyError and CommunicationError."""
-    module, settings = _driven_by(name, given)
-    link: Link = module.open_link(robot, settings)
-    return link
+    """The link of a driver alone; raises SettingsError, MissingDependencyError and CommunicationError."""
+    return _opened("open_link", name, robot, given)
 
 
 def open_beside(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
@@ -90,19 +139,64 @@ def open_beside(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
     A driver's module may have an `open_beside(robot, settings)` for it. That takes nothing over and disturbs nothing until it
     sends, and its `send` raises CommunicationError while nobody hears it.
     """
-    module, settings = _driven_by(name, given)
-    link: Link = getattr(module, "open_beside", module.open_link)(robot, settings)
-    return link
+    return _opened("open_beside", name, robot, given)
+
+
+def open_class(name: str, robot: RobotModel, given: Mapping[str, Any]) -> SteppedPlatform | None:
+    """A platform that is a class, as `open_home_built` says; None if a driver has the name."""
+    from equipoise.drivers.home_built import open_home_built  # noqa: PLC0415 - lists need no NumPy
+
+    row = find_platform(name)
+    return open_home_built(name, row, robot, given) if isinstance(row, type) else None
+
+
+@dataclasses.dataclass(frozen=True)
+class PlatformRow:
+    """A platform as it is on this machine.
+
+    Attributes:
+        name, what, start, page: as a driver's.
+        settings: name, type in words and default of each; in place of them, why it cannot be used here.
+    """
+
+    name: str
+    what: str
+    start: str
+    page: str
+    settings: list[tuple[str, str, Any]] | str
+
+
+def describe_platforms() -> list[PlatformRow]:
+    """Every robot's platform, with what can be set, or why it cannot be used here."""
+    rows: list[PlatformRow] = []
+    for name, row in PLATFORMS.rows().items():
+        if isinstance(row, Engine):
+            continue
+        if isinstance(row, EquipoiseError):
+            rows.append(PlatformRow(name, "", "", "", f"cannot be used here: {row}"))
+            continue
+        try:
+            settings = settings_of(name)
+        except EquipoiseError as error:
+            settings = f"cannot be used here: {error}"
+        if isinstance(row, Driver):
+            rows.append(PlatformRow(name, row.what, row.start, row.page, settings))
+        else:
+            rows.append(PlatformRow(name, (row.__doc__ or row.__name__).strip().splitlines()[0], "", "", settings))
+    return rows
 
 
 def settings_of(name: str) -> list[tuple[str, str, Any]]:
-    """Names, types and defaults of a driver's settings; raises MissingDependencyError if it cannot be used here."""
-    driver = _driver(name)
-    kind = getattr(_module(driver), driver.settings)
-    return [
-        (field.name, _named(hint), driver.preset.get(field.name, field.default))
-        for field, hint in _fields(kind).values()
-    ]
+    """Names, types and defaults of a platform's settings; raises MissingDependencyError if it cannot be used here."""
+    row = find_platform(name)
+    if isinstance(row, Engine):
+        return []
+    if isinstance(row, type):
+        return [setting.row(key) for key, setting in settings_of_constructor(row).items()]
+    if row.needs:
+        _imported(row, row.needs)
+    settings = settings_of_class(_imported(row, row.settings))
+    return [Setting(setting.kind, row.preset.get(key, setting.default)).row(key) for key, setting in settings.items()]
 
 
 def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:
@@ -125,82 +219,40 @@ def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:
     return table
 
 
-def read_settings(kind: type[Any], given: Mapping[str, Any], name: str) -> Any:
-    """A settings object from values by name; text is read as what the setting is."""
-    fields = _fields(kind)
-    unknown = [key for key in given if key not in fields]
-    if unknown:
-        raise SettingsError(
-            f"platform {name!r} has no setting {unknown[0]!r}; it has {', '.join(fields)} (see 'equipoise platforms')"
+def _opened(function: str, name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
+    driver = find_platform(name)
+    if not isinstance(driver, Driver):
+        raise SettingsError(f"platform {name!r} has no driver: it is a class or a simulator")
+    module = _imported(driver, driver.module)
+    settings = read_settings(_imported(driver, driver.settings), {**driver.preset, **given}, name)
+    try:
+        link: Link = getattr(module, function, module.open_link)(robot, settings)
+    except EquipoiseError:
+        raise
+    except OSError as error:
+        raise CommunicationError(f"platform {name!r} cannot be opened: {error}") from error
+    return link
+
+
+def _checked(name: str, kind: type[Any]) -> type[Any]:
+    """The class itself; raises PluginError if it can be no platform."""
+    abstract: frozenset[str] = getattr(kind, "__abstractmethods__", frozenset())
+    lacking = [method for method in NEEDED if method in abstract or not callable(getattr(kind, method, None))]
+    if lacking:
+        raise PluginError(
+            f"platform {name!r}: the class {kind.__name__!r} lacks {', '.join(lacking)}; a platform has {', '.join(NEEDED)} "
+            "and control_period [s], see equipoise.SteppedPlatform"
         )
-    return kind(**{key: _read(value, fields[key][1], key) for key, value in given.items()})
+    return kind
 
 
-def _driven_by(name: str, given: Mapping[str, Any]) -> tuple[Any, Any]:
-    """A driver's module and its settings."""
-    driver = _driver(name)
-    module = _module(driver)
-    return module, read_settings(getattr(module, driver.settings), {**driver.preset, **given}, name)
-
-
-def _driver(name: str) -> Driver:
+def _imported(driver: Driver, path: str) -> Any:
+    """A driver's module or settings; whatever a broken package of its does when it is imported, the error is ours."""
     try:
-        return DRIVERS[name]
-    except KeyError:
-        raise SettingsError(
-            f"platform {name!r} is not known; robots are {', '.join(DRIVERS)}, simulators are {', '.join(SIMULATED)}"
-        ) from None
-
-
-def _module(driver: Driver) -> Any:
-    """A driver's module; whatever a broken package of its does when it is imported, the error is ours."""
-    try:
-        return importlib.import_module(driver.module)
+        return resolve(path) if ":" in path else importlib.import_module(path)
     except MissingDependencyError:
         raise
     except Exception as error:
         raise MissingDependencyError(
             f"platform {driver.name!r} needs a package that is broken ({type(error).__name__}: {error}): install it again"
         ) from error
-
-
-def _fields(kind: type[Any]) -> dict[str, tuple[dataclasses.Field[Any], Any]]:
-    hints = typing.get_type_hints(kind)
-    return {field.name: (field, hints[field.name]) for field in dataclasses.fields(kind)}
-
-
-def _read(value: Any, hint: Any, key: str) -> Any:
-    """A value as its setting's type."""
-    kinds = [kind for kind in (typing.get_args(hint) or (hint,)) if kind is not type(None)]
-    origin = typing.get_origin(hint)
-    if origin is typing.Literal:
-        return value  # the settings refuse what they do not know
-    if hint is tuple or origin is tuple or any(typing.get_origin(kind) is tuple for kind in kinds):
-        return tuple(part.strip() for part in value.split(",")) if isinstance(value, str) else tuple(value)
-    if not isinstance(value, str):
-        return float(value) if float in kinds and isinstance(value, int) and not isinstance(value, bool) else value
-    if value.lower() in ("none", "") and len(typing.get_args(hint)) > len(kinds):
-        return None
-    for kind, read in ((bool, _truth), (int, int), (float, float)):
-        if kind in kinds:
-            try:
-                return read(value)
-            except ValueError:
-                raise SettingsError(f"setting {key} is {value!r}; it must be {_named(hint)}") from None
-    return value
-
-
-def _truth(text: str) -> bool:
-    words = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
-    if text.lower() not in words:
-        raise ValueError(text)
-    return words[text.lower()]
-
-
-def _named(hint: Any) -> str:
-    """A type, as a user says it."""
-    if typing.get_origin(hint) is typing.Literal:
-        return " or ".join(str(value) for value in typing.get_args(hint))
-    words = {str: "text", int: "a whole number", float: "a number", bool: "yes or no", type(None): "none"}
-    kinds = typing.get_args(hint) if typing.get_origin(hint) is not tuple else ()
-    return " or ".join(words.get(kind, "names, with commas") for kind in (kinds or (hint,)))

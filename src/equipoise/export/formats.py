@@ -1,4 +1,4 @@
-"""The table of all formats, and what writes one. To add a consumer: one small writer, one line in FORMATS, one page."""
+"""The table of all formats, and what writes one. To add a consumer: one small writer and a row, here or by entry point."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from equipoise._version import __version__
-from equipoise.errors import OutputError, SettingsError
+from equipoise.errors import EquipoiseError, OutputError, SettingsError
 from equipoise.export import controllers, learning, mjcf, sdf, tables, urdf, xacro
 from equipoise.export.model_file import find_users_file
 from equipoise.export.subject import Subject, UsersFile, judge
 from equipoise.export.written import Written
+from equipoise.plugins import Table
 from equipoise.result.calibration import Calibration
 from equipoise.user_file import write_file
 
@@ -31,7 +32,8 @@ class Format:
         where: where the numbers go.
         output: default name of the file that is written; an edited file keeps its own.
         write: what writes it.
-        page: under docs/controllers.
+        page: under docs/controllers, or an address; empty: none.
+        samples: whether it lists drawn bodies too.
     """
 
     name: str
@@ -41,7 +43,8 @@ class Format:
     where: str
     output: str
     write: Callable[[Subject], Written]
-    page: str
+    page: str = ""
+    samples: bool = False
 
 
 _BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
@@ -60,14 +63,16 @@ FORMATS: dict[str, Format] = {
                controllers.mit_cheetah, "mit-cheetah"),
         Format("quad-sdk", _WHOLE, "", False, "Quad-SDK's ROBOT.yaml, main.m", "quad-sdk.yaml", controllers.quad_sdk,
                "quad-sdk"),
-        Format("mjlab", _BASE, "", False, "mjlab's dr.pseudo_inertia", "mjlab_randomisation.py", learning.mjlab, "mjlab"),
+        Format("mjlab", _BASE, "", False, "mjlab's dr.pseudo_inertia", "mjlab_randomisation.py", learning.mjlab, "mjlab",
+               samples=True),
         Format("isaaclab", _BASE, "", False, "Isaac Lab's event terms", "isaaclab_randomisation.py",
-               learning.isaaclab, "isaaclab"),
+               learning.isaaclab, "isaaclab", samples=True),
         Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables"),
         Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables"),
     )
 }  # fmt: skip
-"""By name."""
+"""Our own, by name."""
+_ALL: Table[Format] = Table("format", "equipoise.formats", Format, FORMATS)
 
 
 @dataclass(frozen=True)
@@ -129,7 +134,7 @@ def export(
 
     Args:
         result: of a calibration; for urdf and mjcf with its model, as `RunFolder.result` has it.
-        format: a name in the table FORMATS.
+        format: a name in the table, as `find_format` takes it.
         file: the user's file to edit; urdf and mjcf know the run's own.
         payload_link: write what was added to the model as a link of its own (urdf, mjcf, sdf).
         force: write what is not identified all the same, and say so in the file.
@@ -159,20 +164,31 @@ def export(
 
 
 def find_format(name: str) -> Format:
-    """A row of the table; raises SettingsError with the names that there are."""
-    if name not in FORMATS:
-        raise SettingsError(f"no format is called {name!r}; there are {', '.join(FORMATS)}")
-    return FORMATS[name]
+    """A row of the table, which is ours or comes by an entry point.
+
+    Raises:
+        SettingsError: no format has the name, or two have; says which there are.
+        PluginError: the package that brings it cannot be used.
+    """
+    if name not in _ALL:
+        raise SettingsError(f"no format is called {name!r}; there are {', '.join(_ALL)}")
+    return _ALL[name]
+
+
+def all_formats() -> dict[str, Format | EquipoiseError]:
+    """All rows by name; in place of one that cannot be used, why."""
+    return _ALL.rows()
 
 
 def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int) -> None:
     if file and not row.file:
         raise SettingsError(f"--file: {row.name} edits no file; paste what it writes into {row.where}")
     if payload_link and not row.payload:
-        able = ", ".join(other.name for other in FORMATS.values() if other.payload)
+        able = ", ".join(name for name, other in FORMATS.items() if other.payload)
         raise SettingsError(f"--add-payload-link: {row.name} has no links; {able} have")
-    if samples < 0 or (samples and row.name not in ("mjlab", "isaaclab")):
-        raise SettingsError(f"--samples is {samples}: mjlab and isaaclab list drawn bodies, as many as it says")
+    if samples < 0 or (samples and not row.samples):
+        able = " and ".join(name for name, other in FORMATS.items() if other.samples)
+        raise SettingsError(f"--samples is {samples}: {able} list drawn bodies, as many as it says")
 
 
 def _users_file(result: Calibration, row: Format, file: Path | None) -> tuple[UsersFile | None, tuple[str, ...]]:

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from equipoise.drivers.catalog import open_link
+from equipoise.drivers.catalog import open_class, open_link
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
 from equipoise.guard.watchdog import Watchdog
 from equipoise.platform.piece_log import MotionLog
+from equipoise.platform.stepped import SteppedPlatform
 from equipoise.robot.model import RobotModel
 
 
@@ -24,22 +25,23 @@ class Learner(Protocol):
         ...
 
 
-def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform:
+def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform | SteppedPlatform:
     """Connect to a robot, to look at it. Who moves it uses `open_guarded`.
 
     Nothing is sent, but over UDP, where a robot only answers: packets without torque.
 
     Args:
-        name: of a driver.
+        name: of a driver, or of a platform that is a class, as "my_robot:MyRobot".
         robot: what is known about the robot.
         given: settings by name; text is read as what the setting is.
 
     Raises:
         SettingsError: no such platform or setting, or a value that it cannot have.
         MissingDependencyError: the driver's package is not installed.
+        PluginError: it comes from somebody else and fails.
         CommunicationError: the network cannot be used.
     """
-    return HardwarePlatform(open_link(name, robot, given))
+    return open_class(name, robot, given) or HardwarePlatform(open_link(name, robot, given))
 
 
 def open_guarded(
@@ -50,13 +52,15 @@ def open_guarded(
     told: Path | None = None,
     limits: Limits | None = None,
 ) -> Guard:
-    """Connect to a robot, to move it: guarded, and with a watchdog. Nothing moves before the first command.
+    """Connect to a robot, to move it: guarded, and a driver's with a watchdog. Nothing moves before the first command.
 
     Args:
         name, robot, given: as in `open_platform`, which says what is raised.
         log, limits: of the guard.
         told: file in which the watchdog says what it did, if it did something.
     """
+    if (home_built := open_class(name, robot, given)) is not None:
+        return Guard(home_built, robot, limits, log)
     link = open_link(name, robot, given)
 
     def watchdog() -> Watchdog:

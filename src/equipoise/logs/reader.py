@@ -1,21 +1,51 @@
-"""Reads any log: a bag or a table, by what the path looks like."""
+"""Reads any log that is not ours: each kind of file has its reader, by the file's suffix."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Protocol, cast, runtime_checkable
 
-from equipoise.errors import RecordingError
-from equipoise.logs import tables
-from equipoise.logs.log import Log, assemble
-from equipoise.logs.rosbag import SUFFIXES, is_bag, read_bag
+from equipoise.errors import EquipoiseError, PluginError, RecordingError
+from equipoise.logs.log import Log, RawLog, assemble
+from equipoise.logs.rosbag import is_bag, read_bag
 from equipoise.logs.topics import Topics
+from equipoise.plugins import Table
 from equipoise.robot.model import RobotModel
+
+
+@runtime_checkable
+class LogReader(Protocol):
+    """A function that reads one kind of file."""
+
+    def __call__(self, path: Path, robot: RobotModel, topics: Topics) -> RawLog:
+        """The streams of a log.
+
+        Args:
+            path: an existing file.
+            robot: that was logged, for formats without joint names.
+            topics: that the user names, for formats that have topics.
+
+        Raises:
+            RecordingError: it cannot be read, or lacks what is needed; any other exception becomes one.
+            MissingDependencyError: it needs a package that is not installed.
+        """
+        ...
+
+
+_TABLES, _BAGS = "equipoise.logs.tables:read_table", "equipoise.logs.rosbag:read_bag"
+READERS: Table[LogReader] = Table(
+    "log reader",
+    "equipoise.readers",
+    LogReader,
+    {"mcap": _BAGS, "db3": _BAGS, "csv": _TABLES, "parquet": _TABLES},
+)
+"""By suffix, without the dot."""
 
 
 def is_log(path: Path) -> bool:
     """Whether a path looks like a log of a kind that can be read."""
-    return is_bag(path) or (path.is_file() and path.suffix.lower() in tables.SUFFIXES)
+    return is_bag(path) or (path.is_file() and _suffix(path) in READERS)
 
 
 def read_log(
@@ -28,7 +58,7 @@ def read_log(
     """A log that is not ours, as a recording of the robot.
 
     Args:
-        path: folder of a rosbag2 bag, an .mcap, .db3, .csv or .parquet file.
+        path: folder of a rosbag2 bag, an .mcap, .db3, .csv or .parquet file, or one for which a package brings a reader.
         robot: that was logged.
         topics: of a bag, where their types do not say which.
         joint_map: the log's joint name or column, by the robot's name, where names do not say which.
@@ -38,17 +68,32 @@ def read_log(
         RecordingError: the log cannot be read, or lacks what is needed.
         SettingsError: the joint map does not fit.
         MissingDependencyError: Parquet needs pyarrow.
+        PluginError: the package that brings the reader cannot be used.
     """
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"the log {str(path)!r} does not exist")
-    if path.suffix.lower() in tables.SUFFIXES and path.is_file():
-        raw = tables.read_table(path)
-    elif is_bag(path):
-        raw = read_bag(path, robot, topics)
-    else:
-        known = ", ".join((*SUFFIXES, *tables.SUFFIXES))
+    if not is_log(path):
+        known = ", ".join(f".{suffix}" for suffix in READERS)
         raise RecordingError(
             f"{str(path)!r} is no log that can be read: it must be the folder of a rosbag2 bag, or a file {known}"
         )
-    return assemble(robot, raw, joint_map, span)
+    reader = read_bag if path.is_dir() else READERS[_suffix(path)]
+    return assemble(robot, _read(reader, path, robot, topics or Topics()), joint_map, span)
+
+
+def _read(reader: LogReader, path: Path, robot: RobotModel, topics: Topics) -> RawLog:
+    """What a reader finds; whatever it raises, the error is ours."""
+    try:
+        raw = cast("object", reader(path, robot, topics))
+    except EquipoiseError:
+        raise
+    except Exception as error:
+        raise RecordingError(f"the log {str(path)!r} cannot be read: {type(error).__name__}: {error}") from error
+    if not isinstance(raw, RawLog):
+        raise PluginError(f"the reader of .{_suffix(path)} logs gives a {type(raw).__name__}; it must give a RawLog")
+    return raw
+
+
+def _suffix(path: Path) -> str:
+    return path.suffix.lower().removeprefix(".")

@@ -45,7 +45,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def read_bag(path: Path, robot: RobotModel, topics: Topics | None = None) -> RawLog:
+def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
     """The streams of a bag.
 
     Args:
@@ -56,7 +56,7 @@ def read_bag(path: Path, robot: RobotModel, topics: Topics | None = None) -> Raw
         RecordingError: it cannot be read, or its topics do not say which to take.
     """
     try:
-        return _read(path, robot, topics or Topics())
+        return _read(path, robot, topics)
     except EquipoiseError:
         raise
     except Exception as error:  # damaged files fail in many ways in several libraries, few of them typed

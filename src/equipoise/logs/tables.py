@@ -25,15 +25,16 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, RecordingError
 from equipoise.logs.log import RawImu, RawJoints, RawLog
+from equipoise.logs.topics import Topics
+from equipoise.robot.model import RobotModel
 
-SUFFIXES = (".csv", ".parquet")
 _TIME = "time"
 _IMU = tuple(f"{sensor}.{axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 _KINDS = ("position", "velocity", "torque", "command")
 _SECONDS = 0.5  # [s] between samples: more is another unit
 
 
-def read_table(path: Path) -> RawLog:
+def read_table(path: Path, robot: RobotModel, topics: Topics) -> RawLog:  # a `LogReader`
     """The streams of a CSV or Parquet file.
 
     Raises:

@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 from tyro.conf import OmitArgPrefixes
 
-from equipoise.drivers.unitree.formats import PacketFormat, Protocol, forms_of
+from equipoise.drivers.unitree.formats import PacketFormat, forms_of
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
@@ -29,11 +29,12 @@ from equipoise.drivers.unitree.packets import (
     StatePacket,
     read_command,
 )
+from equipoise.drivers.unitree.udp_settings import Protocol
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.catalog import load_robot
+from equipoise.robot.load import load_robot
 from equipoise.robot.model import RobotModel
 
 _TEMPERATURE = 40.0  # [deg C] of every motor

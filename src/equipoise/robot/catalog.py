@@ -1,18 +1,14 @@
-"""Robots known by name, and where each model file comes from."""
+"""Robots known by name, and where each model file comes from. Listing them reads none."""
 
 from __future__ import annotations
 
-import importlib
 import importlib.util
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Literal
 
-from equipoise.errors import MissingDependencyError, ModelError
-from equipoise.robot.description import RobotDescription
-from equipoise.robot.model import RobotModel
+from equipoise.errors import MissingDependencyError
 
 Package = Literal["equipoise", "example-robot-data", "pybullet"]
 BUILT_IN_ROBOT = "unitree_a1"
@@ -20,11 +16,24 @@ BUILT_IN_ROBOT = "unitree_a1"
 
 @dataclass(frozen=True)
 class CatalogEntry:
-    """A robot known by name: the package its model file comes in, the path inside, and what to know about it."""
+    """A robot known by name. What its model file says stands here too, so that a list reads none.
+
+    Attributes:
+        name: as `load_robot` takes it.
+        package: that its model file comes in.
+        path: of the file inside the package.
+        mass: of the whole robot [kg], to a gram.
+        joints: of each leg.
+        leg_length: of thigh and shank [m], to a millimetre.
+        note: what to know about it.
+    """
 
     name: str
     package: Package
     path: str
+    mass: float
+    joints: int
+    leg_length: float
     note: str
 
     @property
@@ -36,14 +45,24 @@ class CatalogEntry:
             "pybullet": "pip install pybullet",
         }[self.package]
 
+    @property
+    def installed(self) -> bool:
+        """Whether its package is."""
+        path = self._path
+        return path is not None and path.is_file()
+
+    @property
+    def _path(self) -> Path | None:
+        folder = _package_folder(self.package)
+        return None if folder is None else folder / self.path
+
     def find(self) -> Path:
         """Path of the model file.
 
         Raises:
             MissingDependencyError: its package is not installed.
         """
-        folder = _package_folder(self.package)
-        path = None if folder is None else folder / self.path
+        path = self._path
         if path is None or not path.is_file():
             raise MissingDependencyError(
                 f"robot {self.name!r} comes with the package {self.package}, which is not installed: {self.hint}; "
@@ -56,50 +75,21 @@ _ERD, _PYBULLET = "example-robot-data", "pybullet"
 CATALOG: dict[str, CatalogEntry] = {
     entry.name: entry
     for entry in (
-        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", "Unitree A1 of the paper"),
-        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", "Unitree A1, newer"),
-        CatalogEntry("go1", _ERD, "go1_description/urdf/go1.urdf", "Unitree Go1"),
-        CatalogEntry("go2", _ERD, "go2_description/urdf/go2.urdf", "Unitree Go2"),
-        CatalogEntry("b1", _ERD, "b1_description/urdf/b1.urdf", "Unitree B1"),
-        CatalogEntry("laikago", _ERD, "laikago_description/urdf/laikago.urdf", "Unitree Laikago"),
-        CatalogEntry("anymal_b", _ERD, "anymal_b_simple_description/robots/anymal.urdf", "ANYmal B"),
-        CatalogEntry("anymal_c", _ERD, "anymal_c_simple_description/urdf/anymal.urdf", "ANYmal C"),
-        CatalogEntry("hyq", _ERD, "hyq_description/robots/hyq_no_sensors.urdf", "IIT HyQ"),
-        CatalogEntry("solo8", _ERD, "solo_description/robots/solo.urdf", "ODRI Solo 8"),
-        CatalogEntry("solo12", _ERD, "solo_description/robots/solo12.urdf", "ODRI Solo 12"),
-        CatalogEntry("aliengo", _PYBULLET, "aliengo/aliengo.urdf", "Unitree Aliengo"),
-        CatalogEntry("mini_cheetah", _PYBULLET, "mini_cheetah/mini_cheetah.urdf", "MIT Mini Cheetah"),
+        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", 12.458, 3, 0.4, "Unitree A1 of the paper"),
+        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", 13.741, 3, 0.4, "Unitree A1, newer"),
+        CatalogEntry("go1", _ERD, "go1_description/urdf/go1.urdf", 13.1, 3, 0.426, "Unitree Go1"),
+        CatalogEntry("go2", _ERD, "go2_description/urdf/go2.urdf", 16.085, 3, 0.426, "Unitree Go2"),
+        CatalogEntry("b1", _ERD, "b1_description/urdf/b1.urdf", 55.689, 3, 0.7, "Unitree B1"),
+        CatalogEntry("laikago", _ERD, "laikago_description/urdf/laikago.urdf", 25.433, 3, 0.5, "Unitree Laikago"),
+        CatalogEntry("anymal_b", _ERD, "anymal_b_simple_description/robots/anymal.urdf", 30.475, 3, 0.564, "ANYmal B"),
+        CatalogEntry("anymal_c", _ERD, "anymal_c_simple_description/urdf/anymal.urdf", 52.135, 3, 0.613, "ANYmal C"),
+        CatalogEntry("hyq", _ERD, "hyq_description/robots/hyq_no_sensors.urdf", 86.774, 3, 0.696, "IIT HyQ"),
+        CatalogEntry("solo8", _ERD, "solo_description/robots/solo.urdf", 2.178, 2, 0.32, "ODRI Solo 8"),
+        CatalogEntry("solo12", _ERD, "solo_description/robots/solo12.urdf", 2.5, 3, 0.32, "ODRI Solo 12"),
+        CatalogEntry("aliengo", _PYBULLET, "aliengo/aliengo.urdf", 20.638, 3, 0.5, "Unitree Aliengo"),
+        CatalogEntry("mini_cheetah", _PYBULLET, "mini_cheetah/mini_cheetah.urdf", 8.852, 3, 0.389, "MIT Mini Cheetah"),
     )
 }
-
-_ROBOT_DESCRIPTIONS_PREFIX = "robot_descriptions:"
-
-
-def load_robot(name_or_path: str | Path, description: RobotDescription | None = None) -> RobotModel:
-    """A robot by its catalogue name, by the path of a URDF or MJCF file, or as `robot_descriptions:NAME`.
-
-    Raises:
-        ModelError: no such name or file, or the file is no quadruped.
-        MissingDependencyError: the name is known and the package that holds it is not installed.
-    """
-    name_or_path = str(name_or_path)
-    if name_or_path in CATALOG:
-        return RobotModel.from_file(CATALOG[name_or_path].find(), name_or_path, description)
-    if name_or_path.startswith(_ROBOT_DESCRIPTIONS_PREFIX):
-        module = name_or_path.removeprefix(_ROBOT_DESCRIPTIONS_PREFIX)
-        return RobotModel.from_file(_find_robot_description(module), module, description)
-    if not Path(name_or_path).exists() and "/" not in name_or_path and "." not in name_or_path:
-        raise ModelError(
-            f"no robot is called {name_or_path!r} and no such file exists; {_meant(name_or_path)}known names are "
-            f"{', '.join(CATALOG)}"
-        )
-    return RobotModel.from_file(name_or_path, None, description)
-
-
-def _meant(name: str) -> str:
-    """What somebody who mistyped a name may have meant."""
-    near = get_close_matches(name.lower().replace("-", "_"), CATALOG, n=1)
-    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def _package_folder(package: Package) -> Path | None:
@@ -115,59 +105,33 @@ def _package_folder(package: Package) -> Path | None:
     return Path(str(distribution.locate_file("cmeel.prefix/share/example-robot-data/robots")))
 
 
-def _find_robot_description(name: str) -> Path:
-    """Model file of the package robot_descriptions, which clones a repository when it is first asked for one."""
-    name = name if name.endswith("_description") else f"{name}_description"
-    try:
-        module = importlib.import_module(f"robot_descriptions.{name}")
-    except ModuleNotFoundError as error:
-        if error.name == "robot_descriptions":
-            raise MissingDependencyError(
-                f"{_ROBOT_DESCRIPTIONS_PREFIX}{name} needs a package: pip install robot_descriptions"
-            ) from error
-        raise ModelError(f"robot_descriptions has no robot {name!r}: {error}") from error
-    except Exception as error:  # a clone can fail in many ways, none of them typed
-        raise ModelError(f"robot_descriptions could not fetch {name!r} (is there a network?): {error}") from error
-    path = getattr(module, "URDF_PATH", None) or getattr(module, "MJCF_PATH", None)
-    if path is None:
-        raise ModelError(f"robot_descriptions gives no URDF or MJCF file for {name!r}")
-    return Path(path)
-
-
 @dataclass(frozen=True)
 class CatalogRow:
-    """A catalogue entry as it is on this machine. None: the package that holds it is not installed.
+    """A catalogue entry as it is on this machine.
 
     Attributes:
         name: as `load_robot` takes it.
-        mass: [kg].
-        legs: and their joints, as in "4 x 3".
-        leg_length: [m].
-        source: the package.
+        mass: of the whole robot [kg].
+        legs: number and their joints, as in "4 x 3".
+        leg_length: of thigh and shank [m].
+        source: package of the model file.
         note: what to know about it.
-        install: how to get it, if it is missing.
+        install: how to get the package, if it is missing.
     """
 
     name: str
-    mass: float | None
-    legs: str | None
-    leg_length: float | None
+    mass: float
+    legs: str
+    leg_length: float
     source: str
     note: str
     install: str | None
 
 
 def describe_catalog() -> list[CatalogRow]:
-    """Every robot known by name, with what its model file says where it is installed."""
-    rows: list[CatalogRow] = []
-    for entry in CATALOG.values():
-        try:
-            robot = RobotModel.from_file(entry.find(), entry.name)
-        except MissingDependencyError:
-            rows.append(CatalogRow(entry.name, None, None, None, entry.package, entry.note, entry.hint))
-            continue
-        joints = len(robot.legs["FL"].joints)
-        rows.append(
-            CatalogRow(entry.name, robot.mass, f"4 x {joints}", robot.leg_length, entry.package, entry.note, None)
-        )
-    return rows
+    """Every robot known by name, and how to get those that are not installed."""
+    return [
+        CatalogRow(entry.name, entry.mass, f"4 x {entry.joints}", entry.leg_length, entry.package, entry.note,
+                   None if entry.installed else entry.hint)
+        for entry in CATALOG.values()
+    ]  # fmt: skip

@@ -21,7 +21,6 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
-from equipoise.robot.catalog import CatalogRow
 from equipoise.robot.model import DIAGONALS
 
 
@@ -235,22 +234,6 @@ def print_plan(robot: str, plan: Plan) -> None:
         console.print(f"left out: {escape(reason)}")
     if len(plan.left_out) > _REASONS:
         console.print(f"and {len(plan.left_out) - _REASONS} more postures and lifts that this robot cannot do")
-
-
-def print_robots(rows: Sequence[CatalogRow]) -> None:
-    """The catalogue."""
-    table = Table(box=box.SIMPLE_HEAD)
-    for column in ("name", "mass [kg]", "legs", "leg [m]", "source", "what"):
-        table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
-    for row in rows:
-        what = row.note if row.install is None else "not installed"
-        mass, leg = number(row.mass, 1, ".3f"), number(row.leg_length, 1, ".3f")
-        table.add_row(row.name, mass, row.legs or "-", leg, row.source, escape(what))
-    console = Console()
-    console.print(table)
-    for install in dict.fromkeys(row.install for row in rows if row.install is not None):
-        console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
-    console.print("Any URDF or MJCF file works too, by its path; so does robot_descriptions:NAME with that package.")
 
 
 def print_audit(result: Audit) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich import box
@@ -10,14 +10,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from equipoise.errors import EquipoiseError
 from equipoise.export.formats import Export, Format
 
 _SHORT = 40  # lines that fit on a screen
 _FILES = {"model": "model file", "given": "--file", "": ""}
 
 
-def print_formats(formats: Sequence[Format]) -> None:
-    """All formats: what each wants, and where it goes."""
+def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
+    """All formats: what each wants, and where it goes; or why one cannot be used."""
+    formats = [row for row in known.values() if isinstance(row, Format)]
     table = Table(box=box.SIMPLE_HEAD)
     for column in ("--to", "writes", "for", "edits"):
         table.add_column(column, no_wrap=True)
@@ -25,6 +27,9 @@ def print_formats(formats: Sequence[Format]) -> None:
         table.add_row(row.name, row.bodies[0] if len(row.bodies) == 1 else "both", escape(row.where), _FILES[row.file])
     console = Console()
     console.print(table)
+    for row in known.values():
+        if isinstance(row, EquipoiseError):
+            console.print(f"[yellow]warning:[/yellow] {escape(str(row))}", soft_wrap=True)
     linked = ", ".join(row.name for row in formats if row.payload)
     console.print(
         "base: the base link with all that is fixed to it or held; composite: the whole robot frozen at its stance.\n"

@@ -1,10 +1,9 @@
-"""What the terminal shows of platforms, of a robot that was examined, and of a calibration that is only thought through."""
+"""What the terminal shows of a robot that was examined, and of a calibration that is only thought through."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 from rich import box
@@ -13,7 +12,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.rehearsal import Rehearsal
-from equipoise.drivers.catalog import Driver
 from equipoise.drivers.checkup import Finding
 from equipoise.recording.recording import Recording
 
@@ -21,38 +19,11 @@ _MARKS = {True: "ok", False: "look", None: ""}
 _HEAVY = 0.8  # of a torque limit
 
 
-def print_platforms(drivers: Sequence[Driver], settings: Mapping[str, list[tuple[str, str, Any]] | str]) -> None:
-    """Platforms, how they start, and their settings; text instead of settings says why there are none."""
-    console = Console()
-    console.print("mujoco, dart: simulators; without --platform a calibration is simulated in MuJoCo.\n")
-    for driver in drivers:
-        console.print(f"[bold]{driver.name}[/bold]: {escape(driver.what)}")
-        console.print(f"  starts: {escape(driver.start)}; see {driver.page}")
-        its = settings[driver.name]
-        if isinstance(its, str):
-            console.print(f"  {escape(its)}\n")
-            continue
-        table = Table("setting", "is", "default", box=None, padding=(0, 2), show_header=False)
-        for name, kind, default in its:
-            table.add_row(name, kind, escape(_setting(default)))
-        console.print(table)
-        console.print()
-
-
-def _setting(value: Any) -> str:
-    """A setting's value as --set takes it."""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, tuple):
-        return ",".join(map(str, cast("tuple[Any, ...]", value)))
-    return "" if value is None else str(value)
-
-
 def print_checkup(
     name: str, joints: Sequence[tuple[str, str, float, float, float]], findings: Sequence[Finding]
 ) -> None:
     """A robot that was examined."""
-    console = Console()
+    console = Console(emoji=False)
     table = Table(title=f"{name}: joint map", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("leg", "joint", "is at [rad]", "from", "to"):
         table.add_column(escape(column), justify="left" if column in ("leg", "joint") else "right")
@@ -71,7 +42,7 @@ def print_checkup(
 
 def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
     """All that a calibration would do."""
-    console = Console()
+    console = Console(emoji=False)
     for line in rehearsal_lines(rehearsal, platform):
         console.print(escape(line))
     table = Table(title="Postures", title_justify="left", box=box.SIMPLE_HEAD)
@@ -130,7 +101,7 @@ class RecordingProgress:
     """How much was recorded so far, on one line of stderr."""
 
     def __init__(self, quiet: bool, into: Path, duration: float | None) -> None:
-        self._console = Console(stderr=True)
+        self._console = Console(stderr=True, emoji=False)
         self._quiet = quiet or not self._console.is_terminal
         if not quiet:
             until = "until Ctrl-C" if duration is None else f"for {duration:g} s"

@@ -11,11 +11,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from equipoise.errors import SettingsError
+from equipoise.drivers.unitree.udp_settings import Protocol, form_names
 
 _IMU = np.dtype(
     [
@@ -153,7 +153,6 @@ GO1 = PacketFormat(
 GO1_SCRAMBLED = dataclasses.replace(GO1, scrambled=True, bandwidth=0xC03A)
 """As one public program sends it; the maker's SDK rejects states with such a checksum."""
 
-Protocol = Literal["a1", "go1"]
 FORMS: dict[Protocol, dict[str, PacketFormat]] = {
     "a1": {"compressed": A1, "struct": A1_STRUCT},
     "go1": {"plain": GO1, "scrambled": GO1_SCRAMBLED},
@@ -162,16 +161,5 @@ FORMS: dict[Protocol, dict[str, PacketFormat]] = {
 
 
 def forms_of(protocol: Protocol, form: str | None) -> dict[str, PacketFormat]:
-    """What a robot may speak: the form of that name, or any.
-
-    Raises:
-        SettingsError: there is no such robot or form.
-    """
-    if protocol not in FORMS:
-        raise SettingsError(f"protocol is {protocol!r}; it is one of {', '.join(FORMS)}")
-    known = FORMS[protocol]
-    if form is None:
-        return known
-    if form not in known:
-        raise SettingsError(f"form is {form!r}; of protocol {protocol!r} it is one of {', '.join(known)}")
-    return {form: known[form]}
+    """What a robot may speak: the form of that name, or any; raises SettingsError as `form_names`."""
+    return {name: FORMS[protocol][name] for name in form_names(protocol, form)}

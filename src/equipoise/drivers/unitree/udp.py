@@ -16,6 +16,7 @@ import numpy as np
 
 from equipoise.drivers.robot_clock import RobotClock, UnitSearch
 from equipoise.drivers.unitree.form_search import FormSearch
+from equipoise.drivers.unitree.formats import forms_of
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
 from equipoise.drivers.unitree.packets import CommandPacket, Damage, LowState, MotorCommands
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
@@ -82,10 +83,11 @@ class UnitreeUdpLink:
         kp, kd = robot.gains(nominal_stance(robot).hip_height)
         self._kp, self._kd = np.full(MOTORS, kp), np.full(MOTORS, kd)
         self._zeros = np.zeros(MOTORS)
-        self._packets = {name: CommandPacket(form) for name, form in settings.forms.items()}
+        forms = forms_of(settings.protocol, settings.form)
+        self._packets = {name: CommandPacket(form) for name, form in forms.items()}
         limp = MotorCommands.without_torque()
         self._passive = {name: bytes(packet.write(limp)) for name, packet in self._packets.items()}
-        self._forms = FormSearch(settings.forms, settings.check)
+        self._forms = FormSearch(forms, settings.check)
         self._unit = UnitSearch()
         self._clock = None if settings.tick is None else RobotClock(settings.tick)
         self._untimed: list[tuple[LowState, float]] = []

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
-from equipoise.drivers.unitree.formats import PacketFormat, Protocol, forms_of
 from equipoise.errors import SettingsError
 
+Protocol = Literal["a1", "go1"]
+FORM_NAMES: dict[Protocol, tuple[str, ...]] = {"a1": ("compressed", "struct"), "go1": ("plain", "scrambled")}
+"""Of the packets that each robot may speak, the likeliest first."""
 _LOCAL_PORTS: dict[Protocol, int] = {"a1": 8080, "go1": 8090}
 
 
@@ -39,7 +41,7 @@ class UnitreeUdpSettings:
     check: bool = True
 
     def __post_init__(self) -> None:
-        forms_of(self.protocol, self.form)
+        form_names(self.protocol, self.form)
         for name in ("address", "local_address"):
             if (value := getattr(self, name)) is not None:
                 _check_address(name, value)
@@ -64,10 +66,21 @@ class UnitreeUdpSettings:
         """The local port."""
         return _LOCAL_PORTS[self.protocol] if self.local_port is None else self.local_port
 
-    @property
-    def forms(self) -> Mapping[str, PacketFormat]:
-        """How the robot may write, by name, the likeliest first."""
-        return forms_of(self.protocol, self.form)
+
+def form_names(protocol: Protocol, form: str | None) -> tuple[str, ...]:
+    """Names of the forms that a robot may speak: the one that is asked for, or all.
+
+    Raises:
+        SettingsError: there is no such robot or form.
+    """
+    if protocol not in FORM_NAMES:
+        raise SettingsError(f"protocol is {protocol!r}; it is one of {', '.join(FORM_NAMES)}")
+    known = FORM_NAMES[protocol]
+    if form is None:
+        return known
+    if form not in known:
+        raise SettingsError(f"form is {form!r}; of protocol {protocol!r} it is one of {', '.join(known)}")
+    return (form,)
 
 
 def _check_address(name: str, value: str) -> None:

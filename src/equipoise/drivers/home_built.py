@@ -1,0 +1,109 @@
+"""Platforms that are classes of other people: `--platform MODULE:CLASS`, or an entry point that names a class."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.drivers.checkup import Finding, foretold
+from equipoise.drivers.settings import read_values, settings_of_constructor
+from equipoise.errors import CommunicationError, EquipoiseError, MotionError, PluginError, SensorError
+from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.platform.stepped import SteppedPlatform
+from equipoise.robot.model import RobotModel
+
+
+def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mapping[str, Any]) -> HomeBuilt:
+    """Make a platform as CLASS(robot, **settings).
+
+    Raises:
+        SettingsError: no such setting, or a value that it cannot have.
+        CommunicationError: the constructor raises an OSError.
+        PluginError: the constructor fails in another way, or what it makes lacks something.
+    """
+    settings = read_values(settings_of_constructor(kind), given, name)
+    try:
+        made = kind(robot, **settings)
+    except EquipoiseError:
+        raise
+    except OSError as error:
+        raise CommunicationError(f"platform {name!r} cannot be opened: {error}") from error
+    except Exception as error:
+        raise PluginError(
+            f"platform {name!r} cannot be made ({type(error).__name__}: {error}): it is called as "
+            f"{kind.__name__}(robot, **settings), with the RobotModel and what --set says"
+        ) from error
+    return HomeBuilt(name, made, robot)
+
+
+class HomeBuilt(SteppedPlatform):
+    """Somebody's platform: what it raises becomes an error of ours, what it senses is looked at.
+
+    Args:
+        name: for messages.
+        inner: the platform itself, with `read`, `step`, `close` and `control_period`.
+        robot: what is known about the robot.
+
+    Raises:
+        PluginError: its `control_period`, `joint_names` or `accepts` cannot be.
+    """
+
+    def __init__(self, name: str, inner: Any, robot: RobotModel) -> None:
+        super().__init__(robot)
+        self.name, self._inner = name, inner
+        period = getattr(inner, "control_period", None)
+        if not isinstance(period, (int, float)) or not (math.isfinite(period) and period > 0):
+            raise PluginError(f"platform {name!r}: its control_period is {period!r}; it must be a time [s] above zero")
+        names = getattr(inner, "joint_names", robot.joint_names)
+        if tuple(names) != robot.joint_names:
+            raise PluginError(
+                f"platform {name!r}: its joint_names are {', '.join(names)}; they must be the model's, in its order: "
+                f"{', '.join(robot.joint_names)}"
+            )
+        self.control_period = float(period)
+        self.accepts = frozenset(getattr(inner, "accepts", ()))
+
+    def read(self) -> RobotState:
+        return self._sensed("read", self._inner.read)
+
+    def step(self, command: JointCommand) -> RobotState:
+        return self._sensed("step", lambda: self._inner.step(command))
+
+    def close(self) -> None:
+        self._done("close", self._inner.close)
+
+    def foretell(self) -> list[Finding]:
+        """What it knows of what its first command will meet; commands nothing."""
+        return foretold(self._inner)
+
+    def _sensed(self, what: str, act: Callable[[], Any]) -> RobotState:
+        state = self._done(what, act)
+        if not isinstance(state, RobotState):
+            raise SensorError(f"platform {self.name!r}: {what} gives a {type(state).__name__}; it must be a RobotState")
+        joints = (len(self.joint_names),)
+        for field, shape in (("joint_position", joints), ("angular_velocity", (3,)), ("acceleration", (3,)),
+                             ("joint_velocity", joints), ("joint_torque", joints)):  # fmt: skip
+            value: Any = getattr(state, field)
+            if value is None and field in ("joint_velocity", "joint_torque"):
+                continue
+            found = cast("FloatArray", value).shape if isinstance(value, np.ndarray) else type(value).__name__
+            if found != shape:
+                raise SensorError(
+                    f"platform {self.name!r}: {what} gives as {field} {found}; it must be an array of shape {shape}"
+                )
+        return state
+
+    def _done(self, what: str, act: Callable[[], Any]) -> Any:
+        """What a foreign method returns; whatever it raises, the error is ours."""
+        try:
+            return act()
+        except EquipoiseError:
+            raise
+        except OSError as error:
+            raise CommunicationError(f"platform {self.name!r} cannot be reached: {what} fails ({error})") from error
+        except Exception as error:
+            raise MotionError(f"platform {self.name!r}: {what} fails ({type(error).__name__}: {error})") from error

@@ -1,0 +1,74 @@
+"""What can be set about the link to a ROS 2 robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from equipoise.errors import SettingsError
+
+# What the topic of each type of command is usually called, and how often it is sent [Hz]: a trajectory costs its
+# controller more.
+_USUAL = {
+    "float64_multi_array": ("/forward_position_controller/commands", 500.0),
+    "joint_trajectory": ("/joint_trajectory_controller/joint_trajectory", 100.0),
+}
+_STAMPS = ("header", "arrival")
+
+
+@dataclass(frozen=True)
+class Ros2Settings:
+    """How a ROS 2 robot is reached.
+
+    Attributes:
+        interface: network interface of this computer; on "lo" ROS runs here too, and is told to stay here (docs/ros2.md).
+        domain: ROS_DOMAIN_ID of the robot.
+        peers: addresses to look for the robot at, besides what multicast finds.
+        accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
+        joint_state_topic: of sensor_msgs/JointState.
+        imu_topic: of sensor_msgs/Imu; with Gazebo often "/imu".
+        command_type: "float64_multi_array" or "joint_trajectory".
+        command_topic: empty: the usual name of a controller that takes such commands.
+        joint_order: joints as the position controller lists them; empty: as the model does. A trajectory names its joints.
+        command_rate: how often a command is sent [Hz]; 0: 500 a second, or 100 trajectories.
+        time_from_start: of the one point of a trajectory [s]; 0: at once, as a forwarding controller.
+        stiffness: of a soft position controller [Nm/rad], into whose targets the feed-forward torque is folded; 0: it is
+            stiff, or takes no such hint, and torques are left aside.
+        stamps: "header": the robot's times, which are a simulation's in Gazebo; "arrival": this computer's.
+    """
+
+    interface: str = "lo"
+    domain: int = 0
+    peers: tuple[str, ...] = ()
+    accept_cyclonedds: str = ""
+    joint_state_topic: str = "/joint_states"
+    imu_topic: str = "/imu/data"
+    command_type: str = "float64_multi_array"
+    command_topic: str = ""
+    joint_order: tuple[str, ...] = ()
+    command_rate: float = 0.0
+    time_from_start: float = 0.0
+    stiffness: float = 0.0
+    stamps: str = "header"
+
+    def __post_init__(self) -> None:
+        for name, known in (("command_type", tuple(_USUAL)), ("stamps", _STAMPS)):
+            if getattr(self, name) not in known:
+                raise SettingsError(f"{name} is {getattr(self, name)!r}; it is one of {', '.join(known)}")
+        for name in ("command_rate", "time_from_start", "stiffness"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
+                raise SettingsError(f"{name} is {getattr(self, name)}; it must be a finite number, zero or more")
+        for name in ("joint_state_topic", "imu_topic", "command_topic"):
+            topic = getattr(self, name)
+            if not topic.startswith("/") and (topic or name != "command_topic"):
+                raise SettingsError(f"{name} is {topic!r}; ROS topics begin with '/', as in '/joint_states'")
+
+    @property
+    def commands_to(self) -> str:
+        """The topic of the commands."""
+        return self.command_topic or _USUAL[self.command_type][0]
+
+    @property
+    def rate(self) -> float:
+        """Commands a second."""
+        return self.command_rate or _USUAL[self.command_type][1]

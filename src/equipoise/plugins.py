@@ -1,0 +1,146 @@
+"""What other packages add to our tables: an entry point each, as this one in their `pyproject.toml`.
+
+    [project.entry-points."equipoise.platforms"]
+    my-robot = "my_package.robot:DRIVER"
+
+An entry point is loaded when somebody asks for its name; to list names loads none.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from functools import cached_property
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Generic, TypeVar, cast
+
+from equipoise.errors import EquipoiseError, PluginError, SettingsError
+
+Row = TypeVar("Row")
+
+
+class Table(Generic[Row]):
+    """Rows by name: our own, and those that installed packages add.
+
+    Args:
+        noun: word for a row in messages, as "platform".
+        group: entry point group.
+        kind: class of a row, or a protocol that can be checked at run time.
+        own: our own rows; a text is where one is, as "equipoise.precise.method:PRECISE", and is imported when it is asked for.
+    """
+
+    def __init__(
+        self, noun: str, group: str, kind: type[Row] | tuple[type[Any], ...], own: Mapping[str, Row | str]
+    ) -> None:
+        self._noun, self._group, self._kind, self._own = noun, group, kind, own
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys((*self._own, *sorted(self._added))))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._own or name in self._added
+
+    def __getitem__(self, name: str) -> Row:
+        """The row of a name.
+
+        Raises:
+            SettingsError: no row has the name, or two have.
+            PluginError: the package that brings it cannot be imported, or brings something else.
+        """
+        added = self._added.get(name, [])
+        if len(added) + (name in self._own) > 1:
+            owners = [*(["equipoise"] if name in self._own else []), *map(distribution, added)]
+            raise SettingsError(
+                f"{self._noun} {name!r} is there twice: {' and '.join(owners)} bring it; uninstall or rename one"
+            )
+        if added:
+            return self._loaded(name, added[0])
+        if name not in self._own:
+            raise SettingsError(f"{self._noun} {name!r} is not known; there are {', '.join(self)}")
+        row = self._own[name]
+        return resolve(row) if isinstance(row, str) else cast("Row", row)
+
+    def rows(self) -> dict[str, Row | EquipoiseError]:
+        """All rows by name; in place of one that cannot be used, why."""
+        found: dict[str, Row | EquipoiseError] = {}
+        for name in self:
+            try:
+                found[name] = self[name]
+            except EquipoiseError as error:
+                found[name] = error
+        return found
+
+    @cached_property
+    def _added(self) -> Mapping[str, list[EntryPoint]]:
+        added: dict[str, list[EntryPoint]] = {}
+        for entry in entry_points(group=self._group):
+            added.setdefault(entry.name, []).append(entry)
+        return added
+
+    def _loaded(self, name: str, entry: EntryPoint) -> Row:
+        whose = f"{self._noun} {name!r} of the package {distribution(entry)}"
+        try:
+            row = entry.load()
+        except (Exception, SystemExit) as error:  # what a foreign module does when it is imported is anybody's guess
+            raise PluginError(
+                f"{whose} cannot be used: {entry.value!r} fails ({type(error).__name__}: {error}); "
+                "install another version of it, or uninstall it"
+            ) from error
+        if not isinstance(row, self._kind):
+            kinds = self._kind if isinstance(self._kind, tuple) else (self._kind,)
+            raise PluginError(
+                f"{whose} cannot be used: {entry.value!r} is of type {type(row).__name__}; "
+                f"it must be {' or '.join(kind.__name__ for kind in kinds)}"
+            )
+        if not isinstance(row, type) and getattr(row, "name", name) != name:
+            raise PluginError(f"{whose} cannot be used: it calls itself {row.name!r}; the two names must be one")
+        return cast("Row", row)
+
+
+def distribution(entry: EntryPoint) -> str:
+    """Name and version of the package that brings an entry point."""
+    return "?" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
+
+
+def resolve(path: str) -> Any:
+    """What "module:name" names."""
+    module, _, name = path.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def import_users(noun: str, path: str) -> Any:
+    """What a user names as MODULE:NAME; the module may be in the current folder.
+
+    Args:
+        noun: word for it in messages, as "platform".
+        path: as "my_robot:MyRobot".
+
+    Raises:
+        SettingsError: there is no such module, or no such name in it.
+        PluginError: the module fails when it is imported.
+    """
+    name, _, attribute = path.partition(":")
+    here = os.getcwd()
+    if here not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)
+    try:
+        module = importlib.import_module(name)
+    except (Exception, SystemExit) as error:  # what a foreign module does when it is imported is anybody's guess
+        if isinstance(error, ModuleNotFoundError) and error.name and f"{name}.".startswith(f"{error.name}."):
+            raise SettingsError(
+                f"{noun} {path!r}: there is no module {error.name!r}, neither in {here!r} nor among what is installed"
+            ) from error
+        raise PluginError(
+            f"{noun} {path!r}: the module {name!r} fails when it is imported ({type(error).__name__}: {error})"
+        ) from error
+    if hasattr(module, attribute):
+        return getattr(module, attribute)
+    classes = [key for key, value in vars(module).items() if isinstance(value, type) and value.__module__ == name]
+    near = get_close_matches(attribute, classes, n=1)
+    meant = f"did you mean {near[0]!r}? " if near else ""
+    raise SettingsError(
+        f"{noun} {path!r}: the module {name!r} has no {attribute!r}; {meant}its classes are {', '.join(classes) or 'none'}"
+    )

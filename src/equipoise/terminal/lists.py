@@ -1,0 +1,69 @@
+"""What the terminal shows of what is there: verbs, robots, platforms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from equipoise.drivers.catalog import PlatformRow
+from equipoise.robot.catalog import CatalogRow
+
+
+def print_verbs(verbs: Mapping[str, str]) -> None:
+    """What can be done, a line each: verbs and what they do in a few words."""
+    console = Console(highlight=False)
+    console.print("What your quadruped weighs, where its centre of mass is and how hard it is to turn.\n")
+    console.print("  equipoise calibrate                  try it: a simulated Unitree A1")
+    console.print("  equipoise calibrate my_robot.urdf    yours, simulated")
+    console.print("  equipoise platforms                  yours, on its own feet\n")
+    for verb, words in verbs.items():
+        console.print(f"  [bold]{verb:<12}[/bold]  {words}")
+    console.print("\n'equipoise VERB --help' says more.")
+
+
+def print_robots(rows: Sequence[CatalogRow]) -> None:
+    """The catalogue."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for column in ("name", "mass [kg]", "legs", "leg [m]", "source", "what"):
+        table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
+    for row in rows:
+        what = row.note if row.install is None else "not installed"
+        table.add_row(row.name, f"{row.mass:.3f}", row.legs, f"{row.leg_length:.3f}", row.source, escape(what))
+    console = Console(emoji=False)
+    console.print(table)
+    for install in dict.fromkeys(row.install for row in rows if row.install is not None):
+        console.print(f"To install {', '.join(row.name for row in rows if row.install == install)}: {escape(install)}")
+    console.print("Any URDF or MJCF file works too, by its path; so does robot_descriptions:NAME with that package.")
+
+
+def print_platforms(rows: Sequence[PlatformRow]) -> None:
+    """Platforms, how they start, and their settings."""
+    console = Console(emoji=False)
+    console.print("mujoco, dart: simulators; without --platform a calibration is simulated in MuJoCo.\n")
+    for row in rows:
+        console.print(f"[bold]{escape(row.name)}[/bold]" + (f": {escape(row.what)}" if row.what else ""))
+        if row.start:
+            console.print(f"  starts: {escape(row.start)}; see {escape(row.page)}")
+        if isinstance(row.settings, str):
+            console.print(f"  {escape(row.settings)}\n")
+            continue
+        table = Table("setting", "is", "default", box=None, padding=(0, 2), show_header=False)
+        for name, kind, default in row.settings:
+            table.add_row(name, kind, escape(_setting(default)))
+        console.print(table)
+        console.print()
+    console.print("A class of your own, perhaps in this folder: --platform MODULE:CLASS.")
+
+
+def _setting(value: Any) -> str:
+    """A setting's value as --set takes it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ",".join(map(str, cast("tuple[Any, ...]", value)))
+    return "" if value is None else str(value)

@@ -1,0 +1,12 @@
+"""A driver that somebody wrote for a bus."""
+
+from equipoise import Driver
+
+DRIVER = Driver(
+    name="outside-bus",
+    what="robots on somebody's bus",
+    start="lie it down, switch it on",
+    page="https://example.org/outside-bus",
+    module="outside_driver.link",
+    settings="outside_driver.settings:BusSettings",
+)

@@ -1,0 +1,50 @@
+"""Samples in, commands out; a simulated robot, which moves on with every command, stands in the place of a real one."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from equipoise import CommunicationError, JointCommand, RobotModel, RobotState, simulate
+from outside_driver.settings import BusSettings
+
+
+class BusLink:
+    """To a robot on the bus."""
+
+    def __init__(self, robot: RobotModel, settings: BusSettings, who: str) -> None:
+        if settings.node != 1:
+            raise CommunicationError(f"nobody answers at node {settings.node}")
+        if settings.diary:
+            with Path(settings.diary).open("a", encoding="utf-8") as diary:
+                diary.write(f"{who}\n")
+        self.name, self.joint_names = f"node {settings.node}", robot.joint_names
+        self._there = simulate(robot, "ideal").platform
+        self.accepts, self.control_period = self._there.accepts, self._there.control_period
+        self._arrived: list[RobotState] = []
+
+    def receive(self) -> list[RobotState]:
+        arrived, self._arrived = self._arrived or [self._sample()], []
+        return arrived
+
+    def send(self, command: JointCommand) -> None:
+        self._there.step(command)
+        self._arrived.append(self._sample())
+
+    def release(self) -> None: ...
+
+    def close(self) -> None:
+        self._there.close()
+
+    def _sample(self) -> RobotState:
+        now = time.monotonic()  # by the simulated clock a robot that nobody commands would stand still
+        return replace(self._there.read(), time=now, received=now)
+
+
+def open_link(robot: RobotModel, settings: BusSettings) -> BusLink:
+    """For the program that moves the robot."""
+    return BusLink(robot, settings, "program")
+
+
+def open_beside(robot: RobotModel, settings: BusSettings) -> BusLink:
+    """For the watchdog."""
+    return BusLink(robot, settings, "watchdog")
