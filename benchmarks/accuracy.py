@@ -35,7 +35,8 @@ from scipy.stats import binom
 
 import equipoise
 from equipoise import (
-    CalibrationSettings,
+    Method,
+    Precise,
     RunFolder,
     SensorErrors,
     calibrate,
@@ -45,7 +46,7 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import EquipoiseError
-from equipoise.precise.routine import PreciseSettings
+from equipoise.method.table import method_named
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.scale import Scale
@@ -127,11 +128,11 @@ def payload_of(robot: equipoise.RobotModel, generator: np.random.Generator) -> s
     return ",".join(f"{value:.6g}" for value in (mass, *at, *inertia))
 
 
-def settings_of(case: Case, true_mass: float, generator: np.random.Generator) -> CalibrationSettings:
+def settings_of(case: Case, true_mass: float, generator: np.random.Generator) -> Method:
     weighed = true_mass * (1 + SCALE * generator.standard_normal())
-    budget = 60.0 if case.method == "precise60" else None
-    precise = PreciseSettings(budget=budget, mass=weighed, mass_sd=SCALE * weighed)
-    return CalibrationSettings("precise" if case.method == "precise60" else case.method, precise=precise)
+    if case.method == "precise60":
+        return Precise(budget=60.0, mass=weighed, mass_sd=SCALE * weighed)
+    return method_named(case.method)().weighed(weighed, SCALE * weighed)
 
 
 @cache
@@ -178,12 +179,10 @@ def run(case: Case, keep: Path | None, again: bool) -> dict[str, object]:
     row["robot_time"] = sum(trial.duration for trial in result.trials)
     row["lifts"] = sum(trial.kind == "lift" for trial in result.trials)
     row["warnings"] = list(result.warnings)
-    if settings.method == "precise":
+    if isinstance(settings, Precise):
         row["error"] = (result.composite.values - true).tolist()
         row["sd"] = result.composite.deviations.tolist()
-        unweighed = dataclasses.replace(
-            settings, precise=dataclasses.replace(settings.precise, mass=None, mass_sd=None)
-        )
+        unweighed = dataclasses.replace(settings, mass=None, mass_sd=None)
         free = estimate(robot, recordings, unweighed)
         row["free_error"] = (free.composite.values - true).tolist()
         row["free_sd"] = free.composite.deviations.tolist()

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 import equipoise
-from equipoise import CalibrationSettings, ComSearchSettings, calibrate, load_robot, simulate
+from equipoise import ComSearchSettings, Paper, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError
 from equipoise.robot.catalog import CATALOG
 
@@ -56,7 +56,7 @@ def run(robot: str, noise: str = "ideal", feet: str = "measured", tolerance: flo
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = load_robot(robot)
-    settings = CalibrationSettings("paper", feet, com_search=ComSearchSettings(tolerance=tolerance))
+    settings = Paper(feet, com_search=ComSearchSettings(tolerance=tolerance))
     with simulate(model, noise, payload, seed) as simulation:
         result = calibrate(simulation.platform, model, settings).with_truth(simulation.truth)
     x, y = result.composite.com_in_base.errors[:2].tolist()

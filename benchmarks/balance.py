@@ -31,12 +31,13 @@ import pinocchio as pin
 from scipy.stats import beta
 
 import equipoise
-from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance, simulate
+from equipoise import calibrate, load_robot, nominal_stance, simulate
 from equipoise.balance.belief import Belief, calibrated, displaced, error_along, model_file
 from equipoise.balance.judge import Verdict, judge
 from equipoise.balance.routine import BalanceSettings, balance
 from equipoise.balance.senses import SensorKnowledge
 from equipoise.errors import EquipoiseError
+from equipoise.method.table import method_named
 from equipoise.pictures.figure import BLUE, DPI, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
 from equipoise.robot.model import DIAGONALS
 from equipoise.simulation.glimpse import Bystander
@@ -144,9 +145,7 @@ def payload_study(case: Case) -> dict[str, object]:
     beliefs = [model_file(robot)]
     for method in ("paper", "precise"):
         with simulate(robot, "realistic", case.payload, case.seed) as simulation:
-            beliefs.append(
-                calibrated(robot, stance, calibrate(simulation.platform, robot, CalibrationSettings(method)))
-            )
+            beliefs.append(calibrated(robot, stance, calibrate(simulation.platform, robot, method_named(method)())))
     trials: dict[str, dict[str, object]] = {}
     for name, belief in zip(MODELS, beliefs, strict=True):
         trials[name] = {}

@@ -15,10 +15,10 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 
-from equipoise import CalibrationSettings, calibrate, load_robot, simulate
+from equipoise import Precise, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError, ModelWarning
 from equipoise.guard.guard import Guard
-from equipoise.precise.routine import PreciseSettings
+from equipoise.method.table import method_named
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.model import RobotModel
 
@@ -29,7 +29,7 @@ SEED, BUDGET = 21, 60.0
 
 def row(robot: RobotModel, method: str, start: str) -> tuple[bool, str]:
     """Whether it was calm, and a line of the table."""
-    settings = CalibrationSettings(method, precise=PreciseSettings(budget=BUDGET))
+    settings = Precise(budget=BUDGET) if method == "precise" else method_named(method)()
     with simulate(robot, "realistic", seed=SEED, start=start) as simulation:
         guard = Guard(simulation.platform, robot)
         try:

@@ -29,12 +29,11 @@ import numpy as np
 import tyro
 
 import equipoise
-from equipoise import CalibrationSettings, JointCommand, Trajectory, calibrate, load_robot, nominal_stance, simulate
+from equipoise import JointCommand, Precise, Trajectory, calibrate, load_robot, nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.dds import open_link
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.guard.guard import Guard
-from equipoise.precise.routine import PreciseSettings
 from equipoise.robot.inertial import components
 
 RESULTS = Path(__file__).parent / "results"
@@ -161,7 +160,7 @@ def sway() -> Trajectory:
 
 def calibrations(seed: int) -> dict[str, Any]:
     """The same robot directly and over the link, guarded: what is found, how sure, and the truth."""
-    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=BUDGET))
+    settings = Precise(budget=BUDGET)
     with simulate(MODEL, "realistic", PAYLOAD, seed) as simulation:
         found = {"truth": components(simulation.truth.composite)[:7].tolist()}
         found["direct"] = summary(calibrate(simulation.platform, MODEL, settings))

@@ -31,7 +31,8 @@ import numpy as np
 from mujoco import rollout
 
 import equipoise
-from equipoise import CalibrationSettings, calibrate, estimate, load_robot, simulate
+from equipoise import Paper, Precise, calibrate, estimate, load_robot, simulate
+from equipoise.method.table import method_named
 from equipoise.study.executors import dask_cluster, process_pool
 from equipoise.study.runner import run_study
 from equipoise.study.statistics import column
@@ -61,7 +62,7 @@ def commands_of(trial: int, timestep: float) -> tuple[mujoco.MjModel, np.ndarray
             controls: list[np.ndarray] = []
             roll = platform._roll
             platform._roll = lambda control: controls.append(control) or roll(control)
-            calibrate(platform, drawn.robot, CalibrationSettings("paper"))
+            calibrate(platform, drawn.robot, Paper())
     return model, initial, np.concatenate(controls)
 
 
@@ -175,7 +176,7 @@ def steps() -> list[dict[str, object]]:
         for name, method, count in cases:
             found = {}
             for timestep in STEPS:
-                study = Study(name, (method,), timestep=timestep)
+                study = Study(name, (method_named(method)(),), timestep=timestep)
                 trials = run_study(study, count, Path(folder) / f"{name}-{method}-{timestep}", pool, CORES)
                 errors = [column(trials, f"estimated_{axis}") - column(trials, f"true_{axis}") for axis in names]
                 moments = [column(trials, f"moment_{axis}") for axis in ("roll", "pitch", "yaw")]
@@ -212,7 +213,7 @@ def precise_recordings() -> list[equipoise.Recording]:
     recordings: list[equipoise.Recording] = []
     with warnings.catch_warnings(), simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
         warnings.simplefilter("ignore")
-        calibrate(simulation.platform, robot, CalibrationSettings(), recordings.append)
+        calibrate(simulation.platform, robot, Precise(), recordings.append)
     return recordings
 
 
@@ -221,7 +222,7 @@ def estimate_alone(recordings: list[equipoise.Recording]) -> dict[str, float]:
     times = []
     for _ in range(3):
         start = time.process_time()
-        estimate(robot, recordings, CalibrationSettings())
+        estimate(robot, recordings, Precise())
         times.append(time.process_time() - start)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"seconds": float(np.median(times)), "peak_mb": peak,

@@ -20,7 +20,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from commit import commit
 
-from equipoise import CalibrationSettings, PreciseSettings, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
@@ -53,7 +53,7 @@ def run(case: Case) -> Row:
     name, budget, seed = case
     robot = load_robot(name)
     payload = payload_of(robot, seed)
-    settings = CalibrationSettings(precise=PreciseSettings(budget=budget * nominal_stance(robot).scale.time))
+    settings = Precise(budget=budget * nominal_stance(robot).scale.time)
     row: Row = {"robot": name, "budget": budget, "seed": seed, "payload": payload}
     with simulate(robot, "ideal", payload) as simulation:
         try:

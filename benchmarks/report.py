@@ -17,7 +17,8 @@ from pathlib import Path
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
-from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
+from equipoise import Calibration, calibrate, load_robot, simulate
+from equipoise.method.table import method_named
 from equipoise.report.page import save_comparison, save_report
 
 RESULTS = Path(__file__).parent / "results"
@@ -37,7 +38,7 @@ def results() -> dict[str, Calibration]:
     found = {}
     for method in ("precise", "paper"):
         with simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
-            result = calibrate(simulation.platform, robot, CalibrationSettings(method))
+            result = calibrate(simulation.platform, robot, method_named(method)())
         found[method] = result.with_truth(simulation.truth)
     return found
 

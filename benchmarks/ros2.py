@@ -26,13 +26,13 @@ import mujoco
 import numpy as np
 
 import equipoise
-from equipoise import CalibrationSettings, calibrate, load_robot, simulate
+from equipoise import Method, Precise, calibrate, load_robot, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.ros2.driver import open_link
 from equipoise.drivers.ros2.settings import Ros2Settings
 from equipoise.errors import EquipoiseError
 from equipoise.guard.guard import Guard
-from equipoise.precise.routine import PreciseSettings
+from equipoise.method.table import method_named
 from equipoise.robot.inertial import components
 
 RESULTS = Path(__file__).parent / "results"
@@ -68,14 +68,16 @@ CASES = [
 ]
 
 
+def _settings(method: str) -> Method:
+    return Precise(budget=BUDGET) if method == "precise" else method_named(method)()
+
+
 def run(case: Case, method: str, seed: int) -> dict[str, object]:
     """One row."""
     robot = load_robot(ROBOT)
     with simulate(robot, "realistic", PAYLOAD, seed) as simulation:
         truth = components(simulation.truth.composite)
-        settings = CalibrationSettings(
-            method, precise=PreciseSettings(budget=BUDGET, mass=truth[0], mass_sd=SCALE * truth[0])
-        )
+        settings = _settings(method).weighed(truth[0], SCALE * truth[0])
         row: dict[str, object] = {"case": case.name, "method": method, "seed": seed, "truth": truth.tolist()}
         if case.settings is None:
             return {**row, **measured(simulation.platform, robot, settings, truth)}
@@ -96,7 +98,7 @@ def measured(platform, robot, settings, truth) -> dict[str, object]:
     except EquipoiseError as error:
         return {"failed": f"{type(error).__name__}: {error}"}
     common = {"robot_time": sum(trial.duration for trial in result.trials), "warnings": list(result.warnings)}
-    if settings.method == "precise":
+    if isinstance(settings, Precise):
         error = result.composite.values - truth
         return {**common, "error": error.tolist(), "sd": result.composite.deviations.tolist()}
     moments = [result.sways[axis].moment if axis in result.sways else None for axis in ("roll", "pitch", "yaw")]

@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 import equipoise
-from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, simulate
+from equipoise import Paper, RunFolder, calibrate, load_robot, simulate
 from equipoise.recording.recording import Recording
 
 RESULTS = Path(__file__).parent / "results"
@@ -45,7 +45,7 @@ def one_round() -> tuple[float, float, float, int, list[Recording]]:
     roll = platform._roll
     platform._roll = lambda control: controls.append(control) or roll(control)
     recordings: list[Recording] = []
-    routine = timed(lambda: calibrate(platform, robot, CalibrationSettings("paper"), keep=recordings.append))
+    routine = timed(lambda: calibrate(platform, robot, Paper(), keep=recordings.append))
     played = np.concatenate(controls)
     steps = len(played)
 
@@ -67,7 +67,7 @@ def storage(recordings: list[Recording]) -> tuple[float, float]:
     """Wall seconds and megabytes of writing a run's recordings."""
     robot = load_robot("unitree_a1")
     with tempfile.TemporaryDirectory() as folder:
-        with RunFolder.create(Path(folder) / "run", robot, CalibrationSettings("paper"), {}) as run:
+        with RunFolder.create(Path(folder) / "run", robot, Paper(), {}) as run:
             start = time.perf_counter()
             for recording in recordings:
                 run.keep(recording)

@@ -26,9 +26,8 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np
 from commit import commit
 
-from equipoise import CalibrationSettings, Recording, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Precise, Recording, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
-from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import components
@@ -64,7 +63,7 @@ def run(name: str, seed: int, budget: int) -> Row:
     generator = np.random.default_rng([seed, 83])
     payload, softness = payload_of(robot, generator), generator.uniform(0, SOFTEST)
     clock = nominal_stance(robot).scale.time
-    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=budget * clock))
+    settings = Precise(budget=budget * clock)
     recordings: list[Recording] = []
     leaning: list[float] = []
     row: Row = {"robot": name, "seed": seed, "budget": budget, "payload": payload, "softness": round(softness, 4)}

@@ -30,17 +30,16 @@ import mujoco
 import numpy as np
 
 import equipoise
-from equipoise import Calibration, CalibrationSettings, calibrate, load_robot, simulate
+from equipoise import Calibration, Precise, calibrate, load_robot, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.udp import open_link
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.guard.guard import Guard
-from equipoise.precise.routine import PreciseSettings
 from equipoise.robot.inertial import COMPONENTS
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "udp.jsonl"
-SETTINGS = CalibrationSettings("precise", precise=PreciseSettings(budget=60.0))
+SETTINGS = Precise(budget=60.0)
 PAYLOAD = "1,0.05,0.02,0.08"
 BAD = ("--loss", "0.02", "--duplicate", "0.02", "--reorder", "0.02")
 RUNS = (("a1", ()), ("a1", BAD), ("go1", BAD))

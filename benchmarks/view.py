@@ -32,7 +32,7 @@ import numpy as np
 import tyro
 
 import equipoise
-from equipoise import CalibrationSettings, RunFolder, Trajectory, load_robot, nominal_stance
+from equipoise import Precise, RunFolder, Trajectory, load_robot, nominal_stance
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.dds import open_link
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
@@ -128,7 +128,7 @@ def looked_at(case: str, folder: Path) -> Generator[None]:
 def measured(case: str, seconds: float) -> dict[str, Any]:
     """How late commands left [ms], and how often their deadlines began anew."""
     with tempfile.TemporaryDirectory() as place, robot() as connection:
-        folder = RunFolder.create(Path(place) / "run", MODEL, CalibrationSettings(), {})
+        folder = RunFolder.create(Path(place) / "run", MODEL, Precise(), {})
         with folder, looked_at(case, folder.path), Guard(connection, MODEL, log=folder.log) as guarded:
             hurry(1)
             guarded.play(Trajectory(np.repeat(STANCE[None], 500, axis=0)))

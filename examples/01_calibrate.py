@@ -7,14 +7,13 @@ docs/examples.md shows what this prints.
 
 import sys
 
-from equipoise import CalibrationSettings, calibrate, load_robot, simulate
-from equipoise.precise.routine import PreciseSettings
+from equipoise import Precise, calibrate, load_robot, simulate
 
 budget = float(sys.argv[1]) if len(sys.argv) > 1 else None
 
 robot = load_robot("unitree_a1")
 with simulate(robot, noise="realistic", payload="1,0.05,0.02,0.08", seed=3) as simulation:
-    settings = CalibrationSettings(precise=PreciseSettings(budget=budget))
+    settings = Precise(budget=budget)
     result = calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
 
 for one in result.composite:

@@ -5,10 +5,10 @@
 docs/examples.md shows what this prints.
 """
 
-from equipoise import CalibrationSettings, ComSearchSettings, calibrate, load_robot, simulate
+from equipoise import ComSearchSettings, Paper, calibrate, load_robot, simulate
 
 robot = load_robot("unitree_a1")
-settings = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.002))
+settings = Paper(com_search=ComSearchSettings(tolerance=0.002))
 with simulate(robot, noise="ideal", payload="1,0.05,0.02,0.08") as simulation:
     result = calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, simulate
+from equipoise import Precise, RunFolder, calibrate, load_robot, simulate
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.reader import read_log
 
@@ -32,7 +32,7 @@ with file.open("w", newline="") as stream:
         signals = (joints.position, joints.velocity, joints.torque, imu.angular_velocity, imu.acceleration)
         writer.writerows(np.column_stack([joints.time, *signals]).tolist())
 
-found = estimate_log(robot, read_log(file, robot), CalibrationSettings())
+found = estimate_log(robot, read_log(file, robot), Precise())
 print(f"{sum(trial.kind == 'lift' for trial in found.result.trials)} lifts found in {file}")
 for one in found.result.composite:
     print(f"{one.name:5} {one.lower:8.4f} to {one.upper:8.4f}  {one.verdict}")

@@ -5,7 +5,7 @@
 This one stands between the routine and a simulated robot and counts what passes; yours talks to a robot.
 """
 
-from equipoise import CalibrationSettings, calibrate, load_robot, simulate
+from equipoise import Static, calibrate, load_robot, simulate
 
 
 class CountingPlatform:
@@ -34,7 +34,7 @@ class CountingPlatform:
 robot = load_robot("unitree_a1")
 with simulate(robot, noise="realistic", seed=1) as simulation:
     platform = CountingPlatform(simulation.platform)
-    result = calibrate(platform, robot, CalibrationSettings("static"))
+    result = calibrate(platform, robot, Static())
 print(
     f"{platform.commands} commands, {platform.longest:.1f} s at most at once; about {result.composite.mass.value:.1f} kg"
 )

@@ -11,10 +11,9 @@ from hypothesis import settings
 from robots import load_text, quadruped_urdf
 
 import equipoise
-from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.experiments.stand import stand_up
 from equipoise.precise.lift_design import LiftDesign
-from equipoise.precise.routine import PreciseSettings
 from equipoise.precise.trials import PreciseTrials
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
@@ -83,12 +82,12 @@ def ideal_motions(a1):
 def precise_run(a1):
     """A short run of the precise method on a realistic A1 with a payload: settings, recordings, result and truth."""
     recordings = []
-    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=40, sway=False))
+    settings = Precise(budget=40, sway=False)
     with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06") as simulation:
         result = calibrate(simulation.platform, a1, settings, keep=recordings.append)
         return SimpleNamespace(
             stance=nominal_stance(a1),
-            settings=settings.precise,
+            settings=settings,
             recordings=recordings,
             result=result,
             truth=simulation.truth,

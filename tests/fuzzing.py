@@ -26,10 +26,10 @@ from robots import quadruped_mjcf, quadruped_urdf
 
 from equipoise import (
     Calibration,
-    CalibrationSettings,
     RobotDescription,
     RobotModel,
     RunFolder,
+    Static,
     calibrate,
     load_robot,
     simulate,
@@ -73,7 +73,7 @@ def corpus(folder):
     """Small valid files by target; written once, read by the damage."""
 
     robot = load_robot("unitree_a1")
-    settings = CalibrationSettings("static")
+    settings = Static()
     run = folder / "run"
     with simulate(robot, "realistic") as simulation, RunFolder.create(run, robot, settings, {}) as kept:
         result = calibrate(simulation.platform, robot, settings, kept.keep)
@@ -188,7 +188,7 @@ def readers():
         (path.parent / "model.xml").write_text(robot.source.xml, encoding="utf-8")
         path.replace(path.parent / "run.json")
         folder = RunFolder.open(path.parent)
-        folder.settings()
+        folder.method()
         folder.robot()
 
     def packets(layout):

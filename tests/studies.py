@@ -8,9 +8,10 @@ import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
+from equipoise import Static
 from equipoise.study.study import Study
 
-STATIC = Study(methods=("static",), seed=11)  # 0.1 s a trial
+STATIC = Study(methods=(Static(),), seed=11)  # 0.1 s a trial
 TIMES = ("wall_time", "cpu_time", "estimation_time", "worker")
 HERE = Path(__file__).parent
 
@@ -42,7 +43,7 @@ def cheap_trial(study, trial, logs=None):
             os.kill(os.getpid(), signal.SIGKILL)
     return [
         {"trial": trial, "method": method, "status": "ok", "message": "", "worker": os.getpid()}
-        for method in study.methods
+        for method in (used.name for used in study.methods)
     ]
 
 

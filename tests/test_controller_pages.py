@@ -9,7 +9,7 @@ from exporting import found
 from robots import load_text, quadruped_mjcf
 from test_export_formats import CONST, INERTIAL, SDF
 
-from equipoise import CalibrationSettings, RunFolder
+from equipoise import Precise, RunFolder
 from equipoise.cli import main
 from equipoise.export.formats import FORMATS
 
@@ -26,7 +26,7 @@ NUMBER = re.compile(r"-?\b\d+\.?\d*(?:e[-+]?\d+)?")
 
 def make_run(path, robot):
     """A finished run of a robot that was found heavier than its file."""
-    with RunFolder.create(path, robot, CalibrationSettings(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
+    with RunFolder.create(path, robot, Precise(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
         folder.save(found(robot).with_provenance(**folder.provenance))
 
 

@@ -40,7 +40,7 @@ def spoken(command):
 @pytest.mark.parametrize("command", commands("equipoise"), ids=spoken)
 def test_the_command_line_takes_every_command(command, monkeypatch, capsys):
     find_verb = cli.find_verb
-    monkeypatch.setattr(cli, "find_verb", lambda name: parsed_only(find_verb(name)))
+    monkeypatch.setattr(cli, "find_verb", lambda *named: parsed_only(find_verb(*named)))
     assert cli.main(command[1]) == 0, capsys.readouterr().err
 
 

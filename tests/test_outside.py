@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from exporting import found
 
-from equipoise import CalibrationSettings, Guard, JointCommand, RunFolder, nominal_stance
+from equipoise import Guard, JointCommand, Precise, RunFolder, nominal_stance
 from equipoise.cli import main
 from equipoise.drivers import catalog
 from equipoise.errors import CommunicationError, MotionError, PluginError, SensorError, SettingsError
@@ -251,7 +251,7 @@ def test_a_driver_of_somebody_is_a_platform_in_every_verb(installed, tmp_path, c
 
 def test_a_format_of_somebody_is_listed_and_written(installed, a1, tmp_path, capsys):
     installed("format")
-    with RunFolder.create(tmp_path / "run", a1, CalibrationSettings(), {"time": "2026-01-01"}) as folder:
+    with RunFolder.create(tmp_path / "run", a1, Precise(), {"time": "2026-01-01"}) as folder:
         folder.save(found(a1).with_provenance(**folder.provenance))
     assert main(["export", "--list", "--json"]) == 0
     assert "kilograms" in {row["name"] for row in json.loads(capsys.readouterr().out)["formats"]}

@@ -38,9 +38,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 import equipoise
-from equipoise import CalibrationSettings, estimate
+from equipoise import estimate
 from equipoise.errors import EquipoiseError
-from equipoise.precise.routine import PreciseSettings
+from equipoise.method.table import method_named
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import components, composite_parameters
 from peers import filtered, mujoco_sysid, projected_least_squares, rigid_body_kalman
@@ -114,8 +114,10 @@ def _feed_forward(case: Case, kept: Path, run: str) -> tuple[FloatArray, FloatAr
 
 
 def _ours(method: str, case: Case, recordings: list[Recording], scale: Known | None) -> list[float | None]:
-    precise = PreciseSettings() if scale is None else PreciseSettings(mass=scale.mass, mass_sd=scale.mass_sd)
-    result = estimate(case.robot, recordings, CalibrationSettings(method, precise=precise))  # pyright: ignore
+    asked = method_named(method)()
+    if scale is not None:
+        asked = asked.weighed(scale.mass, scale.mass_sd)
+    result = estimate(case.robot, recordings, asked)
     if method == "precise":
         return result.composite.values.tolist()
     axes = ("roll", "pitch", "yaw")

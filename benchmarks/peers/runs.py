@@ -19,10 +19,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise import CalibrationSettings, RunFolder, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Method, Precise, RunFolder, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import RecordingError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import stand_up
+from equipoise.method.table import method_named
 from equipoise.paper.sway import why_not_planted
 from equipoise.platform.platform import Platform, TiltLimit, Trajectory
 from equipoise.recording.event import TRIAL
@@ -108,7 +109,7 @@ def record(case: Case, kept: Path) -> None:
     generator = np.random.default_rng([case.seed, 77])
     payload = accuracy.payload_of(case.robot, generator)
     sizes = REALISTIC.scaled_to(case.stance.scale)
-    settings: CalibrationSettings | None = None
+    settings: Method | None = None
     for run in RUNS:
         if settings is not None and (folder / run / FEED_FORWARD).exists():
             continue
@@ -118,19 +119,20 @@ def record(case: Case, kept: Path) -> None:
                 drawn_as = accuracy.Case(case.robot_name, case.seed, "precise")
                 settings = accuracy.settings_of(drawn_as, float(true[0]), generator)
                 folder.mkdir(parents=True, exist_ok=True)
-                scale = [settings.precise.mass or 0.0, settings.precise.mass_sd or 0.0]
+                weighed = settings if isinstance(settings, Precise) else Precise()
+                scale = [weighed.mass or 0.0, weighed.mass_sd or 0.0]
                 np.savez(folder / TRUTH, composite=true, scale=scale)
             if not (folder / run / FEED_FORWARD).exists():
                 _record(case, simulation.platform, run, settings, folder / run)
 
 
-def _record(case: Case, platform: Platform, run: str, settings: CalibrationSettings, folder: Path) -> None:
+def _record(case: Case, platform: Platform, run: str, settings: Method, folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was cut short
     tap, recordings = CommandTap(platform), list[Recording]()
     if run == "shake":
         shake(tap, case.robot, case.stance, recordings.append)
     else:
-        calibrate(tap, case.robot, dataclasses.replace(settings, method=run), recordings.append)  # pyright: ignore
+        calibrate(tap, case.robot, settings if settings.name == run else method_named(run)(), recordings.append)
     with RunFolder.create(folder, case.robot, settings, {}) as store:
         for recording in recordings:
             store.keep(recording)

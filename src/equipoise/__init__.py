@@ -16,7 +16,7 @@ from equipoise._version import __version__
 
 if TYPE_CHECKING:
     from equipoise.calibration.delta import Delta, find_delta
-    from equipoise.calibration.routine import CalibrationSettings, calibrate, estimate
+    from equipoise.calibration.routine import calibrate, estimate
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.drivers.catalog import Driver
     from equipoise.drivers.hardware import Link
@@ -29,12 +29,14 @@ if TYPE_CHECKING:
     from equipoise.logs.log import RawImu, RawJoints, RawLog
     from equipoise.logs.reader import LogReader
     from equipoise.logs.topics import Topics
+    from equipoise.method.method import Method
+    from equipoise.paper.method import Paper
     from equipoise.paper.trial_runner import ComSearchSettings
     from equipoise.platform.platform import Health, JointCommand, Platform, RobotState, Trajectory
     from equipoise.platform.stepped import SteppedPlatform
     from equipoise.platform.stepping import play_by_stepping
     from equipoise.platform.tilt_limit import TiltLimit
-    from equipoise.precise.routine import PreciseSettings
+    from equipoise.precise.method import Precise
     from equipoise.precise.two_runs import ScaleReadings
     from equipoise.recording.recording import Recording
     from equipoise.result.body import Body
@@ -49,12 +51,12 @@ if TYPE_CHECKING:
     from equipoise.simulation.payload import Payload
     from equipoise.simulation.sensors import SensorErrors
     from equipoise.simulation.simulation import Simulation, simulate
+    from equipoise.static.method import Static
 
 _HOME = {
     "Audit": "robot.audit",
     "Body": "result.body",
     "Calibration": "result.calibration",
-    "CalibrationSettings": "calibration.routine",
     "ComSearchSettings": "paper.trial_runner",
     "CommunicationError": "errors",
     "Delta": "calibration.delta",
@@ -67,9 +69,11 @@ _HOME = {
     "JointCommand": "platform.platform",
     "Link": "drivers.hardware",
     "LogReader": "logs.reader",
+    "Method": "method.method",
+    "Paper": "paper.method",
     "Payload": "simulation.payload",
     "Platform": "platform.platform",
-    "PreciseSettings": "precise.routine",
+    "Precise": "precise.method",
     "Quantity": "result.quantity",
     "RawImu": "logs.log",
     "RawJoints": "logs.log",
@@ -85,6 +89,7 @@ _HOME = {
     "SettingsError": "errors",
     "Simulation": "simulation.simulation",
     "Stance": "robot.stance",
+    "Static": "static.method",
     "SteppedPlatform": "platform.stepped",
     "Subject": "export.subject",
     "SwaySettings": "experiments.sway",
@@ -108,7 +113,6 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "Audit",
     "Body",
     "Calibration",
-    "CalibrationSettings",
     "ComSearchSettings",
     "CommunicationError",
     "Delta",
@@ -121,9 +125,11 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "JointCommand",
     "Link",
     "LogReader",
+    "Method",
+    "Paper",
     "Payload",
     "Platform",
-    "PreciseSettings",
+    "Precise",
     "Quantity",
     "RawImu",
     "RawJoints",
@@ -139,6 +145,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "SettingsError",
     "Simulation",
     "Stance",
+    "Static",
     "SteppedPlatform",
     "Subject",
     "SwaySettings",

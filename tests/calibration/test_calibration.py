@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from equipoise import (
-    CalibrationSettings,
     ComSearchSettings,
+    Paper,
     RobotDescription,
     SwaySettings,
     calibrate,
@@ -14,11 +14,12 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import MissingDependencyError, MotionError, RecordingError, SettingsError
+from equipoise.method.table import method_named
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import composite_parameters
 
-PAPER = CalibrationSettings("paper")
-QUICK = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+PAPER = Paper()
+QUICK = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
 
 
 def planar_error_mm(result):
@@ -41,9 +42,7 @@ def test_the_com_of_an_a1_is_found_within_five_millimetres_in_at_most_six_halvin
 
 
 def test_a_finer_tolerance_finds_it_within_two_millimetres(a1):
-    settings = CalibrationSettings(
-        "paper", com_search=ComSearchSettings(tolerance=0.001), sway=SwaySettings(duration=1.0)
-    )
+    settings = Paper(com_search=ComSearchSettings(tolerance=0.001), sway=SwaySettings(duration=1.0))
     with simulate(a1, "ideal") as simulation:
         result = calibrate(simulation.platform, a1, settings).with_truth(simulation.truth)
     assert np.abs(result.composite.com_in_base.errors[:2]).max() < 2e-3
@@ -118,7 +117,7 @@ def test_a_run_without_a_complete_search_is_refused(ideal, a1):
 
 
 def test_both_readings_of_the_feet_come_from_the_same_trials(ideal, a1):
-    commanded = estimate(a1, ideal[1], CalibrationSettings("paper", feet="commanded"))
+    commanded = estimate(a1, ideal[1], Paper(feet="commanded"))
     read, found = commanded.composite.com_in_base.values[:2], ideal[0].composite.com_in_base.values[:2]
     assert read == pytest.approx(found, abs=5e-3)
     assert (read != found).any()
@@ -157,9 +156,7 @@ def test_a_payload_that_the_torques_betray_is_warned_of(a1):
 
 
 def test_lifts_grow_to_a_bound(a1):
-    settings = CalibrationSettings(
-        "paper", com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0)
-    )
+    settings = Paper(com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0))
     with simulate(a1, "realistic", seed=1) as simulation:
         result = calibrate(simulation.platform, a1, settings)
     heights = [trial.lift_height for trial in result.trials if trial.kind == "lift"]
@@ -168,9 +165,9 @@ def test_lifts_grow_to_a_bound(a1):
 
 def test_settings_that_are_unknown_are_refused():
     with pytest.raises(SettingsError, match="method 'magic' is not known"):
-        CalibrationSettings(method="magic")
+        method_named("magic")
     with pytest.raises(SettingsError, match="'measured' or 'commanded'"):
-        CalibrationSettings(feet="guessed")
+        Paper(feet="guessed")
 
 
 def test_progress_names_the_trial_and_the_bracket(a1):

@@ -6,12 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from equipoise import CalibrationSettings, RunFolder, ScaleReadings, calibrate, find_delta, nominal_stance, simulate
+from equipoise import Paper, Precise, RunFolder, ScaleReadings, calibrate, find_delta, nominal_stance, simulate
 from equipoise.calibration.delta import _payload
 from equipoise.cli import main
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.routine import PreciseSettings
 from equipoise.precise.two_runs import _TwoProblems
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.trials import LiftTrial
@@ -24,7 +23,7 @@ PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
 def bare(a1):
     """The same robot as in `precise_run`, without its payload and with other noise: recordings and truth."""
     recordings = []
-    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=40, sway=False))
+    settings = Precise(budget=40, sway=False)
     with simulate(a1, "realistic", seed=4, noise_seed=104) as simulation:
         calibrate(simulation.platform, a1, settings, keep=recordings.append)
         return recordings, simulation.truth
@@ -138,7 +137,7 @@ def test_a_run_without_lifts_is_named(a1, bare, precise_run):
 @pytest.fixture(scope="module")
 def folders(a1, bare, precise_run, tmp_path_factory):
     path = tmp_path_factory.mktemp("delta")
-    settings = CalibrationSettings("precise", precise=precise_run.settings)
+    settings = precise_run.settings
     runs = {"before": bare, "after": (precise_run.recordings, precise_run.truth)}
     for name, (recordings, truth) in runs.items():
         with RunFolder.create(path / name, a1, settings, {}) as folder:
@@ -171,11 +170,11 @@ def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):
     paper.mkdir()
     for name in ("model.xml", "recording.mcap"):
         (paper / name).write_bytes((folders / "before" / name).read_bytes())
-    header["settings"]["method"] = "paper"
+    header["settings"], precise = Paper().to_dict(), header["settings"]
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
     assert main(["delta", str(paper), str(folders / "after")]) == 2
     assert "is of the method 'paper'; what was added is told by runs of 'precise'" in capsys.readouterr().err
-    header["settings"]["method"] = "precise"
+    header["settings"] = precise
     header["description"]["foot_radius"] = 0.03
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")
     assert main(["delta", str(paper), str(folders / "after")]) == 2

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise import Paper, Precise, Static, calibrate, simulate
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.errors import SettingsError
-from equipoise.precise.routine import PreciseSettings
 
 SETTINGS = {
-    "precise": CalibrationSettings("precise", precise=PreciseSettings(budget=60)),
-    "paper": CalibrationSettings("paper"),
-    "static": CalibrationSettings("static"),
+    "precise": Precise(budget=60),
+    "paper": Paper(),
+    "static": Static(),
 }
 
 
@@ -37,4 +36,4 @@ def test_torques_are_those_of_a_robot_of_its_weight(a1):
 
 def test_what_cannot_be_done_is_refused(a1):
     with pytest.raises(SettingsError, match="allow no lift after the search"):
-        rehearse(a1, CalibrationSettings("precise", precise=PreciseSettings(budget=20)))
+        rehearse(a1, Precise(budget=20))

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise import Static, calibrate, simulate
 from equipoise.calibration.repeatability import repeatability, to_dict
 from equipoise.errors import SettingsError
 
-SETTINGS = CalibrationSettings("static")
+SETTINGS = Static()
 
 
 @pytest.fixture(scope="module")

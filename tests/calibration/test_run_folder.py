@@ -16,10 +16,12 @@ from rosbags.highlevel import AnyReader
 import equipoise
 from equipoise import (
     Calibration,
-    CalibrationSettings,
     ComSearchSettings,
+    Paper,
+    Precise,
     RobotDescription,
     RunFolder,
+    Static,
     SwaySettings,
     calibrate,
     simulate,
@@ -27,12 +29,11 @@ from equipoise import (
 from equipoise.errors import FallError, OutputError, RecordingError
 from equipoise.platform.logged import Logged
 from equipoise.precise.plan import Goals
-from equipoise.precise.routine import PreciseSettings
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recording.run_log import RunLog
 
-SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
+SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
 PROVENANCE = {
     "seed": 2,
     "noise": "realistic",
@@ -190,18 +191,63 @@ def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
     assert (folder.path / "metadata.yaml").exists()
 
 
-def test_settings_come_back(new):
-    settings = CalibrationSettings(
-        "paper",
-        feet="commanded",
-        com_search=ComSearchSettings(-0.04, 0.05, 0.003, 0.02, 0.7, 0.5),
-        sway=SwaySettings(0.03, 1.5, 2.0),
-        precise=PreciseSettings(60.0, 13.4, 0.05, False, Goals(com_planar=1e-3), Priors(joint_zero=2e-3)),
-    )
-    path = new(settings=settings).path
-    assert RunFolder.open(path).settings() == settings
-    path = new(settings=CalibrationSettings(), name="other").path
-    assert RunFolder.open(path).settings() == CalibrationSettings()
+@pytest.mark.parametrize(
+    "method",
+    [
+        Precise(),
+        Precise(60.0, 13.4, 0.05, False, Goals(com_planar=1e-3), Priors(joint_zero=2e-3)),
+        Paper(
+            feet="commanded",
+            com_search=ComSearchSettings(-0.04, 0.05, 0.003, 0.02, 0.7, 0.5),
+            sway=SwaySettings(0.03, 1.5, 2.0),
+        ),
+        Static(),
+    ],
+    ids=repr,
+)
+def test_settings_come_back(new, method):
+    assert RunFolder.open(new(settings=method).path).method() == method
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        Precise(60.0, 13.4, 0.05, sway=False),
+        Paper("commanded", ComSearchSettings(tolerance=0.003), SwaySettings(duration=1.0)),
+        Static(),
+    ],
+    ids=repr,
+)
+def test_settings_of_an_older_run_are_those_of_its_method(tmp_path, method):
+    """Its table held the settings of all methods: run-2.json is what an older version wrote."""
+    header = json.loads((Path(__file__).parent / "run-2.json").read_text(encoding="utf-8"))
+    header["settings"]["method"] = method.name
+    (tmp_path / "run.json").write_text(json.dumps(header), encoding="utf-8")
+    assert RunFolder.open(tmp_path).method() == method
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"method": "magic"}, "method 'magic' is not known; there are precise, paper, static"),
+        ({"method": "precise", "budget": "long"}, "setting 'budget' is 'long'; it must be float"),
+        ({"method": "precise", "budget": 1}, "budget is 1.0; it must be from 20"),
+        ({"method": "paper", "com_search": 3}, "setting 'com_search' is 3; it must be a table"),
+        ({"method": "paper", "com_search": {"steps": 3}}, "unknown setting 'com_search.steps'; known are lower"),
+        ({"method": "paper", "com_search": {"tolerance": [1]}}, r"setting 'com_search.tolerance' is \[1\]"),
+        ({"method": "paper", "com_search": {"tolerance": -1}}, "tolerance is -1.0; it must be"),
+        ({"method": "paper", "feet": "guessed"}, "feet are 'measured' or 'commanded'"),
+    ],
+)
+@pytest.mark.parametrize("schema", ["equipoise.run/2", "equipoise.run/3"])
+def test_settings_that_are_damaged_are_refused_by_name(new, schema, settings, words):
+    path = new().path
+    header = json.loads((path / "run.json").read_text(encoding="utf-8"))
+    if schema.endswith("2") and settings["method"] == "precise":
+        settings = {"method": "precise", "precise": settings}
+    (path / "run.json").write_text(json.dumps({**header, "schema": schema, "settings": settings}), encoding="utf-8")
+    with pytest.raises(RecordingError, match=f"the settings of run .* are damaged: {words}"):
+        RunFolder.open(path).estimate()
 
 
 def test_the_robot_comes_back_as_it_was_read(tmp_path, new):
@@ -378,14 +424,15 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name):
         (b'{"schema": ', "is no run of equipoise: .*run.json' is not JSON"),
         (b"\xff\xfe\x00", "is no run of equipoise: .*run.json' is not JSON"),
         (b"[1, 2]", "is no run of equipoise: .*run.json' holds no JSON object"),
-        (b"{}", "is None; this version reads 'equipoise.run/2'"),
-        (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/2'"),
-        (b'{"schema": "equipoise.run/3"}', "is 'equipoise.run/3'; this version reads 'equipoise.run/2'"),
+        (b"{}", "is None; this version reads 'equipoise.run/3'"),
+        (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/3'"),
+        (b'{"schema": "equipoise.run/4"}', "is 'equipoise.run/4'; this version reads 'equipoise.run/3'"),
         (
             b'{"schema": "equipoise.run/1"}',
             "is 'equipoise.run/1', by an earlier version, whose recordings are NumPy archives: estimate it with that one; ",
         ),
         (b'{"schema": "equipoise.run/2"}', "is damaged: its run.json lacks 'model'"),
+        (b'{"schema": "equipoise.run/3"}', "is damaged: its run.json lacks 'model'"),
     ],
 )
 def test_a_damaged_header_is_told(run, content, message):
@@ -404,23 +451,7 @@ def test_a_damaged_header_is_told(run, content, message):
         ("description", {"kp": "strong"}, "is damaged"),
         ("model", {}, "KeyError"),
         ("model", {"repairs": 3}, "is damaged"),
-        ("settings", {}, "settings of run .* are damaged: KeyError"),
-        (
-            "settings",
-            {"com_search": {"tolerance": -1}, "sway": {}},
-            "settings of run .* are damaged: tolerance is -1; it must be",
-        ),
-        (
-            "settings",
-            {"com_search": {"steps": 3}, "sway": {}},
-            "settings of run .* unexpected keyword argument 'steps'",
-        ),
-        ("settings", {"com_search": 3, "sway": {}}, "settings of run .* are damaged"),
-        (
-            "settings",
-            {"method": "best", "com_search": {}, "sway": {}, "precise": {"goals": {}, "priors": {}}},
-            "settings of run .* are damaged: method 'best' is",
-        ),
+        ("settings", {}, "settings of run .* are damaged: method 'None' is not known"),
     ],
 )
 def test_a_header_with_damaged_content_is_told(run, key, value, message):

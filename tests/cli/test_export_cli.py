@@ -9,7 +9,7 @@ from exporting import assert_same, composite_in_equipoise, composite_in_pinocchi
 from test_cli import fails
 from test_controller_pages import make_run
 
-from equipoise import CalibrationSettings, RunFolder, export
+from equipoise import Precise, RunFolder, export
 from equipoise.cli import main
 from equipoise.export.formats import FORMATS
 from equipoise.terminal.calibration import print_calibration
@@ -126,7 +126,7 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     assert "no format is called 'gazebo'" in fails(capsys, 2, "export", str(run), "--to", "gazebo")
     assert "name a run: equipoise export RUN --to urdf" in fails(capsys, 2, "export", "--to", "urdf")
     assert "is no run of equipoise" in fails(capsys, 5, "export", str(tmp_path), "--to", "urdf")
-    with RunFolder.create(tmp_path / "begun", a1, CalibrationSettings(), {}):
+    with RunFolder.create(tmp_path / "begun", a1, Precise(), {}):
         pass
     assert "came to no result; go on with: equipoise calibrate --resume" in fails(
         capsys, 5, "export", str(tmp_path / "begun"), "--to", "urdf"

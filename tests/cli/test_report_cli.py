@@ -55,19 +55,22 @@ def test_estimate_writes_it_anew(copy, capsys):
     assert f"see {copy / 'report.html'}" in capsys.readouterr().out
 
 
-def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(copy, tmp_path, capsys):
-    (copy / "report.html").unlink()
-    own, out = (copy / "calibration.json").read_text(encoding="utf-8"), tmp_path / "found.json"
-    assert main(["estimate", str(copy), "--mass", "13"]) == 0
+def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(tmp_path, capsys):
+    run, out, other = tmp_path / "run", tmp_path / "found.json", ["--feet", "commanded"]
+    quick = ["--method", "paper", "--tolerance", "0.02", "--sway-duration", "1.0", "--quiet", "--no-pictures"]
+    assert main(["calibrate", *quick, "--no-report", "--out", str(run)]) == 0
+    own = (run / "calibration.json").read_text(encoding="utf-8")
+    capsys.readouterr()
+    assert main(["estimate", str(run), *other]) == 0
     shown = capsys.readouterr().out
-    assert f"not kept, and not what {copy / 'calibration.json'} holds" in shown
+    assert f"not kept, and not what {run / 'calibration.json'} holds" in shown
     assert "export with" not in shown
-    assert not (copy / "report.html").exists()
-    assert main(["estimate", str(copy), "--mass", "13", "--out", str(out)]) == 0
+    assert not (run / "report.html").exists()
+    assert main(["estimate", str(run), *other, "--out", str(out)]) == 0
     assert f"saved: {out}, {tmp_path / 'found.html'}\n" in capsys.readouterr().out
-    assert json.loads(out.read_text(encoding="utf-8"))["settings"]["precise"]["mass"] == 13
-    assert (copy / "calibration.json").read_text(encoding="utf-8") == own
-    assert main(["estimate", str(copy), "--mass", "0"]) == 2
+    assert json.loads(out.read_text(encoding="utf-8"))["settings"]["feet"] == "commanded"
+    assert (run / "calibration.json").read_text(encoding="utf-8") == own
+    assert main(["estimate", str(run), "--feet", "guessed"]) == 2
 
 
 def test_estimate_gives_its_numbers_also_where_the_page_cannot_be_written(copy, capsys):

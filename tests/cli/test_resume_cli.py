@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from equipoise import RunFolder
+from equipoise import Precise, RunFolder
 from equipoise.cli import main
 
 QUICK = ["--method", "paper", "--no-pictures", "--tolerance", "0.03", "--sway-duration", "0.8"]
@@ -82,6 +82,15 @@ def printed_as_text(table):
     return json.dumps(table, indent=2) + "\n"
 
 
+def test_a_run_of_an_older_version_goes_on(whole, cut):
+    """Its header held the settings of all methods."""
+    header = json.loads((cut / "run.json").read_text(encoding="utf-8"))
+    header |= {"schema": "equipoise.run/2", "settings": {**header["settings"], "precise": Precise().to_dict()}}
+    (cut / "run.json").write_text(json.dumps(header), encoding="utf-8")
+    assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-pictures"]) == 0
+    assert result(cut) == result(whole)
+
+
 def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
     before = (whole / "recording.mcap").read_bytes()
     assert main(["calibrate", "--resume", str(whole), "--json", "--no-pictures"]) == 0
@@ -96,7 +105,7 @@ def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
     [
         (["go2"], "a robot"), (["unitree_a1"], "a robot"), (["--seed", "4"], "--seed"), (["--no-sway"], "--no-sway"),
         (["--noise", "ideal"], "--noise"), (["--t-thres", "1"], "--t-thres"), (["--out", "x"], "--out"),
-        (["--foot-radius", "0.03"], "--description"), (["--method", "static"], "--method"),
+        (["--foot-radius", "0.03"], "--foot-radius"), (["--method", "static"], "--method"),
     ],
 )  # fmt: skip
 def test_a_run_goes_on_as_it_began(whole, arguments, named, capsys):

@@ -13,11 +13,10 @@ from itertools import groupby
 import pytest
 from peer_processes import free_port, running_peer
 
-from equipoise import CalibrationSettings, RunFolder
+from equipoise import Precise, RunFolder, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
 from equipoise.drivers.unitree.formats import FORMS
-from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.run_log_reader import read_log
 from equipoise.terminal.platform import print_rehearsal
 
@@ -145,9 +144,9 @@ def test_a_dry_run_moves_nothing_and_tells_all(tmp_path, monkeypatch, capsys):
 
 
 def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
-    rehearsal = rehearse(a1, CalibrationSettings("precise", precise=PreciseSettings(budget=60)))
-    assert rehearsal.plan is not None
-    assert sum(p.times for p in rehearsal.postures if "two feet up" in p.what) == rehearsal.plan.lifts
+    rehearsal = rehearse(a1, Precise(budget=60))
+    lifts = Precise(budget=60).forecast(a1, nominal_stance(a1)).lifts
+    assert sum(p.times for p in rehearsal.postures if "two feet up" in p.what) == lifts
     print_rehearsal(rehearsal, "mujoco")
     assert capsys.readouterr().out.count("sway about yaw") == 1
 

@@ -3,14 +3,14 @@
 import numpy as np
 from peer_processes import free_port, in_real_time, running_peer, stalls_told
 
-from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise import Static, calibrate, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.udp import open_link
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
 
-STATIC = CalibrationSettings("static")
+STATIC = Static()
 PAYLOAD, SEED = "1,0.05,0.02,0.08", 3
 FAULTS = ("--loss", 0.02, "--duplicate", 0.02, "--reorder", 0.02)
 BUSY = Limits(silence=1.0, stall=1.0)  # for a machine that has other things to do, too

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial import ConvexHull
 from tilting import pendulum
 
-from equipoise import CalibrationSettings, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import MissingDependencyError, ReachError
 from equipoise.experiments import tipping
 from equipoise.experiments.lift import tipping_from
@@ -282,5 +282,5 @@ def test_robots_that_were_thrown_on_their_backs_stay_up(name, seed, motions):
                 raise EnoughError
 
         with pytest.raises(EnoughError):
-            calibrate(simulation.platform, robot, CalibrationSettings("precise"), keep)
+            calibrate(simulation.platform, robot, Precise(), keep)
     assert max(tilts) < 0.4

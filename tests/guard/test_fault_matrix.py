@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from faults import Fault, Faulty, grease
 
-from equipoise import CalibrationSettings, RunFolder, calibrate, nominal_stance, simulate
+from equipoise import Precise, RunFolder, calibrate, nominal_stance, simulate
 from equipoise.errors import (
     CommunicationError,
     EquipoiseError,
@@ -20,10 +20,9 @@ from equipoise.errors import (
 )
 from equipoise.guard.guard import Guard
 from equipoise.platform.wrapper import PlatformWrapper
-from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.run_log_reader import read_log
 
-SETTINGS = CalibrationSettings("precise", precise=PreciseSettings(budget=32, sway=False))
+SETTINGS = Precise(budget=32, sway=False)
 CALF, THIGH = 2, 1  # of the front left leg
 SIZES = {"delay": 0.3, "spike": 0.3, "overheat": 90.0}
 FALLS = (FallError, TrackingError, LimitError)

@@ -5,11 +5,11 @@ import time
 
 import pytest
 
-from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise import calibrate, simulate
 from equipoise.alive import alive, last_sign
 from equipoise.guard import held_robot
+from equipoise.method.table import method_named
 from equipoise.platform.wrapper import PlatformWrapper
-from equipoise.precise.routine import PreciseSettings
 
 
 class Stretches(dict):
@@ -50,7 +50,7 @@ def test_a_calibration_gives_signs_of_life_often_enough(a1, monkeypatch, method)
     """Computing alone counts: a machine that has other things to do is no reason to fail. Three times slower is in hand."""
     stretches = Stretches()
     monkeypatch.setattr("equipoise.alive._signs", stretches)
-    settings = CalibrationSettings(method, precise=PreciseSettings())
+    settings = method_named(method)()
     with simulate(a1, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
         calibrate(Moved(simulation.platform, stretches), a1, settings)
     alive()

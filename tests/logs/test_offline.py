@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 from foreign_logs import Bag, as_log, columns_of, every, shifted, without, write_bag, write_csv
 
-from equipoise import simulate
-from equipoise.calibration.routine import CalibrationSettings
+from equipoise import Precise, simulate
 from equipoise.cli import main
 from equipoise.errors import LogError, RecordingError
 from equipoise.experiments.stand import stand_up
 from equipoise.logs.joint_names import map_joints
 from equipoise.logs.log import Log
 from equipoise.logs.offline import estimate_log
-from equipoise.precise.routine import PreciseSettings
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import COMPONENTS, components
@@ -29,7 +27,7 @@ def log(precise_run):
 
 def estimated(robot, log, **settings):
     read = Log(log, map_joints(robot, log.joint_names), {}, ())
-    return estimate_log(robot, read, CalibrationSettings(precise=PreciseSettings(**settings)))
+    return estimate_log(robot, read, Precise(**settings))
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +246,7 @@ def test_flags_of_logs_and_of_runs_are_not_mixed(bag, tmp_path, capsys):
     assert main(["estimate", str(bag), "--imu-topic", "/imu/data"]) == 2
     assert "give --robot too" in capsys.readouterr().err.replace("\n", " ")
     assert main(["estimate", str(bag), "--robot", "unitree_a1", "--feet", "measured"]) == 2
-    assert "--feet belongs to runs of --method paper" in capsys.readouterr().err
+    assert "--feet belongs to --method paper; this is --method precise" in capsys.readouterr().err
 
 
 def test_a_joint_map_from_the_command_line(bag, tmp_path, capsys):
@@ -261,7 +259,7 @@ def test_a_joint_map_from_the_command_line(bag, tmp_path, capsys):
 def test_a_run_of_ours_is_read_as_before(precise_run, a1, tmp_path, capsys):
     from equipoise.calibration.run_folder import RunFolder  # noqa: PLC0415
 
-    settings = CalibrationSettings(precise=precise_run.settings)
+    settings = precise_run.settings
     with RunFolder.create(tmp_path / "run", a1, settings, {}) as folder:
         for recording in precise_run.recordings:
             folder.keep(recording)

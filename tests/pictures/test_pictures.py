@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.text import Text
 
-from equipoise import Calibration, CalibrationSettings, calibrate, load_robot
+from equipoise import Calibration, Paper, calibrate, load_robot
 from equipoise.errors import NotEstimatedError, OutputError
 from equipoise.paper.evidence import SearchEvidence
 from equipoise.pictures.files import save_pictures
@@ -25,13 +25,13 @@ from equipoise.simulation.simulation import simulate
 
 DRAW_IN_A_FRESH_PYTHON = """
 import sys
-from equipoise import CalibrationSettings, calibrate, load_robot
+from equipoise import Paper, calibrate, load_robot
 from equipoise.pictures.files import save_pictures
 from equipoise.simulation.simulation import simulate
 
 robot = load_robot("unitree_a1")
 with simulate(robot, "ideal") as simulation:
-    save_pictures(calibrate(simulation.platform, robot, CalibrationSettings("paper")), sys.argv[1])
+    save_pictures(calibrate(simulation.platform, robot, Paper()), sys.argv[1])
 assert "matplotlib.pyplot" not in sys.modules
 """
 
@@ -40,7 +40,7 @@ assert "matplotlib.pyplot" not in sys.modules
 def calibration() -> Calibration:
     robot = load_robot("unitree_a1")
     with simulate(robot, "ideal") as simulation:
-        return calibrate(simulation.platform, robot, CalibrationSettings("paper")).with_truth(simulation.truth)
+        return calibrate(simulation.platform, robot, Paper()).with_truth(simulation.truth)
 
 
 @pytest.fixture(scope="module")

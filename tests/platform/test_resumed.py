@@ -8,7 +8,7 @@ import pytest
 from logs import bits
 from test_platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
 
-from equipoise import CalibrationSettings, ComSearchSettings, RunFolder, SwaySettings, calibrate, simulate
+from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.errors import ResumeError
 from equipoise.platform.logged import Logged
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
@@ -16,7 +16,7 @@ from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import PHASE, TRIAL
 from equipoise.recording.run_log_reader import LogContent
 
-SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.04), sway=SwaySettings(duration=0.7))
+SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.04), sway=SwaySettings(duration=0.7))
 PAYLOAD = "1,0.03,0.02,0.06"
 NOTHING = LogContent((), (), None, False)
 

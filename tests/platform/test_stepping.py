@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from equipoise import CalibrationSettings, RunFolder, calibrate, simulate
+from equipoise import Paper, RunFolder, calibrate, simulate
 from equipoise.errors import RecordingError, UnrecordedError
 from equipoise.platform.logged import Logged
 from equipoise.platform.platform import Trajectory
@@ -76,7 +76,7 @@ def test_two_platforms_do_not_know_of_each_other(a1):
 
 def test_a_calibration_goes_through_as_without_lost_samples(a1, simulation, tmp_path):
     """It ended by "joint times must be finite and increasing", and with it went the recording."""
-    settings = CalibrationSettings("paper")
+    settings = Paper()
     folder = RunFolder.create(tmp_path / "run", a1, settings, {})
     with folder:
         platform = Stuttering(simulation.platform)
@@ -101,7 +101,7 @@ def test_what_cannot_be_made_a_recording_is_on_disk_as_it_was_measured(a1, simul
 
     platform = Stuttering(simulation.platform, broken)
     stood = platform.read().joint_position
-    folder = RunFolder.create(tmp_path / "run", a1, CalibrationSettings("paper"), {})
+    folder = RunFolder.create(tmp_path / "run", a1, Paper(), {})
     with pytest.raises(UnrecordedError, match="joint position is not finite at sample") as caught, folder:
         Logged(platform, folder.log).play(stand(platform, 9))
     assert isinstance(caught.value, RecordingError)

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from equipoise import Calibration, CalibrationSettings, calibrate, estimate, simulate
+from equipoise import Calibration, Precise, calibrate, estimate, simulate
 from equipoise.cli import main
-from equipoise.cli.flags import seconds
+from equipoise.cli.settings import seconds
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.pictures.precise import draw_precise
 from equipoise.precise import routine as precise_routine
 from equipoise.precise.plan import make_plan
-from equipoise.precise.routine import PreciseRoutine, PreciseSettings
+from equipoise.precise.routine import PreciseRoutine
 from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.terminal.calibration import print_calibration
@@ -51,7 +51,7 @@ def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, mo
 
     monkeypatch.setattr(PreciseRoutine, "_replan", replan)
     monkeypatch.setattr(precise_routine, "_REPLAN_AT", 0.1)
-    settings = CalibrationSettings("precise", precise=PreciseSettings(budget=35, sway=False))
+    settings = Precise(budget=35, sway=False)
     with simulate(a1, "realistic") as simulation:
         assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
     assert replanned[0] < 4
@@ -60,7 +60,7 @@ def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, mo
 
 
 def test_estimating_again_gives_the_same_numbers(a1, precise_run):
-    again = estimate(a1, precise_run.recordings, CalibrationSettings("precise", precise=precise_run.settings))
+    again = estimate(a1, precise_run.recordings, precise_run.settings)
     assert again.composite.to_dict() == precise_run.result.composite.to_dict()
 
 
@@ -71,8 +71,8 @@ def test_recordings_of_another_method_are_refused(a1, precise_run):
 
 
 def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
-    heavy = PreciseSettings(budget=40, mass=1.3 * a1.mass, mass_sd=0.01, sway=False)
-    result = estimate(a1, precise_run.recordings, CalibrationSettings("precise", precise=heavy))
+    heavy = Precise(budget=40, mass=1.3 * a1.mass, mass_sd=0.01, sway=False)
+    result = estimate(a1, precise_run.recordings, heavy)
     assert not result.trustworthy
     print_calibration(result, [])
     shown = capsys.readouterr().out

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from equipoise import Calibration, CalibrationSettings, estimate
+from equipoise import Calibration, estimate
 from equipoise.precise import posterior as posterior_module
 from equipoise.precise.checks import judge
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
@@ -64,7 +64,7 @@ def few(a1, precise_run):
 
 @pytest.mark.usefixtures("bench")
 def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path):
-    settings = CalibrationSettings("precise", precise=replace(precise_run.settings, priors=TwoAccelerometers()))
+    settings = replace(precise_run.settings, priors=TwoAccelerometers())
     result = estimate(a1, precise_run.recordings, settings)
     found = {finding.name: finding for finding in result.sensors}
     for axis, more in zip("xyz", MORE, strict=True):
@@ -79,7 +79,7 @@ def test_a_row_more_is_estimated_reported_and_written(a1, precise_run, tmp_path)
     result.save(tmp_path / "calibration.json")
     again = Calibration.load(tmp_path / "calibration.json")
     assert again.sensors == result.sensors
-    assert again.settings["precise"]["priors"]["second_bias"] == 0.2
+    assert again.settings["priors"]["second_bias"] == 0.2
     assert sentence in str(run_contents(result))
 
 

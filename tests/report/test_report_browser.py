@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 from browser import open_browser
 
-from equipoise import CalibrationSettings, calibrate, simulate
+from equipoise import Paper, calibrate, simulate
 from equipoise.report.page import save_comparison, save_report
 
 DRAW_ALL = "() => drawAll().then(() => null)"
@@ -23,7 +23,7 @@ def browser():
 @pytest.fixture(scope="module")
 def results(a1, precise_run):
     with simulate(a1, "realistic", seed=4) as simulation:
-        paper = calibrate(simulation.platform, a1, CalibrationSettings("paper")).with_truth(simulation.truth)
+        paper = calibrate(simulation.platform, a1, Paper()).with_truth(simulation.truth)
     return {"precise": precise_run.result.with_truth(precise_run.truth), "paper": paper}
 
 

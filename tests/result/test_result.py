@@ -12,9 +12,9 @@ from robots import load_text, quadruped_urdf
 
 from equipoise import (
     Calibration,
-    CalibrationSettings,
     ComSearchSettings,
     InertialParameters,
+    Paper,
     RobotDescription,
     SwaySettings,
     calibrate,
@@ -25,7 +25,7 @@ from equipoise.errors import NotEstimatedError, OutputError, RecordingError
 from equipoise.result.body import Body, inertia_from_dict, inertia_to_dict
 from equipoise.robot.inertial import nominal_inertia
 
-SETTINGS = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
+SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
 HERE = Path(__file__).parent
 BASE = InertialParameters(
     6.2, np.array([0.02, -0.003, 0.03]), np.array([[0.03, 1e-3, 2e-3], [1e-3, 0.07, -1e-3], [2e-3, -1e-3, 0.08]])

@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 import pytest
 from studies import STATIC, TIMES, Inline, alive, cheap_trial, eventually, facts, start_study, wait_for
 
-from equipoise import RunFolder, errors
+from equipoise import ComSearchSettings, Paper, RunFolder, errors
 from equipoise.errors import OutputError, SettingsError, WorkerError
 from equipoise.study import runner, trial
 from equipoise.study.runner import LOST, run_study
@@ -84,7 +84,7 @@ def test_no_trials_and_no_workers_are_refused(trials, workers, tmp_path):
 
 def test_what_is_wrong_with_every_trial_leaves_no_folder(tmp_path):
     with pytest.raises(SettingsError, match="leaves nothing to search"):
-        run_study(Study(tolerance=0.9), 1, tmp_path / "study", Inline())
+        run_study(Study(methods=(Paper(com_search=ComSearchSettings(tolerance=0.9)),)), 1, tmp_path / "study", Inline())
     assert not (tmp_path / "study").exists()
 
 
@@ -92,7 +92,8 @@ def test_what_is_wrong_with_every_trial_leaves_no_folder(tmp_path):
 
 
 def test_a_calibration_that_fails_is_a_row_and_keeps_its_recordings(tmp_path):
-    study = Study(payload="3,0.8,0,0.08", tolerance=0.02)  # the CoM lies far beyond the bounds of the search
+    coarse = Paper(com_search=ComSearchSettings(tolerance=0.02))
+    study = Study(methods=(coarse,), payload="3,0.8,0,0.08")  # the CoM lies far beyond the bounds of the search
     (row,) = run_study(study, 1, tmp_path / "study", Inline())
     assert issubclass(getattr(errors, row["status"]), errors.MotionError)
     assert row["estimated_com_x"] is None
@@ -228,8 +229,8 @@ def test_what_the_executor_alone_says_of_a_trial_is_its_row(tmp_path, monkeypatc
 def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from equipoise.study.runner import run_study\nfrom equipoise.study.study import Study\n"
-        f"run_study(Study(methods=('static',)), 2, {str(tmp_path / 'study')!r}, workers=1)\n",
+        "from equipoise import Static\nfrom equipoise.study.runner import run_study\nfrom equipoise.study.study import Study\n"
+        f"run_study(Study(methods=(Static(),)), 2, {str(tmp_path / 'study')!r}, workers=1)\n",
         encoding="utf-8",
     )
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)

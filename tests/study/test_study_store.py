@@ -10,12 +10,14 @@ import pytest
 from pyarrow import parquet
 from studies import STATIC
 
+from equipoise import Paper, Static
 from equipoise.errors import OutputError, RecordingError, SettingsError
 from equipoise.study import store as store_module
 from equipoise.study.store import COLUMNS, TrialStore, read_rows
 from equipoise.study.trial import run_trial
 
-BOTH = dataclasses.replace(STATIC, methods=("static", "paper"))
+BOTH = dataclasses.replace(STATIC, methods=(Static(), Paper()))
+NAMES = ("static", "paper")
 
 
 def rows(*trials, methods=("static",), **others):
@@ -55,9 +57,9 @@ def test_lists_texts_and_what_is_missing_come_back(tmp_path):
 def test_rows_are_in_order_each_once(tmp_path):
     store = TrialStore(tmp_path / "study", BOTH)
     for trial in (5, 2, 9):
-        store.add(rows(trial, methods=BOTH.methods))
+        store.add(rows(trial, methods=NAMES))
         store.flush()
-    store.add(rows(2, methods=BOTH.methods, message="again"))
+    store.add(rows(2, methods=NAMES, message="again"))
     store.flush()
     found = [(row["trial"], row["method"]) for row in store.rows()]
     assert found == [(trial, method) for trial in (2, 5, 9) for method in ("paper", "static")]

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from equipoise import CalibrationSettings, RunFolder
+from equipoise import Precise, RunFolder
 from equipoise.cli import main
 from equipoise.errors import SettingsError
 from equipoise.view.open import Viewing, open_run
@@ -32,7 +32,7 @@ SOFTWARE_GL = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--e
 @pytest.fixture(scope="module")
 def run(a1, ideal_motions, tmp_path_factory):
     """A run of a move and a lift."""
-    folder = RunFolder.create(tmp_path_factory.mktemp("runs") / "short", a1, CalibrationSettings(), {})
+    folder = RunFolder.create(tmp_path_factory.mktemp("runs") / "short", a1, Precise(), {})
     with folder:
         folder.keep(ideal_motions.move)
         folder.keep(ideal_motions.lift)
@@ -118,7 +118,7 @@ def waited_for(what, patience=10.0):
 
 
 def test_a_killed_viewer_is_nothing_to_the_run(a1, ideal_motions, tmp_path):
-    folder = RunFolder.create(tmp_path / "run", a1, CalibrationSettings(), {})
+    folder = RunFolder.create(tmp_path / "run", a1, Precise(), {})
     with folder, ViewerProcess(folder.path, port=0) as viewer:
         folder.keep(ideal_motions.move)
         os.kill(viewer.pid, signal.SIGKILL)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from equipoise import CalibrationSettings, ComSearchSettings, RunFolder, calibrate, nominal_stance, simulate
+from equipoise import ComSearchSettings, Paper, Precise, RunFolder, calibrate, nominal_stance, simulate
 from equipoise.calibration.routine import estimate
 from equipoise.logs.reader import read_log
 from equipoise.platform.logged import Logged
@@ -17,13 +17,13 @@ from equipoise.view.closing_in import ClosingIn, ComEstimate
 from equipoise.view.even_steps import STEP
 from equipoise.view.film import Film
 from equipoise.view.follow import FollowedLog, GivenRecordings
-from equipoise.view.frames import Camera, ellipsoid, expected_trials, joint_poses, plane_lines
+from equipoise.view.frames import Camera, ellipsoid, joint_poses, plane_lines
 from equipoise.view.open import Showing, Viewing, open_log, open_run
 from equipoise.view.panel import com_text, trial_text
 from equipoise.view.plan_view import SIZE, plan_view
 from equipoise.view.player import Player
 
-PAPER = CalibrationSettings("paper", com_search=ComSearchSettings(tolerance=0.01))
+PAPER = Paper(com_search=ComSearchSettings(tolerance=0.01))
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_the_estimate_closes_in_on_what_the_run_found(viewing, paper_run):
 
 
 def test_what_the_precise_method_finds_is_where_its_estimates_end(a1, precise_run):
-    settings = CalibrationSettings("precise", precise=precise_run.settings)
+    settings = precise_run.settings
     with ClosingIn(a1, precise_run.stance, settings) as closing_in:
         closing_in.take(precise_run.recordings)
         end = time.monotonic() + 60
@@ -103,7 +103,7 @@ def test_frames_show_the_trial_its_line_and_its_tilt(viewing, paper_run):
         feet = {"FL_RR": (3, 0), "FR_RL": (1, 2)}[trial.diagonal]
         assert np.allclose([right, left], frame.contacts[list(feet)])
         assert np.abs(frame.support_line[:, 2]).max() < 5e-3, "it lies on the floor"
-    assert expected_trials(film) >= len(film.trials)
+    assert film.method.expected_trials(film.stance) >= len(film.trials)
 
 
 def test_the_com_of_a_frame_is_the_model_s_moved_by_what_was_found(viewing, a1):
@@ -174,8 +174,8 @@ def test_the_plan_views_ellipse_holds_95_percent():
 def test_a_run_that_is_written_is_seen_piece_by_piece(a1, ideal_motions):
     stance = nominal_stance(a1)
     camera = None
-    film = Film(a1, stance, CalibrationSettings())
-    with ClosingIn(a1, stance, CalibrationSettings()) as closing_in:
+    film = Film(a1, stance, Precise())
+    with ClosingIn(a1, stance, Precise()) as closing_in:
         camera = Camera(film, closing_in)
         assert film.empty
         lift = ideal_motions.lift
@@ -200,7 +200,7 @@ def test_logs_that_are_not_ours_show_the_trials_that_are_found_in_them(paper_run
 def test_recordings_without_trials_can_be_looked_at(a1, ideal_motions):
     move = ideal_motions.move
     bare = Recording(move.joint_names, move.joints, move.imu)
-    with Viewing(Showing("a log", a1, CalibrationSettings(), GivenRecordings(bare))) as viewing:
+    with Viewing(Showing("a log", a1, Precise(), GivenRecordings(bare))) as viewing:
         assert viewing.refresh()
         frame = viewing.camera.frame(viewing.film.span[0])
         assert (frame.trial, frame.estimate) == (None, None)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from equipoise import CalibrationSettings, nominal_stance, simulate
+from equipoise import Precise, nominal_stance, simulate
 from equipoise.errors import RecordingError
 from equipoise.experiments.stand import stand_up
 from equipoise.platform.stepping import play_by_stepping
@@ -197,7 +197,7 @@ def test_even_steps_do_not_depend_on_how_a_recording_is_cut(a1, ideal_motions):
 
 def test_a_film_of_pieces_is_the_film_of_the_whole(a1, ideal_motions):
     recording = ideal_motions.lift
-    whole, cut = (Film(a1, ideal_motions.stance, CalibrationSettings()) for _ in range(2))
+    whole, cut = (Film(a1, ideal_motions.stance, Precise()) for _ in range(2))
     whole.take([recording], [recording])
     middle = float(recording.joints.time[700])
     cut.take([recording.between(-1, middle)])

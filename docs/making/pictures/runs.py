@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
-from equipoise import CalibrationSettings, calibrate, find_delta, load_robot, nominal_stance, simulate
-from equipoise.precise.routine import PreciseSettings, plan_ahead
+from equipoise import Precise, calibrate, find_delta, load_robot, nominal_stance, simulate
+from equipoise.method.table import method_named
+from equipoise.precise.routine import plan_ahead
 from equipoise.robot.model import DIAGONALS
 
 _PAYLOAD = "1,0.05,0.02,0.08"
@@ -22,7 +23,7 @@ def _robot():
 @cache
 def _run(method: str, payload: str | None = _PAYLOAD, budget: float | None = None, seed: int = 3):
     """A calibration, its recordings, and what was drawn for the simulated sensors."""
-    settings = CalibrationSettings(method, precise=PreciseSettings(budget))
+    settings = Precise(budget) if method == "precise" else method_named(method)()
     recordings = []
     with simulate(_robot(), "realistic", payload, seed=seed) as simulation:
         result = calibrate(simulation.platform, _robot(), settings, keep=recordings.append).with_truth(simulation.truth)
@@ -157,7 +158,7 @@ def draw_plan() -> Figure:
     """What the planner expects of a robot time."""
     stance = nominal_stance(_robot())
     budgets = [45, 60, 80, 100, 120, 160, 200]
-    plans = [plan_ahead(_robot(), stance, PreciseSettings(budget)) for budget in budgets]
+    plans = [plan_ahead(_robot(), stance, Precise(budget)) for budget in budgets]
     times = [plan.robot_time for plan in plans]
     figure = new_figure(7.6, 2.8)
     shown = (

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from equipoise.calibration.settings import CalibrationSettings
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.stand import move_to, stand_up
-from equipoise.paper import method as paper
+from equipoise.method.method import Method
 from equipoise.platform.platform import Platform
-from equipoise.precise import method as precise
+from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance, nominal_stance
-from equipoise.static import method as static
-
-__all__ = ["CalibrationSettings", "Progress", "calibrate", "check", "estimate"]
-
-_RUN = {"precise": precise.run, "paper": paper.run, "static": static.run}
-_ESTIMATE = {"precise": precise.estimate, "paper": paper.estimate, "static": static.estimate}
+from equipoise.robot.stance import nominal_stance
 
 
 def calibrate(
     platform: Platform,
     robot: RobotModel,
-    settings: CalibrationSettings | None = None,
+    method: Method | None = None,
     keep: Callable[[Recording], None] | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> Calibration:
@@ -36,14 +29,14 @@ def calibrate(
     Args:
         platform: the robot, real or simulated.
         robot: what is known about it.
-        settings: what to do; default: the precise method.
+        method: what to do, with its settings; default: `Precise()`.
         keep: called with every recording as soon as it is complete, and with the last, broken one if the routine ends early.
         report: called before every trial.
 
     Raises:
         MotionError: the robot could not do, or did not do, what was asked.
     """
-    settings = settings or CalibrationSettings()
+    method = method or Precise()
     stance = nominal_stance(robot)
     recordings: list[Recording] = []
 
@@ -52,49 +45,40 @@ def calibrate(
         if keep is not None:
             keep(recording)
 
-    _check(robot, stance, settings)
+    method.check(robot, stance)
     planted, feet_at_end = stand_up(platform, robot, stance)
     planted.keep = store
     try:
-        _RUN[settings.method](planted, stance, settings, recordings, report)
+        method.run(planted, stance, recordings, report)
         move_to(planted, feet_at_end)
     except BaseException:
         unfinished = planted.take()
         if unfinished is not None and keep is not None:
             keep(unfinished.broken_off())
         raise
-    return _ESTIMATE[settings.method](robot, recordings, settings, stance)
+    return method.estimate(robot, recordings, stance)
 
 
-def check(robot: RobotModel, settings: CalibrationSettings) -> None:
+def check(robot: RobotModel, method: Method) -> None:
     """Refuse settings that do not fit a robot, before anything moves; `calibrate` begins with this.
 
     Raises:
         SettingsError: a setting does not fit the robot's size.
         ReachError: a posture is out of reach or not safe.
     """
-    _check(robot, nominal_stance(robot), settings)
+    method.check(robot, nominal_stance(robot))
 
 
-def _check(robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
-    if settings.method == "paper":
-        paper.check(robot, stance, settings)
-    elif settings.method == "precise":
-        precise.check(robot, stance, settings)
-
-
-def estimate(
-    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings | None = None
-) -> Calibration:
+def estimate(robot: RobotModel, recordings: Sequence[Recording], method: Method | None = None) -> Calibration:
     """What the recordings of a calibration say. Moves nothing and needs no platform.
 
     Args:
         robot: what is known about the robot that was recorded.
         recordings: those of one run, in order; broken ones (of an interrupted trial) are passed over.
-        settings: those of the run.
+        method: that of the run; default: `Precise()`.
 
     Raises:
         RecordingError: they do not hold what the method needs.
     """
-    settings = settings or CalibrationSettings()
-    return _ESTIMATE[settings.method](robot, recordings, settings, nominal_stance(robot))
+    method = method or Precise()
+    return method.estimate(robot, recordings, nominal_stance(robot))

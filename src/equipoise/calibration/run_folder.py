@@ -22,7 +22,7 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, cast
 
-from equipoise.calibration.routine import CalibrationSettings, estimate
+from equipoise.calibration.routine import estimate
 from equipoise.errors import (
     EquipoiseError,
     ModelWarning,
@@ -32,11 +32,8 @@ from equipoise.errors import (
     SettingsError,
     UnrecordedError,
 )
-from equipoise.experiments.sway import SwaySettings
-from equipoise.paper.trial_runner import ComSearchSettings
-from equipoise.precise.plan import Goals
-from equipoise.precise.routine import PreciseSettings
-from equipoise.precise.unknowns import Priors
+from equipoise.method.method import Method
+from equipoise.method.table import method_from_dict, method_named
 from equipoise.recording.recording import Recording
 from equipoise.recording.rosbag2 import METADATA, write_metadata
 from equipoise.recording.run_log import RunLog
@@ -50,12 +47,13 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
 from equipoise.user_file import write_file
 
-SCHEMA = "equipoise.run/2"
+SCHEMA = "equipoise.run/3"
 RESULT = "calibration.json"
 LOG = "recording.mcap"
 HEADER = "run.json"
 UNRECORDED = "unrecorded.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
+_READ = ("equipoise.run/2",)  # whose settings are those of all methods
 _EARLIER = {
     "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
 }
@@ -77,9 +75,7 @@ class RunFolder:
         self._known = deque[Recording]()  # recordings that the routine comes to again before it goes on
 
     @classmethod
-    def create(
-        cls, path: str | Path, robot: RobotModel, settings: CalibrationSettings, provenance: Mapping[str, Any]
-    ) -> RunFolder:
+    def create(cls, path: str | Path, robot: RobotModel, method: Method, provenance: Mapping[str, Any]) -> RunFolder:
         """A new run.
 
         Raises:
@@ -98,7 +94,7 @@ class RunFolder:
                 "effort_limits": robot.source.effort_limits,
             },
             "description": dataclasses.asdict(robot.description),
-            "settings": dataclasses.asdict(settings),
+            "settings": method.to_dict(),
             "provenance": dict(provenance),
         }
         try:
@@ -121,7 +117,7 @@ class RunFolder:
         path = Path(path)
         header = _read_json(path / HEADER, f"{str(path)!r} is no run of equipoise")
         schema = header.get("schema")
-        if schema != SCHEMA:
+        if schema not in (SCHEMA, *_READ):
             by = _EARLIER.get(str(schema), "")
             raise RecordingError(f"the run {str(path)!r} is {schema!r}{by}; this version reads {SCHEMA!r}")
         for key in ("model", "description", "settings", "provenance"):
@@ -224,29 +220,21 @@ class RunFolder:
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise RecordingError(f"the run {str(self.path)!r} is damaged: {_told(error)}") from error
 
-    def settings(self) -> CalibrationSettings:
-        """The settings of the run."""
-        table = dict(self._header["settings"])
+    def method(self) -> Method:
+        """The method of the run with its settings; raises PluginError if the package that brings it cannot be used."""
+        table = self._header["settings"]
         try:
-            searching, swaying = ComSearchSettings(**table.pop("com_search")), SwaySettings(**table.pop("sway"))
-            precise = dict(table.pop("precise"))
-            goals, priors = Goals(**precise.pop("goals")), Priors(**precise.pop("priors"))
-            return CalibrationSettings(
-                **table,
-                com_search=searching,
-                sway=swaying,
-                precise=PreciseSettings(**precise, goals=goals, priors=priors),
-            )
-        except (KeyError, TypeError, SettingsError) as error:
+            return method_from_dict(_settings_before_3(table) if self._header["schema"] in _READ else table)
+        except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {_told(error)}") from error
 
     def save_truth(self, truth: RobotInertia) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
         write_file(self.path / _TRUTH, json.dumps(inertia_to_dict(truth), indent=2) + "\n")
 
-    def estimate(self, settings: CalibrationSettings | None = None) -> Calibration:
-        """Estimate again from the recordings, without a robot or a simulator."""
-        calibration = estimate(self.robot(), self.recordings(), settings or self.settings())
+    def estimate(self, method: Method | None = None) -> Calibration:
+        """Estimate again from the recordings, without a robot or a simulator; by default as in the run."""
+        calibration = estimate(self.robot(), self.recordings(), method or self.method())
         calibration = calibration.with_provenance(**self._header["provenance"])
         truth = self.truth()
         return calibration if truth is None else calibration.with_truth(truth)
@@ -274,6 +262,14 @@ class RunFolder:
         """Write the result."""
         calibration.save(self.path / RESULT)
         return self.path / RESULT
+
+
+def _settings_before_3(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of one method from a table that held those of all: under the method's name, or beside it."""
+    name = str(table["method"])
+    known = {field.name for field in dataclasses.fields(method_named(name))}
+    own = table.get(name, table)
+    return {"method": name, **{key: value for key, value in own.items() if key in known}}
 
 
 def _told(error: Exception) -> str:

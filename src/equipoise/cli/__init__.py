@@ -38,11 +38,17 @@ VERBS = {
 """What can be done: the module here that does it, which is imported when it is asked for, and what it is in a few words."""
 
 
-def find_verb(name: str) -> Callable[..., int | None]:
-    """The function of a verb."""
-    verb: Callable[..., int | None] = getattr(
-        importlib.import_module(f"equipoise.cli.{VERBS[name][0]}"), name.replace("-", "_")
-    )
+def find_verb(name: str, arguments: Sequence[str] = ()) -> Callable[..., int | None]:
+    """The function of a verb, with the flags that it has beside these arguments.
+
+    A verb whose flags depend on others has a function `VERB_for` beside it, which makes it from the arguments.
+
+    Raises:
+        SettingsError: a flag belongs to another method, or to another kind of platform.
+    """
+    module, function = importlib.import_module(f"equipoise.cli.{VERBS[name][0]}"), name.replace("-", "_")
+    shape = getattr(module, f"{function}_for", None)
+    verb: Callable[..., int | None] = getattr(module, function) if shape is None else shape(arguments)
     return verb
 
 
@@ -82,9 +88,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int | None:
     """Do what the arguments say, importing only the verb that they name; raises SystemExit if they cannot be used."""
-    named = arguments[0] in VERBS
-    verbs = {name: find_verb(name) for name in ([arguments[0]] if named else VERBS)}
-    if named and (switches := _switches(verbs[arguments[0]], arguments[1:])) is not None:
+    verbs = {name: find_verb(name, arguments[1:]) for name in ([arguments[0]] if arguments[0] in VERBS else VERBS)}
+    if arguments[0] in VERBS and (switches := _switches(verbs[arguments[0]], arguments[1:])) is not None:
         return verbs[arguments[0]](**switches)
     import tyro
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import arg
 
 from equipoise import _version
-from equipoise.cli.flags import Described, File, Robot, load, seconds
+from equipoise.cli.flags import Described, File, Flag, Output, Robot, RobotFlags, load
+from equipoise.cli.settings import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
-from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
     from equipoise.balance.belief import Belief
@@ -38,18 +38,15 @@ def balance(
     com_error: Length = None,
     diagonal: Literal["FL_RR", "FR_RL", "both"] = "both",
     duration: Annotated[str, arg(metavar="TIME")] = "10s",
-    observe_offset: bool = False,
+    observe_offset: Flag = False,
     noise: Literal["ideal", "realistic"] = "realistic",
     payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
     seed: int = 0,
-    description_file: File = None,
-    description: Described = RobotDescription(),  # noqa: B008
+    description: Described = RobotFlags(),  # noqa: B008
     out: File = None,
-    pictures: bool = True,
-    check: bool = False,
-    json: bool = False,
-    quiet: bool = False,
-    debug: bool = False,
+    pictures: Flag = True,
+    check: Flag = False,
+    output: Output = Output(),  # noqa: B008
 ) -> int:
     """Stand up on two diagonal feet and stay there, in simulation: a test of its centre of mass.
 
@@ -73,13 +70,9 @@ def balance(
         noise: Sensor and actuator errors of the simulated robot; ideal has none, and no friction.
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         seed: Of everything drawn.
-        description_file: TOML file with a robot description; flags win over it.
         out: Folder; default runs/ROBOT-balance-TIME.
-        pictures: A PNG picture is drawn unless this is given.
+        pictures: Leave out the PNG picture.
         check: Exit with 4 if the robot did not balance for all of the time.
-        json: Print the result as one JSON object and nothing else on stdout.
-        quiet: No progress.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.balance.report import BalanceReport
     from equipoise.balance.routine import BalanceSettings
@@ -93,7 +86,7 @@ def balance(
         raise SettingsError("--com and --com-error both say what the law believes; give one of them")
     settings = BalanceSettings(_duration(duration), observe_offset)
     error = None if com_error is None else metres(com_error)
-    model = load(robot, description_file, description)
+    model = load(robot, description)
     stance = nominal_stance(model)
     calibration = None if com is None else _calibration(com)
     loaded = Payload.parse(payload) if payload is not None else None
@@ -105,7 +98,7 @@ def balance(
     sensors_known = False
     engine = ""
     for name in DIAGONALS if diagonal == "both" else (diagonal,):
-        if not (quiet or json):
+        if not output.silent:
             print(f"balancing on {name} ...", file=sys.stderr, flush=True)
         with simulate(model, noise, loaded, seed) as simulation, _interruption_kept(out, name):
             belief = _belief(model, stance, simulation, name, calibration, error)
@@ -121,7 +114,7 @@ def balance(
         from equipoise.pictures.balance import save_balance_picture
 
         files.append(save_balance_picture(report, out))
-    if json:
+    if output.json:
         print(report.to_json(), end="")
     else:
         print_balance(report, files)

@@ -11,14 +11,11 @@ from tyro.conf import Positional, arg
 Shell = Annotated[Positional[Literal["bash", "zsh"]], arg(metavar="SHELL", help="Which shell.")]
 
 
-def completion(shell: Shell, *, debug: bool = False) -> int:
+def completion(shell: Shell) -> int:
     """Print a script with which a shell completes verbs and flags.
 
     Example: equipoise completion bash > ~/.local/share/bash-completion/completions/equipoise
              equipoise completion zsh > ~/.zfunc/_equipoise
-
-    Args:
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.cli import main
 

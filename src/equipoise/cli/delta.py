@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.cli.flags import File, Kilograms
+from equipoise.cli.flags import File, Kilograms, Output
 from equipoise.errors import SettingsError
 from equipoise.user_file import write_file
 
 if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
+    from equipoise.precise.method import Precise
     from equipoise.precise.two_runs import ScaleReadings
     from equipoise.robot.model import RobotModel
 
@@ -28,9 +29,7 @@ def delta(
     scale_gain: float = 0.005,
     scale_noise: float = 0.001,
     out: File = None,
-    json: bool = False,
-    quiet: bool = False,
-    debug: bool = False,
+    output: Output = Output(),  # noqa: B008
 ) -> None:
     """Find what was added to a robot between two calibrations, or taken off: its mass, centre of mass and inertia.
 
@@ -45,19 +44,15 @@ def delta(
         scale_gain: By how much the scale is off in both, as a fraction (one standard deviation).
         scale_noise: By how much a single reading is off beside that, as a fraction of the mass.
         out: JSON file to save the result in.
-        json: Print the result as one JSON object and nothing else on stdout.
-        quiet: No warnings about the model file.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.calibration.delta import find_delta
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.terminal.delta import print_delta
 
     folders = RunFolder.open(before), RunFolder.open(after)
-    robot = _shared_robot(*folders)
-    scale = _scale(folders, (mass_before, mass_after), scale_gain, scale_noise)
-    priors = folders[0].settings().precise.priors
-    found = find_delta(robot, folders[0].recordings(), folders[1].recordings(), scale, priors)
+    robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
+    scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
+    found = find_delta(robot, folders[0].recordings(), folders[1].recordings(), scale, methods[0].priors)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
         found = found.with_truth(truths[0], truths[1])
@@ -65,7 +60,7 @@ def delta(
     text = json_module.dumps(found.to_dict(), indent=2)
     if out is not None:
         write_file(out, text + "\n")
-    if json:
+    if output.json:
         print(text)
     else:
         print_delta(found)
@@ -82,21 +77,25 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
             f"the runs are of different models, {models[0].name!r} and {models[1].name!r}: what was added shows only between "
             "runs with the same model file and description"
         )
-    for folder in (before, after):
-        if (method := folder.settings().method) != "precise":
-            raise SettingsError(
-                f"the run {str(folder.path)!r} is of the method {method!r}; what was added is told by runs of 'precise'"
-            )
     return models[0]
 
 
+def _precise(folder: RunFolder) -> Precise:
+    from equipoise.precise.method import Precise
+
+    method = folder.method()
+    if not isinstance(method, Precise):
+        raise SettingsError(
+            f"the run {str(folder.path)!r} is of the method {method.name!r}; what was added is told by runs of "
+            f"{Precise.name!r}"
+        )
+    return method
+
+
 def _scale(
-    folders: tuple[RunFolder, RunFolder], given: tuple[float | None, float | None], gain: float, noise: float
+    methods: tuple[Precise, Precise], given: tuple[float | None, float | None], gain: float, noise: float
 ) -> ScaleReadings:
     from equipoise.precise.two_runs import ScaleReadings
 
-    before, after = (
-        mass if mass is not None else folder.settings().precise.mass
-        for folder, mass in zip(folders, given, strict=True)
-    )
+    before, after = (mass if mass is not None else method.mass for method, mass in zip(methods, given, strict=True))
     return ScaleReadings((before, after), gain, noise)

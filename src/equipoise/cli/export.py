@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.cli.flags import File
+from equipoise.cli.flags import File, Flag, Output
 from equipoise.errors import OutputError, SettingsError
 
 if TYPE_CHECKING:
@@ -29,14 +29,12 @@ def export(
     to: Annotated[str | None, arg(metavar="FORMAT", help_behavior_hint="")] = None,
     out: File = None,
     file: File = None,
-    force: bool = False,
-    add_payload_link: bool = False,
+    force: Flag = False,
+    add_payload_link: Flag = False,
     samples: int = 0,
     seed: int = 0,
-    list: bool = False,
-    json: bool = False,
-    quiet: bool = False,
-    debug: bool = False,
+    list: Flag = False,
+    output: Output = Output(),  # noqa: B008
 ) -> None:
     """Write a result into the file that a controller or simulator reads. Without --to: which formats there are.
 
@@ -56,16 +54,13 @@ def export(
         samples: mjlab, isaaclab: list so many drawn bodies too.
         seed: Of everything drawn.
         list: Show the formats.
-        json: Print one JSON object and nothing else on stdout.
-        quiet: Print nothing but errors.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.export import formats
 
     if run is None or to is None or list:
         if to is not None and run is None and not list:
             raise SettingsError("name a run: equipoise export RUN --to " + to)
-        _show_formats(json)
+        _show_formats(output.json)
         return
     formats.find_format(to)
     written = formats.export(
@@ -79,10 +74,10 @@ def export(
         run=str(run),
     )
     path = written.save(out or _place(run, written, file))
-    if json:
+    if output.json:
         table = {"schema": "equipoise.export/1", "path": str(path), "run": str(run), **written.to_dict()}
         print(json_module.dumps(table, indent=2))
-    elif not quiet:
+    elif not output.quiet:
         from equipoise.terminal.export import print_export
 
         print_export(written, path)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+from equipoise.cli.settings import flags_class, read_flags, settings_of
 from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.robot.description import RobotDescription
 
@@ -23,15 +24,13 @@ RobotOrNone = Annotated[
         help_behavior_hint="(default: unitree_a1)",
     ),
 ]
-Described = Annotated[RobotDescription, arg(name="", help="What the model file leaves out or gets wrong.")]
 # An option whose default is found at run time: its help says how.
-Metres = Annotated[float | None, arg(metavar="METRES", help_behavior_hint="")]
-Seconds = Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")]
-Hertz = Annotated[float | None, arg(metavar="HERTZ", help_behavior_hint="")]
 Kilograms = Annotated[float | None, arg(metavar="KG", help_behavior_hint="")]
 Duration = Annotated[str | None, arg(metavar="TIME", help_behavior_hint="")]
 Topic = Annotated[str | None, arg(metavar="TOPIC", help_behavior_hint="")]
-Verbose = Annotated[bool, arg(aliases=["-v"])]
+Verbose = Annotated[bool, arg(aliases=["-v"], help_behavior_hint="")]
+Flag = Annotated[bool, arg(help_behavior_hint="")]
+Count = Annotated[int | None, arg(metavar="N", help_behavior_hint="")]
 _PLATFORMS = (
     "Where: mujoco, dart (simulated); unitree-go2, unitree-b2 (robot lies, cable in, --set interface=eth0; its sport mode is "
     "released); ros2 (Gazebo, ros2_control: load a position controller, --set interface=lo domain and topics); unitree-a1, "
@@ -41,30 +40,52 @@ _PLATFORMS = (
 PlatformName = Annotated[str, arg(metavar="PLATFORM", help=_PLATFORMS)]
 Setting = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
+Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdout.", help_behavior_hint="")]
 
 
-def seconds(text: str | None) -> float | None:
-    """[s] from 60, 60s, 1.5min or 2m; raises SettingsError for anything else."""
-    if text is None:
-        return None
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(s|sec|m|min)?\s*", text)
-    if match is None:
-        raise SettingsError(f"{text!r} is no time; give it as 60s or 2min")
-    return float(match[1]) * (60.0 if (match[2] or "s").startswith("m") else 1.0)
+@dataclass(frozen=True)
+class Output:
+    """What is printed."""
+
+    json: Json = False
+    quiet: Annotated[bool, arg(help="No progress, no warnings.", help_behavior_hint="")] = False
+    debug: Annotated[bool, arg(help="Show a traceback if something goes wrong.", help_behavior_hint="")] = False
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing but the result is printed."""
+        return self.quiet or self.json
 
 
-def load(robot: str, description_file: Path | None, description: RobotDescription) -> Any:
+_ABOUT_ROBOT = "What the model file leaves out or gets wrong."
+if TYPE_CHECKING:
+
+    @dataclass(frozen=True)
+    class RobotFlags:
+        """Flags of a robot description, and of a file that holds one."""
+
+        description_file: Path | None = None
+else:
+    RobotFlags = flags_class(
+        "RobotFlags", _ABOUT_ROBOT, settings_of(RobotDescription),
+        [("description_file", Annotated[File, arg(help="TOML file with a robot description; flags win over it.")], None)],
+    )  # fmt: skip
+Described = Annotated[RobotFlags, arg(name="robot", help=_ABOUT_ROBOT)]
+
+
+def load(robot: str, flags: RobotFlags) -> Any:
     """The robot model that the flags name and describe."""
     from equipoise.robot.load import load_robot
 
-    return load_robot(robot, described(description_file, description))
+    return load_robot(robot, described(flags))
 
 
-def described(description_file: Path | None, description: RobotDescription) -> RobotDescription:
+def described(flags: RobotFlags) -> RobotDescription:
     """What a file and the flags say together; flags win."""
-    if description_file is None:
+    description = read_flags(RobotDescription, flags)
+    if flags.description_file is None:
         return description
-    return RobotDescription.from_toml(description_file).overridden_by(description)
+    return RobotDescription.from_toml(flags.description_file).overridden_by(description)
 
 
 @contextmanager

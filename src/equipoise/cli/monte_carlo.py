@@ -3,47 +3,73 @@
 from __future__ import annotations
 
 import json as json_module
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
-from equipoise.cli.flags import Described, Duration, File, Robot, described, seconds
+from equipoise.cli.flags import Count, Described, File, Flag, Output, Robot, RobotFlags, described
+from equipoise.cli.methods import refuse_flags_of_other_methods
+from equipoise.cli.settings import Verb, chosen, flags_class, read_flags, settings_of, shaped
 from equipoise.errors import SettingsError
-from equipoise.robot.description import RobotDescription
 
-Count = Annotated[int | None, arg(metavar="N", help_behavior_hint="")]
+DEFAULT_METHODS = "paper"
 Names = Annotated[str, arg(metavar="NAME,NAME", help_behavior_hint="")]
+
+
+@dataclass(frozen=True)
+class DrawnFlags:
+    """The simulated robots.
+
+    Attributes:
+        noise: Sensor and actuator errors of the simulated robots.
+        only: Error sources that are kept, as joint_zero,imu_tilt; default all.
+        vary_noise: Draw the size of each error source, from 0 to twice its usual one: shows what each one costs.
+        payload: random: 5 to 30 % of the base's mass on its back; none; or MASS,X,Y,Z as in 'calibrate'.
+        spread: Random robots: link lengths, masses and the base's centre of mass vary by this fraction.
+        scale_error: Each robot is weighed, with this relative error, for the methods that use it; 0.005 is half a percent.
+        timestep: Of the simulation [s]; default what each method takes: 1 ms for paper and static, 0.5 ms for precise.
+        seed: Of everything drawn.
+    """
+
+    noise: Literal["ideal", "realistic"] = "realistic"
+    only: Names = ""
+    vary_noise: Flag = False
+    payload: Annotated[str, arg(metavar="random|none|M,X,Y,Z")] = "random"
+    spread: float = 0.0
+    scale_error: Annotated[float | None, arg(metavar="FRACTION", help_behavior_hint="")] = None
+    timestep: Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")] = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class StudyOutput(Output):
+    """What is written and shown.
+
+    Attributes:
+        out: Folder of the study; default runs/monte-carlo-ROBOT.
+        pictures: Leave out the PNG pictures.
+    """
+
+    out: File = None
+    pictures: Flag = True
 
 
 def monte_carlo(
     robot: Robot = "unitree_a1",
     *,
-    trials: int = 100,
-    methods: Annotated[str, arg(metavar="NAME,NAME")] = "paper",
-    noise: Literal["ideal", "realistic"] = "realistic",
-    only: Names = "",
-    vary_noise: bool = False,
-    payload: Annotated[str, arg(metavar="random|none|M,X,Y,Z")] = "random",
-    spread: float = 0.0,
-    scale_error: Annotated[float | None, arg(metavar="FRACTION", help_behavior_hint="")] = None,
-    tolerance: float = 0.005,
-    budget: Duration = None,
-    timestep: Annotated[float | None, arg(metavar="SECONDS", help_behavior_hint="")] = None,
-    seed: int = 0,
+    trials: Annotated[int, arg(metavar="N")] = 100,
     workers: Count = None,
     executor: Literal["process", "dask"] = "process",
     scheduler: Annotated[str | None, arg(metavar="tcp://HOST:PORT", help_behavior_hint="")] = None,
-    description_file: File = None,
-    description: Described = RobotDescription(),  # noqa: B008
-    out: File = None,
-    pictures: bool = True,
-    json: bool = False,
-    quiet: bool = False,
-    debug: bool = False,
+    method: Any = None,
+    simulation: DrawnFlags = DrawnFlags(),
+    description: Described = RobotFlags(),  # noqa: B008
+    output: StudyOutput = StudyOutput(),
 ) -> None:
     """Calibrate many simulated robots, each with its own payload and sensor errors, and count how near the truth they come.
 
@@ -54,27 +80,11 @@ def monte_carlo(
 
     Args:
         trials: How many.
-        methods: precise, paper, static; each calibrates every drawn robot.
-        noise: Sensor and actuator errors of the simulated robots.
-        only: Error sources that are kept, as joint_zero,imu_tilt; default all.
-        vary_noise: Draw the size of each error source, from 0 to twice its usual one: shows what each one costs.
-        payload: random: 5 to 30 % of the base's mass on its back; none; or MASS,X,Y,Z as in 'calibrate'.
-        spread: Random robots: link lengths, masses and the base's centre of mass vary by this fraction.
-        scale_error: precise: each robot is weighed, with this relative error; 0.005 is half a percent.
-        tolerance: paper: the search ends when the bounds of the offset are this close [m].
-        budget: precise: robot time, as 60s or 2min.
-        timestep: Of the simulation [s]; default 1 ms for paper and static, 0.5 ms for precise.
-        seed: Of everything drawn.
         workers: Processes; default one for each core.
         executor: process: on this machine; dask: on the cluster of --scheduler.
         scheduler: Address of a Dask scheduler.
-        description_file: TOML file with a robot description; flags win over it.
-        out: Folder of the study; default runs/monte-carlo-ROBOT.
-        pictures: PNG pictures are drawn unless this is given.
-        json: Print the summary as one JSON object and nothing else on stdout.
-        quiet: No progress.
-        debug: Show a traceback if something goes wrong.
     """
+    from equipoise.method.table import method_named
     from equipoise.pictures.files import save_figures
     from equipoise.pictures.study import draw_slopes, draw_study
     from equipoise.study.runner import run_study
@@ -83,29 +93,42 @@ def monte_carlo(
     from equipoise.study.summary import save_summary, summary_markdown, summary_table
     from equipoise.terminal.study import StudyLine, print_study
 
-    study = Study(
-        robot, names(methods), noise, names(only), vary_noise, payload, spread, scale_error, tolerance, seconds(budget),
-        timestep, seed, described(description_file, description),
-    )  # fmt: skip
-    folder = out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
-    with _executor(executor, scheduler) as (pool, threads), StudyLine(quiet or json) as line:
+    drawn: dict[str, Any] = {**vars(simulation), "only": names(simulation.only)}
+    methods = tuple(read_flags(method_named(name), method) for name in names(method.methods))
+    study = Study(robot, methods, **drawn, description=described(description))
+    folder = output.out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
+    with _executor(executor, scheduler) as (pool, threads), StudyLine(output.silent) as line:
         rows = run_study(study, trials, folder, pool, threads if workers is None else workers, line.update)
     summaries = summarize(rows)
     # Sizes that vary with the robots alone vary together: nothing tells their shares apart.
-    costs = [slope for method in study.methods if vary_noise for slope in slopes(rows, method)]
+    costs = [slope for used in study.methods if study.vary_noise for slope in slopes(rows, used.name)]
     table = summary_table(study, summaries, costs)
     files = save_summary(folder, table, summary_markdown(study, summaries, costs))
-    if pictures:
+    if output.pictures:
         figures = {"errors.png": draw_study(rows, summaries, f"{robot}: {trials} simulated calibrations")}
         figures |= {f"sources-{m}.png": draw_slopes(rows, costs, m) for m in {slope.method for slope in costs}}
         files += save_figures(figures, folder)
-    if json:
+    if output.json:
         print(json_module.dumps(table, indent=2))
     else:
         print_study(summaries, costs, files)
 
 
-def names(text: str) -> Any:
+def monte_carlo_for(arguments: Sequence[str]) -> Verb:
+    """`monte-carlo` with the flags of the methods that are asked for; raises SettingsError."""
+    from equipoise.method.table import METHODS, method_named
+
+    asked = chosen(arguments, "--methods", DEFAULT_METHODS)
+    settings = [setting for name in names(asked) for setting in settings_of(method_named(name))]
+    words = f"Each calibrates every drawn robot, of {', '.join(METHODS)}. Flags of a method: --methods NAME --help."
+    kind = Annotated[str, arg(metavar="NAME,NAME", help=words)]
+    flags = flags_class("MethodFlags", "What calibrates.", settings, [("methods", kind, DEFAULT_METHODS)])
+    verb = shaped(monte_carlo, method=flags)
+    refuse_flags_of_other_methods(verb, arguments, f"--methods {asked}")
+    return verb
+
+
+def names(text: str) -> tuple[str, ...]:
     """The words between commas."""
     return tuple(word.strip() for word in text.split(",") if word.strip())
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json as json_module
 
+from equipoise.cli.flags import Json
 
-def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
+
+def robots(*, json: Json = False) -> None:
     """List the robots known by name, with mass, legs and where each model comes from.
 
     Example: equipoise robots --json
-
-    Args:
-        json: Print one JSON object and nothing else on stdout.
-        quiet: No warnings about the model file.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.robot.catalog import describe_catalog
     from equipoise.terminal.lists import print_robots
@@ -26,15 +23,10 @@ def robots(*, json: bool = False, quiet: bool = False, debug: bool = False) -> N
         print_robots(rows)
 
 
-def platforms(*, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
+def platforms(*, json: Json = False) -> None:
     """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
 
     Example: equipoise platforms
-
-    Args:
-        json: Print one JSON object and nothing else on stdout.
-        quiet: No warnings about the model file.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.drivers.catalog import describe_platforms
     from equipoise.terminal.lists import print_platforms

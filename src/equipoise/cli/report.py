@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.cli.flags import File
+from equipoise.cli.flags import File, Output
 from equipoise.errors import OutputError, SettingsError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ Runs = Annotated[
 ]
 
 
-def report(runs: Runs, *, out: File = None, json: bool = False, quiet: bool = False, debug: bool = False) -> None:
+def report(runs: Runs, *, out: File = None, output: Output = Output()) -> None:  # noqa: B008
     """Write a run's report.html anew, or one page that compares two or more runs.
 
     The page is one file that needs nothing else, no network either: send it, print it, keep it. docs/report.md says how to
@@ -34,9 +34,6 @@ def report(runs: Runs, *, out: File = None, json: bool = False, quiet: bool = Fa
 
     Args:
         out: File to write; default report.html in the run's folder, or comparison.html here.
-        json: Print one JSON object with the file's path and nothing else on stdout.
-        quiet: Print nothing.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.report.page import REPORT, save_comparison, save_report
 
@@ -49,10 +46,10 @@ def report(runs: Runs, *, out: File = None, json: bool = False, quiet: bool = Fa
     else:
         repeated = len(runs) == 1
         file = save_comparison(_named(paths), out or (runs[0] / REPORT if repeated else Path(_COMPARISON)))
-    if json:
+    if output.json:
         told = {"schema": "equipoise.report/1", "report": str(file), "runs": [str(path) for path in paths]}
         print(json_module.dumps(told, indent=2))
-    elif not quiet:
+    elif not output.quiet:
         print(f"saved: {file}")
 
 

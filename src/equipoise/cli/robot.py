@@ -11,9 +11,20 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from equipoise.cli.flags import Described, Duration, File, PlatformName, Robot, Setting, connected, load, seconds
+from equipoise.cli.flags import (
+    Described,
+    Duration,
+    File,
+    Output,
+    PlatformName,
+    Robot,
+    RobotFlags,
+    Setting,
+    connected,
+    load,
+)
+from equipoise.cli.settings import seconds
 from equipoise.errors import OutputError
-from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
     from equipoise.recording.run_log import RunLog
@@ -29,11 +40,8 @@ def doctor(
     set: Setting = (),
     settings: File = None,
     duration: Duration = None,
-    description_file: File = None,
-    description: Described = RobotDescription(),  # noqa: B008
-    json: bool = False,
-    quiet: bool = False,
-    debug: bool = False,
+    description: Described = RobotFlags(),  # noqa: B008
+    output: Output = Output(),  # noqa: B008
 ) -> int:
     """Connect to a robot, look for five seconds, move nothing, and say what is right and what is not.
 
@@ -47,19 +55,15 @@ def doctor(
         set: A setting of the platform, as KEY=VALUE; may be given again.
         settings: TOML file with settings of the platform.
         duration: How long to look; default 5 s.
-        description_file: TOML file with a robot description; flags win over it.
-        json: Print one JSON object and nothing else on stdout.
-        quiet: No warnings about the model file.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.drivers.checkup import examine, foretold, joint_table
     from equipoise.terminal.platform import print_checkup
 
-    model = load(robot, description_file, description)
+    model = load(robot, description)
     with connected(platform, model, set, settings) as connection:
         findings = examine(connection, model, seconds(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
-    if json:
+    if output.json:
         rows = [dataclasses.asdict(finding) for finding in findings]
         table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
         print(json_module.dumps({**table, "joints": joints}, indent=2))
@@ -76,11 +80,8 @@ def record(
     settings: File = None,
     duration: Duration = None,
     out: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")] = None,
-    description_file: File = None,
-    description: Described = RobotDescription(),  # noqa: B008
-    json: bool = False,
-    quiet: bool = False,
-    debug: bool = False,
+    description: Described = RobotFlags(),  # noqa: B008
+    output: Output = Output(),  # noqa: B008
 ) -> None:
     """Log a robot's joint sensors and IMU without moving it, until --duration is over or Ctrl-C.
 
@@ -93,17 +94,13 @@ def record(
         settings: TOML file with settings of the platform.
         duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
         out: The file; default logs/ROBOT-TIME.mcap.
-        description_file: TOML file with a robot description; flags win over it.
-        json: Print one JSON object and nothing else on stdout.
-        quiet: No progress.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.drivers.catalog import SIMULATED
     from equipoise.drivers.checkup import watch
     from equipoise.platform.interruptions import Interruptions
     from equipoise.terminal.platform import RecordingProgress
 
-    model = load(robot, description_file, description)
+    model = load(robot, description)
     now = datetime.now(timezone.utc)
     out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
     lasting = seconds(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
@@ -112,7 +109,7 @@ def record(
         connected(platform, model, set, settings) as connection,
         _log_at(out) as log,
         interruptions.noted(),
-        RecordingProgress(quiet or json, out, lasting) as progress,
+        RecordingProgress(output.silent, out, lasting) as progress,
     ):
         for number, piece in enumerate(watch(connection, model, lasting), 1):
             log.add(piece)
@@ -122,7 +119,7 @@ def record(
             progress.update(piece)
             if interruptions.asked:
                 break
-    if json:
+    if output.json:
         table = {"schema": "equipoise.record/1", "robot": model.name, "platform": platform, "file": str(out)}
         print(json_module.dumps({**table, "joint_samples": samples}))
     else:

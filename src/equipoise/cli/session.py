@@ -13,8 +13,8 @@ from equipoise.cli.flags import interruption_told
 from equipoise.errors import MotionError, ResumeError, SettingsError
 
 if TYPE_CHECKING:
-    from equipoise.calibration.routine import CalibrationSettings
     from equipoise.calibration.run_folder import RunFolder
+    from equipoise.method.method import Method
     from equipoise.platform.platform import Platform
     from equipoise.recording.run_log_reader import LogContent
     from equipoise.result.calibration import Calibration
@@ -114,9 +114,7 @@ class Session:
         if self._simulation is not None:
             self._simulation.platform.close()
 
-    def run(
-        self, folder: RunFolder, settings: CalibrationSettings, quiet: bool, content: LogContent | None = None
-    ) -> Calibration:
+    def run(self, folder: RunFolder, method: Method, quiet: bool, content: LogContent | None = None) -> Calibration:
         """One calibration into a run folder.
 
         Args:
@@ -129,7 +127,7 @@ class Session:
             if self._simulation is not None:
                 folder.save_truth(self._simulation.truth)
             with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
-                result = calibrate(platform, self.robot, settings, folder.keep, progress.update)
+                result = calibrate(platform, self.robot, method, folder.keep, progress.update)
         result = result.with_provenance(**folder.provenance, **ending)
         return result if self._simulation is None else result.with_truth(self._simulation.truth)
 
@@ -158,7 +156,7 @@ class Session:
             _tell_ending(guard.report())
 
 
-def confirm(place: Place, robot: RobotModel, settings: CalibrationSettings, yes: bool) -> None:
+def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
     """Before anything moves on a real robot: look at it, say what will be done, and have it confirmed.
 
     Raises:
@@ -174,7 +172,7 @@ def confirm(place: Place, robot: RobotModel, settings: CalibrationSettings, yes:
 
     with open_platform(place.platform, robot, place.given) as connection:
         wrong = [finding for finding in examine(connection, robot, _LOOK_TIME) if finding.fine is False]
-    for line in rehearsal_lines(rehearse(robot, settings), place.platform):
+    for line in rehearsal_lines(rehearse(robot, method), place.platform):
         print(line, file=sys.stderr)
     for finding in wrong:
         print(f"look: {finding.name}: {finding.value}; {finding.advice}", file=sys.stderr)

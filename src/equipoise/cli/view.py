@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.cli.flags import Described, Duration, File, Topic, load, seconds
+from equipoise.cli.flags import Described, Duration, File, Flag, Output, RobotFlags, Topic, load
+from equipoise.cli.settings import seconds
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.logs.topics import Topics
-from equipoise.robot.description import RobotDescription
 
 if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
@@ -30,7 +30,7 @@ DEFAULT_PORT = 8080
 def view(
     run: Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another kind.")],
     *,
-    follow: bool = False,
+    follow: Flag = False,
     robot: Annotated[str | None, arg(metavar="ROBOT", help_behavior_hint="")] = None,
     view_port: ViewPort = DEFAULT_PORT,
     view_host: str = "127.0.0.1",
@@ -40,11 +40,8 @@ def view(
     joint_map: File = None,
     start: Annotated[Duration, arg(name="from")] = None,
     until: Duration = None,
-    description_file: File = None,
-    description: Described = RobotDescription(),  # noqa: B008
-    json: bool = False,
-    quiet: bool = False,
-    debug: bool = False,
+    description: Described = RobotFlags(),  # noqa: B008
+    output: Output = Output(),  # noqa: B008
 ) -> None:
     """Look at a run or at any recording in a browser: the robot moving, the support line, the CoM estimate closing in.
 
@@ -66,10 +63,6 @@ def view(
         joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
-        description_file: Of the log's robot: TOML file with a robot description; flags win over it.
-        json: Print one JSON object, with the page's address or the file, and nothing else on stdout.
-        quiet: Print nothing but the page's address.
-        debug: Show a traceback if something goes wrong.
     """
     from equipoise.view.open import Viewing
     from equipoise.view.process import how_to_look, serve
@@ -81,15 +74,15 @@ def view(
     else:
         require_viser()
         require_port(view_host, view_port)
-    flags = _LogFlags(Topics(joint_topic, imu_topic), joint_map, (seconds(start), seconds(until)), description_file)
-    showing = _opened(run, robot, flags, description, follow)
+    flags = _LogFlags(Topics(joint_topic, imu_topic), joint_map, (seconds(start), seconds(until)), description)
+    showing = _opened(run, robot, flags, follow)
     if rerun is not None:
-        _write(rerun, showing, quiet or json)
-        _tell({"rerun": str(rerun)}, f"saved: {rerun}\nopen it: rerun {rerun}", json)
+        _write(rerun, showing, output.silent)
+        _tell({"rerun": str(rerun)}, f"saved: {rerun}\nopen it: rerun {rerun}", output.json)
         return
 
     def greet(url: str) -> None:
-        _tell({"url": url}, url if quiet else f"{how_to_look(url)}\nCtrl-C ends it.", json)
+        _tell({"url": url}, url if output.quiet else f"{how_to_look(url)}\nCtrl-C ends it.", output.json)
 
     with Viewing(showing) as viewing:
         try:
@@ -105,29 +98,29 @@ class _LogFlags:
     topics: Topics
     joint_map: Path | None
     span: tuple[float | None, float | None]
-    description_file: Path | None
+    description: RobotFlags
 
-    def refuse(self, description: RobotDescription) -> None:
+    def refuse(self) -> None:
         """Raise SettingsError if one was given."""
-        if self != _LogFlags(Topics(), None, (None, None), None) or description != RobotDescription():
+        if self != _LogFlags(Topics(), None, (None, None), RobotFlags()):
             raise SettingsError(
                 "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"
             )
 
 
-def _opened(path: Path, robot: str | None, flags: _LogFlags, description: RobotDescription, follow: bool) -> Showing:
+def _opened(path: Path, robot: str | None, flags: _LogFlags, follow: bool) -> Showing:
     from equipoise.logs.joint_names import read_joint_map
     from equipoise.logs.reader import is_log, read_log
     from equipoise.view.open import follow_log, open_log, open_run
 
     if robot is None:
-        flags.refuse(description)
+        flags.refuse()
         try:
             return open_run(path)
         except RecordingError as error:
             hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
             raise RecordingError(f"{error}{hint}") from error
-    model = load(robot, flags.description_file, description)
+    model = load(robot, flags.description)
     if follow:
         return follow_log(path, model)
     joint_map = None if flags.joint_map is None else read_joint_map(flags.joint_map)

@@ -29,9 +29,9 @@ class SwaySettings:
     """How the base sways.
 
     Attributes:
-        amplitude: of the commanded rotation [rad].
-        frequency: [Hz]; default 2 Hz on an A1, slower on larger robots.
-        duration: of the steady part [s]; default six periods.
+        amplitude: amplitude of the commanded rotation [rad].
+        frequency: frequency of the sway [Hz]; default 2 Hz on an A1, slower on larger robots.
+        duration: duration of the steady part [s]; default six periods.
     """
 
     amplitude: float = 0.05

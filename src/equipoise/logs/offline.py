@@ -7,13 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from equipoise.calibration.routine import CalibrationSettings
 from equipoise.errors import LogError, RecordingError
 from equipoise.logs.finding import Finding
 from equipoise.logs.gyroscope import compare_gyroscope
 from equipoise.logs.log import Log, rate
 from equipoise.logs.segments import Segment, find_segments, usable
-from equipoise.precise import method as precise
+from equipoise.precise.method import Precise
 from equipoise.precise.screening import screen_log
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial, PostureTrial
@@ -60,7 +59,7 @@ class LogEstimate:
     report: LogReport
 
 
-def estimate_log(robot: RobotModel, log: Log, settings: CalibrationSettings | None = None) -> LogEstimate:
+def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> LogEstimate:
     """What a log says of the robot, by the precise method.
 
     Raises:
@@ -68,7 +67,7 @@ def estimate_log(robot: RobotModel, log: Log, settings: CalibrationSettings | No
         RecordingError: its units cannot be right.
         ImuMountingError: the IMU is mounted turned.
     """
-    settings, stance = settings or CalibrationSettings(), nominal_stance(robot)
+    method, stance = method or Precise(), nominal_stance(robot)
     screen_log(robot, log.recording)
     findings = list(log.findings)
     recording = _on_one_clock(robot, stance, log.recording, findings)
@@ -79,11 +78,11 @@ def estimate_log(robot: RobotModel, log: Log, settings: CalibrationSettings | No
     if not recordings:
         raise _nothing_usable(report)
     try:
-        result = precise.estimate(robot, recordings, settings, stance, lifts_needed=False)
+        result = method.estimate(robot, recordings, stance, lifts_needed=False)
     except RecordingError as error:
         raise LogError(str(error), report, {"log": report.to_dict()}) from error
     report = replace(report, segments=_judged(segments, result))
-    return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, settings))))
+    return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, method))))
 
 
 def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[Finding]) -> Recording:
@@ -135,7 +134,7 @@ def _judged(segments: list[Segment], result: Calibration) -> tuple[Segment, ...]
     return tuple(judged)
 
 
-def _not_told(result: Calibration, report: LogReport, settings: CalibrationSettings) -> list[str]:
+def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[str]:
     """What the result does not know, causes first."""
     used = [segment for segment in report.segments if segment.used and segment.recording is not None]
     trials = [segment.recording.trial for segment in used if segment.recording is not None]
@@ -156,7 +155,7 @@ def _not_told(result: Calibration, report: LogReport, settings: CalibrationSetti
             "There is no move over planted feet from rest to rest: a joint's zero cannot be told from an offset of the centre "
             "of mass."
         )
-    if settings.precise.mass is None and report.log.recording.joints.torque is None:
+    if method.mass is None and report.log.recording.joints.torque is None:
         said.append(
             "There are no joint torques and no --mass: the mass is the model's, and the inertia, which scales with it, is as "
             "uncertain."

@@ -2,105 +2,167 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import reduce
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from equipoise.calibration.settings import CalibrationSettings
 from equipoise.conventions import AXES, FloatArray
-from equipoise.errors import RecordingError
+from equipoise.errors import RecordingError, SettingsError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.sway import SwaySettings, why_unreachable
 from equipoise.experiments.tilt import SupportPlane
+from equipoise.method.method import Method
+from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.paper.bracket import done, step
 from equipoise.paper.com_search import find_com
 from equipoise.paper.equations import AxisFit, between, commanded_plane, find_intersection, fit_axis
 from equipoise.paper.evidence import SearchEvidence
+from equipoise.paper.iterations import com_by_iteration
 from equipoise.paper.lift_trial import LiftReading, read_lift_trials
+from equipoise.paper.reading import SearchReading
 from equipoise.paper.sway import sway_axis, why_not_planted
-from equipoise.paper.trial_runner import ComSearchSettings, SearchProgress, TrialRunner, check_search, shifted_feet
+from equipoise.paper.trial_runner import (
+    ComSearchSettings,
+    SearchProgress,
+    TrialRunner,
+    check_search,
+    lift_heights,
+    shifted_feet,
+)
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial, SwayTrial
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, SupportLine, SwayEstimate, Trial, model_facts
 from equipoise.robot.inertial import nominal_inertia
-from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import carried_mass
 
 # Payloads of more than this fraction of the robot's mass were seen to cost several millimetres; joint friction alone makes
 # the torques of a `realistic` robot lie by up to half as much.
 _MASS_MISMATCH = 0.15
+_LIFT_TIME = 4.6  # [s] of one trial of the search, on an A1
+_SWAYS_TIME = 17.0  # [s] of the three sways, on an A1
 
 
-def check(robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
-    """Refuse settings that do not fit a robot, before anything moves.
+@dataclass(frozen=True)
+class Paper(Method):
+    """CoM by bisection (Algorithms 1 and 2), then I and C by sways (equations 2 to 5).
 
-    Raises:
-        SettingsError: a setting does not fit the robot's size.
-        ReachError: a posture is out of reach or not safe.
+    Attributes:
+        feet: where support lines are taken to be: "measured" by the encoders and the accelerometer at rest, or "commanded", as
+            printed in the paper.
+        com_search: step 1.
+        sway: step 2.
     """
-    check_search(robot, stance, settings.com_search)
-    settings.sway.duration_for(stance)
 
-
-def run(
-    planted: PlantedRobot,
-    stance: Stance,
-    settings: CalibrationSettings,
-    recordings: Sequence[Recording],
-    report: Callable[[Progress], None] | None = None,
-) -> None:
-    """Step 1, the search, and step 2, the sways; recordings go where `planted.keep` takes them."""
-    searching = None if report is None else _SearchReport(report, settings.com_search, stance)
-    find_com(TrialRunner(planted, stance, settings.com_search, searching))  # step 1
-    for index, axis in enumerate(AXES):  # step 2
-        if report is not None:
-            report(Progress(f"sway about {axis}", len(recordings), len(recordings) + len(AXES) - index))
-        sway_axis(planted, stance, axis, settings.sway)
-
-
-def estimate(
-    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings, stance: Stance
-) -> Calibration:
-    """What the recordings of a run of this method say.
-
-    Raises:
-        RecordingError: they do not hold a complete search on both diagonals.
-    """
-    lifts = read_lift_trials(robot, recordings, stance.joint_position)
-    lines: dict[str, SupportLine] = {}
-    planes: list[SupportPlane] = []
-    for diagonal in DIAGONALS:
-        line, plane = _support_line(
-            [lift for lift in lifts if lift.trial.diagonal == diagonal], diagonal, stance, settings
-        )
-        lines[diagonal] = line
-        planes.append(plane)
-    nominal = nominal_inertia(robot, stance.joint_position)
-    x_c, y_c = find_intersection(planes, float(nominal.composite.com[2]))  # Algorithm 2, line 5
-    com = np.array([x_c, y_c, nominal.composite.com[2]])
-    sways, fits, trials = estimate_sways(robot, recordings, com, stance, settings.sway)
-    return Calibration(
-        method=settings.method,
-        **model_facts(robot, stance.joint_position),
-        composite=Body.partly(nominal.composite, com_in_base=(float(x_c), float(y_c), None)),
-        base=Body.partly(nominal.base),
-        stance_effective=Body.partly(nominal.stance_effective),
-        sways=sways,
-        support_lines=lines,
-        trials=(*(_trial(lift) for lift in lifts), *trials),
-        settings=dataclasses.asdict(settings),
-        warnings=(
-            *_weight_warning(robot, recordings),
-            *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
-        ),
-        evidence=SearchEvidence(stance.feet_in_base, tuple(recordings), fits, tuple(lift.plane for lift in lifts)),
+    name: ClassVar[str] = "paper"
+    summary: ClassVar[str] = (
+        "a bisection finds the planar centre of mass (Algorithms 1 and 2), sways give moments of inertia (equations 2 to 5)"
     )
+    estimates: ClassVar[tuple[str, ...]] = ("com_x", "com_y")
+    judging: ClassVar[tuple[str, ...]] = ("feet",)
+    # At twice the usual step the estimates stay the same to a tenth of their errors: `make bench-monte-carlo`. No step is
+    # longer: contacts would be softer.
+    timestep: ClassVar[float] = 1e-3
+
+    feet: Literal["measured", "commanded"] = "measured"
+    com_search: ComSearchSettings = field(default_factory=ComSearchSettings, metadata={"prefix": ""})
+    sway: SwaySettings = field(default_factory=SwaySettings, metadata={"prefix": "sway_"})
+
+    def __post_init__(self) -> None:
+        if self.feet not in ("measured", "commanded"):
+            raise SettingsError(f"feet are 'measured' or 'commanded', not {self.feet!r}")
+
+    def check(self, robot: RobotModel, stance: Stance) -> None:
+        check_search(robot, stance, self.com_search)
+        self.sway.duration_for(stance)
+
+    def run(
+        self,
+        planted: PlantedRobot,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        """Step 1, the search, and step 2, the sways."""
+        searching = None if report is None else _SearchReport(report, self.com_search, stance)
+        find_com(TrialRunner(planted, stance, self.com_search, searching))  # step 1
+        for index, axis in enumerate(AXES):  # step 2
+            if report is not None:
+                report(Progress(f"sway about {axis}", len(recordings), len(recordings) + len(AXES) - index))
+            sway_axis(planted, stance, axis, self.sway)
+
+    def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
+        halvings = self.com_search.halvings(stance)
+        time = 2 * halvings * _LIFT_TIME * stance.scale.time / self.com_search.speed + _SWAYS_TIME * stance.scale.time
+        postures = [*_searched_postures(robot, stance, self.com_search), *sway_postures(robot, stance, self.sway)]
+        return Course("lifts two diagonal feet again and again, sways about three axes", time, tuple(postures))
+
+    def expected_trials(self, stance: Stance) -> int:
+        return 2 * self.com_search.halvings(stance) + len(AXES)
+
+    def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> SearchReading:
+        return SearchReading(robot, stance, recordings, self.com_search)
+
+    def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
+        """The CoM after each halving [m]."""
+        path = com_by_iteration(result, self.com_search.bracket(stance))
+        return {"iteration_x": path[:, 0].tolist(), "iteration_y": path[:, 1].tolist()}
+
+    def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
+        """What the recordings of a run of this method say.
+
+        Raises:
+            RecordingError: they do not hold a complete search on both diagonals.
+        """
+        lifts = read_lift_trials(robot, recordings, stance.joint_position)
+        lines: dict[str, SupportLine] = {}
+        planes: list[SupportPlane] = []
+        for diagonal in DIAGONALS:
+            line, plane = _support_line(
+                [lift for lift in lifts if lift.trial.diagonal == diagonal], diagonal, stance, self
+            )
+            lines[diagonal] = line
+            planes.append(plane)
+        nominal = nominal_inertia(robot, stance.joint_position)
+        x_c, y_c = find_intersection(planes, float(nominal.composite.com[2]))  # Algorithm 2, line 5
+        com = np.array([x_c, y_c, nominal.composite.com[2]])
+        sways, fits, trials = estimate_sways(robot, recordings, com, stance, self.sway)
+        return Calibration(
+            method=self.name,
+            **model_facts(robot, stance.joint_position),
+            composite=Body.partly(nominal.composite, com_in_base=(float(x_c), float(y_c), None)),
+            base=Body.partly(nominal.base),
+            stance_effective=Body.partly(nominal.stance_effective),
+            sways=sways,
+            support_lines=lines,
+            trials=(*(_trial(lift) for lift in lifts), *trials),
+            settings=self.to_dict(),
+            warnings=(
+                *_weight_warning(robot, recordings),
+                *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
+            ),
+            evidence=SearchEvidence(stance.feet_in_base, tuple(recordings), fits, tuple(lift.plane for lift in lifts)),
+        )
+
+
+def _searched_postures(robot: RobotModel, stance: Stance, settings: ComSearchSettings) -> list[RehearsedPosture]:
+    """Both ends of the search, as high as it may lift."""
+    height = lift_heights(settings.lift(stance))[-1]
+    found: list[RehearsedPosture] = []
+    for diagonal, legs in DIAGONALS.items():
+        for offset in settings.bounds(stance):
+            feet = shifted_feet(stance, offset)
+            feet[[leg not in legs for leg in LEG_NAMES], 2] += height
+            what = f"lines at {offset * 1000:+.0f} mm: two feet up by up to {height * 1000:.0f} mm, on {diagonal}"
+            found.append(held_posture(robot, what, feet, stance.joint_position, legs, settings.halvings(stance)))
+    return found
 
 
 def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[str]:
@@ -120,7 +182,7 @@ def _weight_warning(robot: RobotModel, recordings: Sequence[Recording]) -> list[
 
 
 def _support_line(
-    lifts: list[LiftReading], diagonal: str, stance: Stance, settings: CalibrationSettings
+    lifts: list[LiftReading], diagonal: str, stance: Stance, settings: Paper
 ) -> tuple[SupportLine, SupportPlane]:
     """Where a diagonal's search ended: between the last trial to tip forward and the last to tip backward."""
     bracket = reduce(step, [lift.tried for lift in lifts], settings.com_search.bracket(stance))

@@ -40,10 +40,11 @@ class ComSearchSettings:
     """How the CoM is searched. None stands for a value that fits the robot's size.
 
     Attributes:
-        lower, upper: search bounds x_l and x_u of the offset along the base's x axis [m]; default -+ 6 cm on an A1.
-        tolerance: the search ends when the bounds are this close [m].
-        lift_height: of the first lift [m]; default 5 % of the hip height.
-        t_thres: how long the robot is watched with two feet up [s]; default 0.8 s on an A1.
+        lower: lower search bound x_l of the offset along the base's x axis [m]; default -6 cm on an A1.
+        upper: upper search bound x_u of that [m]; default 6 cm on an A1.
+        tolerance: distance of the bounds at which the search ends [m].
+        lift_height: height of the first lift [m]; default 5 % of the hip height.
+        t_thres: time for which the robot is watched with two feet up [s]; default 0.8 s on an A1.
         speed: factor on how fast the robot moves between trials.
     """
 
@@ -73,6 +74,11 @@ class ComSearchSettings:
                 f"the tolerance of {self.tolerance} m leaves nothing to search between {lower:.4f} and {upper:.4f} m"
             )
         return lower, upper
+
+    def halvings(self, stance: Stance) -> int:
+        """How often the bracket is halved until it is as small as the tolerance."""
+        lower, upper = self.bounds(stance)
+        return int(np.ceil(np.log2((upper - lower) / self.tolerance)))
 
     def bracket(self, stance: Stance) -> Bracket:
         """What a search on a robot of this size begins with; raises SettingsError as `bounds` does."""

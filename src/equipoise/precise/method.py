@@ -2,112 +2,191 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
-from equipoise.calibration.settings import CalibrationSettings
+from equipoise.errors import SettingsError
 from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.posture import feet_in_posture
 from equipoise.experiments.progress import Progress
-from equipoise.paper.method import estimate_sways
+from equipoise.experiments.sway import SwaySettings
+from equipoise.method.method import Method
+from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.checks import judge
+from equipoise.precise.lift_design import AMPLITUDES, lift_feet, lift_settings, turned_feet
 from equipoise.precise.measurements.evidence import MotionReading, read_evidence
-from equipoise.precise.plan import describe
+from equipoise.precise.plan import Durations, Goals, Plan, describe
 from equipoise.precise.posterior import Posterior, estimate_posterior
 from equipoise.precise.posterior_evidence import PosteriorEvidence
+from equipoise.precise.reading import PreciseReading
 from equipoise.precise.routine import PreciseRoutine, plan_ahead
 from equipoise.precise.screening import screen
 from equipoise.precise.sensor_findings import sensor_findings
+from equipoise.precise.sway import sway_time
+from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial, PostureTrial, RecordedTrial, SwayTrial
 from equipoise.result.body import Body
-from equipoise.result.calibration import Calibration, SwayEstimate, Trial, model_facts
-from equipoise.robot.inertial import nominal_inertia
-from equipoise.robot.model import RobotModel
+from equipoise.result.calibration import Calibration, Trial, model_facts
+from equipoise.robot.inertial import COMPONENTS, composite_parameters, nominal_inertia
+from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
 
-_PAPER_BIAS = (
-    "the paper's I leaves out the shanks and takes legs to have no mass, and joint friction in the motor torques adds to I "
-    "and to C; compare with stance_effective"
-)
+_BUDGET = 120.0  # [s] on an A1
 
 
-def check(robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
-    """Refuse settings that do not fit a robot, before anything moves.
+@dataclass(frozen=True)
+class Precise(Method):
+    """3-D CoM, mass and the whole inertia, with the sensors calibrated on the way.
 
-    Raises:
-        SettingsError: the budget is too small.
-        ReachError: no lift is within reach.
+    The robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips.
+
+    Attributes:
+        budget: robot time [s], as 60s or 2min; default 120 s on an A1, more on larger robots.
+        mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
+        mass_sd: standard deviation of that [kg]; default 0.5 %.
+        sway: the sway about all axes at the end, which tells more about friction and Izz.
+        goals: standard deviations at which a calibration is good enough to stop early.
+        priors: what is believed before anything is measured.
     """
-    plan_ahead(robot, stance, settings.precise)
 
-
-def run(
-    planted: PlantedRobot,
-    stance: Stance,
-    settings: CalibrationSettings,
-    recordings: Sequence[Recording],
-    report: Callable[[Progress], None] | None = None,
-) -> None:
-    """Search, planned trials, sway; recordings go where `planted.keep` takes them."""
-    PreciseRoutine(planted, planted.robot, stance, settings.precise, recordings, report).run()
-
-
-def estimate(
-    robot: RobotModel,
-    recordings: Sequence[Recording],
-    settings: CalibrationSettings,
-    stance: Stance,
-    lifts_needed: bool = True,
-) -> Calibration:
-    """What the recordings of a run of this method say.
-
-    Args:
-        lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
-
-    Raises:
-        RecordingError: they hold nothing that can be used, or sensors that cannot be believed.
-    """
-    timings: dict[str, float] = {}
-    with _Timed(timings, "screen the sensors"):
-        screen(robot, recordings)
-    with _Timed(timings, "read the recordings"):
-        evidence = read_evidence(robot, stance, recordings)
-    with _Timed(timings, "estimate"):
-        precise = settings.precise
-        posterior = estimate_posterior(
-            robot, stance, evidence, precise.priors, precise.scale, lifts_needed=lifts_needed
-        )
-    with _Timed(timings, "check"):
-        checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
-        findings = tuple(sensor_findings(posterior))
-    with _Timed(timings, "the paper's I and C"):
-        sways, fits, _ = estimate_sways(robot, recordings, posterior.robot_body.com, stance, settings.sway)
-        sways = {axis: _explained(sway) for axis, sway in sways.items()}
-    nominal = nominal_inertia(robot, stance.joint_position)
-    return Calibration(
-        **model_facts(robot, stance.joint_position),
-        method=settings.method,
-        composite=Body.known(
-            posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
-        ),
-        base=Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base),
-        stance_effective=Body.known(
-            posterior.stance_effective_body,
-            posterior.stance_effective_covariance,
-            posterior.prior_deviation,
-            nominal.stance_effective,
-        ),
-        sensors=findings,
-        checks=checks,
-        sways=sways,
-        support_lines={},
-        trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
-        settings=dataclasses.asdict(settings),
-        warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-        evidence=PosteriorEvidence(stance.feet_in_base, tuple(recordings), fits, evidence.motions, posterior),
-        timings=timings,
+    name: ClassVar[str] = "precise"
+    summary: ClassVar[str] = (
+        "the robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips; mass, 3-D "
+        "centre of mass and inertia with intervals, its sensors calibrated on the way"
     )
+    estimates: ClassVar[tuple[str, ...]] = COMPONENTS
+    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd")
+
+    budget: float | None = None
+    mass: float | None = None
+    mass_sd: float | None = None
+    sway: bool = True
+    goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
+    priors: Priors = field(default_factory=Priors, metadata={"prefix": None})
+
+    def __post_init__(self) -> None:
+        for name, least, most in (("budget", 20.0, 3600.0), ("mass", 0.05, 5000.0), ("mass_sd", 1e-4, 500.0)):
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
+                raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
+        if self.mass_sd is not None and self.mass is None:
+            raise SettingsError("mass_sd says how sure a scale is; give its mass too")
+
+    def budget_for(self, stance: Stance) -> float:
+        """[s]."""
+        return self.budget or _BUDGET * stance.scale.time
+
+    @property
+    def scale(self) -> tuple[float, float] | None:
+        """The scale's mass and its standard deviation [kg], or None."""
+        if self.mass is None:
+            return None
+        return self.mass, self.mass_sd or 0.005 * self.mass
+
+    def weighed(self, mass: float, deviation: float) -> Precise:
+        return replace(self, mass=mass, mass_sd=deviation)
+
+    def check(self, robot: RobotModel, stance: Stance) -> None:
+        """Refuse a budget that is too small (SettingsError), and a robot that can do no lift (ReachError)."""
+        plan_ahead(robot, stance, self)
+
+    def forecast(self, robot: RobotModel, stance: Stance) -> Plan:
+        return plan_ahead(robot, stance, self)
+
+    def expected_trials(self, stance: Stance) -> int:
+        return round(self.budget_for(stance) / Durations.of(stance).lift)
+
+    def run(
+        self,
+        planted: PlantedRobot,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        """Search, planned trials, sway."""
+        PreciseRoutine(planted, planted.robot, stance, self, recordings, report).run()
+
+    def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
+        plan = plan_ahead(robot, stance, self)
+        postures, time = _planned_postures(robot, stance, plan), plan.robot_time
+        if self.sway:
+            time += sway_time(stance)
+            postures += sway_postures(robot, stance, SwaySettings())
+        doing = (
+            f"moves its body over planted feet through {len(plan.visits)} postures, lifts two diagonal feet "
+            f"{plan.lifts + 4} times{', sways' if self.sway else ''}"
+        )
+        return Course(doing, time, tuple(postures))
+
+    def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> PreciseReading:
+        return PreciseReading(robot, stance, recordings, self.priors, self.scale)
+
+    def estimate(
+        self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance, lifts_needed: bool = True
+    ) -> Calibration:
+        """What the recordings of a run of this method say.
+
+        Args:
+            lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
+
+        Raises:
+            RecordingError: they hold nothing that can be used, or sensors that cannot be believed.
+        """
+        timings: dict[str, float] = {}
+        with _Timed(timings, "screen the sensors"):
+            screen(robot, recordings)
+        with _Timed(timings, "read the recordings"):
+            evidence = read_evidence(robot, stance, recordings)
+        with _Timed(timings, "estimate"):
+            posterior = estimate_posterior(robot, stance, evidence, self.priors, self.scale, lifts_needed=lifts_needed)
+        with _Timed(timings, "check"):
+            checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
+            findings = tuple(sensor_findings(posterior))
+        nominal = nominal_inertia(robot, stance.joint_position)
+        return Calibration(
+            **model_facts(robot, stance.joint_position),
+            method=self.name,
+            composite=Body.known(
+                posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
+            ),
+            base=Body.known(
+                posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base
+            ),
+            stance_effective=Body.known(
+                posterior.stance_effective_body,
+                posterior.stance_effective_covariance,
+                posterior.prior_deviation,
+                nominal.stance_effective,
+            ),
+            sensors=findings,
+            checks=checks,
+            sways={},
+            support_lines={},
+            trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
+            settings=self.to_dict(),
+            warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
+            evidence=PosteriorEvidence(stance.feet_in_base, tuple(recordings), {}, evidence.motions, posterior),
+            timings=timings,
+        )
+
+
+def _planned_postures(robot: RobotModel, stance: Stance, plan: Plan) -> list[RehearsedPosture]:
+    com, height = composite_parameters(robot, stance.joint_position).com, lift_settings(stance).height
+    found: list[RehearsedPosture] = []
+    for visit in plan.visits:
+        where = describe(visit.posture)
+        found.append(held_posture(robot, where, feet_in_posture(stance, com, visit.posture), stance.joint_position))
+        for lift in visit.lifts:
+            _, lifted = lift_feet(stance, com, lift, height)
+            what = f"{where}: two feet up, on {lift.diagonal}"
+            ends = (0.0,) if lift.turn is None else (AMPLITUDES[lift.turn], -AMPLITUDES[lift.turn])
+            for times, angle in zip((1, 0), ends, strict=False):
+                feet = turned_feet(lifted, com, lift.turn, angle)
+                found.append(held_posture(robot, what, feet, stance.joint_position, DIAGONALS[lift.diagonal], times))
+    return found
 
 
 def _trial(motion: MotionReading, posterior: Posterior) -> Trial:
@@ -138,12 +217,6 @@ def _about(trial: RecordedTrial | None) -> str:
     if isinstance(trial, SwayTrial):
         words.append(trial.about)
     return ", ".join(words)
-
-
-def _explained(sway: SwayEstimate) -> SwayEstimate:
-    if sway.moment is None:
-        return sway
-    return dataclasses.replace(sway, note="; ".join(note for note in (sway.note, _PAPER_BIAS) if note))
 
 
 class _Timed:

@@ -102,6 +102,10 @@ class Visit:
     posture: BodyPosture
     lifts: tuple[LiftDesign, ...] = ()
 
+    def turns(self, diagonal: str) -> str:
+        """The lifts on a diagonal, in words."""
+        return ", ".join(lift.turn or "passive" for lift in self.lifts if lift.diagonal == diagonal)
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -127,6 +131,13 @@ class Plan:
     def lifts(self) -> int:
         """Number of lifts, those of the search not counted."""
         return sum(len(visit.lifts) for visit in self.visits)
+
+    def trials(self) -> list[tuple[str, dict[str, str]]]:
+        """Postures in order, and the lifts in each by diagonal, in words."""
+        return [
+            ("search, nominal", dict.fromkeys(DIAGONALS, "passive x 2")),
+            *((describe(visit.posture), {name: visit.turns(name) for name in DIAGONALS}) for visit in self.visits),
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""

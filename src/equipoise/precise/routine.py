@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from equipoise.errors import EquipoiseError, MotionError, ReachError, SettingsError
+from equipoise.errors import EquipoiseError, MotionError, ReachError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
-from equipoise.precise.plan import FEW_LIFTS, Candidates, Durations, Goals, Plan, describe, make_plan
+from equipoise.precise.plan import FEW_LIFTS, Candidates, Durations, Plan, describe, make_plan
 from equipoise.precise.posterior import Posterior, estimate_posterior, prior_rows
 from equipoise.precise.safe_lift import found_doubt
 from equipoise.precise.sway import sway_all_axes, sway_time
@@ -25,53 +25,15 @@ from equipoise.robot.inertial import components, composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
-_BUDGET = 120.0  # [s] on an A1
+if TYPE_CHECKING:
+    from equipoise.precise.method import Precise
+
 _REPLAN_AT = 0.55  # of the visits
 _SURE = 2.0  # standard deviations
 _FEWEST_LIFTS = 4  # below, no precise result
 
 
-@dataclass(frozen=True)
-class PreciseSettings:
-    """What the precise method does.
-
-    Attributes:
-        budget: of robot time [s]; default 120 s on an A1, more on larger robots.
-        mass: of the whole robot, from a scale [kg]; None: estimated from joint torques.
-        mass_sd: standard deviation of that [kg]; default 0.5 %.
-        sway: whether to sway about all axes at the end: more about friction and Izz, and the paper's I and C.
-        goals: when a calibration is good enough to stop early.
-        priors: what is believed before anything is measured.
-    """
-
-    budget: float | None = None
-    mass: float | None = None
-    mass_sd: float | None = None
-    sway: bool = True
-    goals: Goals = field(default_factory=Goals)
-    priors: Priors = field(default_factory=Priors)
-
-    def __post_init__(self) -> None:
-        for name, least, most in (("budget", 20.0, 3600.0), ("mass", 0.05, 5000.0), ("mass_sd", 1e-4, 500.0)):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
-        if self.mass_sd is not None and self.mass is None:
-            raise SettingsError("mass_sd says how sure a scale is; give its mass too")
-
-    def budget_for(self, stance: Stance) -> float:
-        """[s]."""
-        return self.budget or _BUDGET * stance.scale.time
-
-    @property
-    def scale(self) -> tuple[float, float] | None:
-        """The scale's mass and its standard deviation [kg], or None."""
-        if self.mass is None:
-            return None
-        return self.mass, self.mass_sd or 0.005 * self.mass
-
-
-def plan_ahead(robot: RobotModel, stance: Stance, settings: PreciseSettings) -> Plan:
+def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
     return make_plan(_nominal_candidates(robot, settings.priors), _budget(stance, settings), settings.goals)
 
@@ -82,7 +44,7 @@ def _nominal_candidates(robot: RobotModel, priors: Priors) -> Candidates:
     return Candidates.of(robot, stance, composite_parameters(robot, stance.joint_position).com, priors)
 
 
-def _budget(stance: Stance, settings: PreciseSettings) -> float:
+def _budget(stance: Stance, settings: Precise) -> float:
     return settings.budget_for(stance) - (sway_time(stance) if settings.sway else 0.0)
 
 
@@ -94,7 +56,7 @@ class PreciseRoutine:
         planted: PlantedRobot,
         robot: RobotModel,
         stance: Stance,
-        settings: PreciseSettings,
+        settings: Precise,
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:

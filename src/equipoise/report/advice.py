@@ -9,10 +9,11 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
 from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.method import Precise
 from equipoise.precise.plan import Candidates, Plan, Visit, describe, make_plan
 from equipoise.precise.posterior import Posterior, body_jacobian
 from equipoise.precise.posterior_evidence import PosteriorEvidence
-from equipoise.precise.routine import PreciseSettings, plan_ahead
+from equipoise.precise.routine import plan_ahead
 from equipoise.report.blocks import Block, items, table, text
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
@@ -66,12 +67,12 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
     both = make_plan(candidates, time, known=known + scale, searched=True)
     now = np.sqrt(np.diag(posterior.robot_covariance))
     with_scale = np.sqrt(np.diag(to_body @ np.linalg.inv(known + scale) @ to_body.T))
-    weighed = result.settings.get("precise", {}).get("mass") is not None
+    weighed = result.settings.get("precise", result.settings).get("mass") is not None
     intervals = {"now": now, **({} if weighed else {"with a scale": np.minimum(with_scale, now)})}
     intervals[f"{time:.0f} s more"] = np.minimum(more.deviation, now)
     if not weighed:
         intervals["both"] = np.minimum(both.deviation, np.minimum(with_scale, now))
-    goals = PreciseSettings().goals.vector(np.abs(more.body), stance)
+    goals = Precise().goals.vector(np.abs(more.body), stance)
     over = {name: float(ratio) for name, ratio in zip(COMPONENTS, now / goals, strict=True) if ratio > 1}
     weakest = sorted(over, key=lambda name: -over[name])[:_WEAKEST]
     return Outlook({name: NORMAL_95 * deviation for name, deviation in intervals.items()}, _in_words(more), weakest)
@@ -152,7 +153,7 @@ def _best_step(seen: Outlook, names: list[str]) -> str:
 
 def _ahead(robot: RobotModel) -> list[Block]:
     """What the precise method would find."""
-    plan = plan_ahead(robot, nominal_stance(robot), PreciseSettings())
+    plan = plan_ahead(robot, nominal_stance(robot), Precise())
     rows = [
         [label, f"\u00b1 {NORMAL_95 * deviation * factor:{form}}"]
         for (_, label, factor, form), deviation in zip(ROWS, plan.deviation, strict=True)

@@ -129,18 +129,18 @@ class Calibration:
 
     Attributes:
         robot: its name.
-        method: "precise", "paper" or "static".
+        method: its name.
         joint_position: the nominal stance that all refers to, by joint name [rad].
         model: format, hash and base link of the model file.
         composite: the whole robot at the stance.
         base: the base link with all that is fixed to it.
         stance_effective: the paper's body: base, hips and thighs about their own CoM.
-        sways: the paper's I and C, by axis.
+        sways: the paper's I and C, by axis; `paper` only.
         support_lines: by diagonal; `paper` only.
         sensors: what was found wrong with the sensors; `precise` only.
         checks: what the result says about itself, failed ones first.
         trials: every motion, in order.
-        settings: as JSON values.
+        settings: of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
         warnings: what speaks against the result, worst first.
         evidence: not in the JSON form.

@@ -25,30 +25,32 @@ class RobotDescription:
     """Overrides of what is otherwise found in the model file. Nothing here is required.
 
     Read from a TOML file whose keys are the field names, from flags, or from both (flags win).
+
+    Attributes:
+        base_link: name of the trunk link, where it is not the first link with mass.
+        foot_frames: frame at each foot's centre, by leg: FL, FR, RL, RR.
+        foot_radius: radius of the feet [m].
+        imu_position: IMU position in the base frame [m].
+        imu_rpy: IMU orientation in the base frame, roll pitch yaw [rad].
+        stance: nominal stance: position by joint name [rad]; all leg joints.
+        stance_height: nominal hip height as a fraction of the leg length; default about 0.75.
+        kp: joint position gain [Nm/rad]; default 100 x m g h / 38 Nm.
+        kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
+        joint_limits: narrower or missing position limits by joint name: lower upper [rad].
+        held: where joints that are no leg's are held, by joint name [rad]; default 0.
     """
 
     base_link: str | None = None
-    """Name of the trunk link, where it is not the first link with mass."""
     foot_frames: dict[str, str] = field(default_factory=dict[str, str])
-    """Frame at each foot's centre, by leg: FL, FR, RL, RR."""
     foot_radius: float | None = None
-    """Radius of the feet [m]."""
     imu_position: tuple[float, float, float] | None = None
-    """IMU position in the base frame [m]."""
     imu_rpy: tuple[float, float, float] | None = None
-    """IMU orientation in the base frame, roll pitch yaw [rad]."""
     stance: dict[str, float] = field(default_factory=dict[str, float])
-    """Nominal stance: position by joint name [rad]; all leg joints."""
     stance_height: float | None = None
-    """Nominal hip height as a fraction of the leg length; default about 0.75."""
     kp: float | None = None
-    """Joint position gain [Nm/rad]; default 100 x m g h / 38 Nm."""
     kd: float | None = None
-    """Joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm."""
     joint_limits: dict[str, tuple[float, float]] = field(default_factory=dict[str, "tuple[float, float]"])
-    """Narrower or missing position limits by joint name: lower upper [rad]."""
     held: dict[str, float] = field(default_factory=dict[str, float])
-    """Where joints that are no leg's are held, by joint name [rad]; default 0."""
 
     def __post_init__(self) -> None:
         for leg in self.foot_frames:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from equipoise.calibration.settings import CalibrationSettings
 from equipoise.errors import RecordingError
 from equipoise.experiments.lift import LiftSettings, come_to_rest
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
+from equipoise.method.method import Method
+from equipoise.method.rehearsal import Course
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import StandTrial
@@ -24,56 +26,71 @@ from equipoise.robot.stance import Stance
 from equipoise.robot.statics import torques_of_legs
 
 _REST_TIME = 2.0  # [s]
+_DURATION = 3.0  # [s] with the way there
 
 
-def run(
-    planted: PlantedRobot,
-    stance: Stance,
-    settings: CalibrationSettings,
-    recordings: Sequence[Recording],
-    report: Callable[[Progress], None] | None = None,
-) -> None:
-    """Stand still for a while."""
-    del settings, recordings
-    if report is not None:
-        report(Progress("standing still", 0, 1))
-    motion = planted.motion().begin(StandTrial()).phase(Phase.MOVE)
-    come_to_rest(
-        planted, motion.move_feet(stance.feet_in_base, 0.2), LiftSettings(height=0.0, rest_time=_REST_TIME), "standing"
-    )
-    planted.finish()
+@dataclass(frozen=True)
+class Static(Method):
+    """Planar CoM and mass from the foot forces of the standing robot."""
 
+    name: ClassVar[str] = "static"
+    summary: ClassVar[str] = "what the joint torques of the standing robot say: mass and planar centre of mass"
+    estimates: ClassVar[tuple[str, ...]] = ("mass", "com_x", "com_y")
+    timestep: ClassVar[float] = 1e-3
 
-def estimate(
-    robot: RobotModel, recordings: Sequence[Recording], settings: CalibrationSettings, stance: Stance
-) -> Calibration:
-    """The point of the floor that the foot forces act through, and their sum.
+    def run(
+        self,
+        planted: PlantedRobot,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        """Stand still for a while."""
+        if report is not None:
+            report(Progress("standing still", 0, 1))
+        motion = planted.motion().begin(StandTrial()).phase(Phase.MOVE)
+        come_to_rest(
+            planted,
+            motion.move_feet(stance.feet_in_base, 0.2),
+            LiftSettings(height=0.0, rest_time=_REST_TIME),
+            "standing",
+        )
+        planted.finish()
 
-    Raises:
-        RecordingError: no recording of a robot that stands still, or no joint torques in it.
-    """
-    standing = [r for r in recordings if isinstance(r.trial, StandTrial) and r.complete]
-    if not standing:
-        raise RecordingError("the recordings hold no robot that stands still")
-    rest = standing[-1].phase(Phase.REST).joints
-    if rest.torque is None:
-        raise RecordingError("the recording has no joint torques, which the method 'static' needs")
-    position, torque = rest.position.mean(axis=0), rest.torque.mean(axis=0)
-    lift = foot_forces_from_torques(robot, position, torque - torques_of_legs(robot, position))[:, 2]
-    feet = foot_positions(robot, position)
-    centre = lift @ feet[:, :2] / lift.sum()
-    moved = composite_parameters(robot, stance.joint_position).com - composite_parameters(robot, position).com
-    x, y = centre + moved[:2]
-    mass = float(lift.sum() / np.linalg.norm(robot.pinocchio.gravity.linear))
-    nominal = nominal_inertia(robot, stance.joint_position)
-    return Calibration(
-        **model_facts(robot, stance.joint_position),
-        method=settings.method,
-        composite=Body.partly(nominal.composite, mass, (float(x), float(y), None)),
-        base=Body.partly(nominal.base),
-        stance_effective=Body.partly(nominal.stance_effective),
-        sways={},
-        support_lines={},
-        trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in standing),
-        settings=dataclasses.asdict(settings),
-    )
+    def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
+        return Course("stands still for a while", _DURATION)
+
+    def expected_trials(self, stance: Stance) -> int:
+        return 1
+
+    def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
+        """The point of the floor that the foot forces act through, and their sum.
+
+        Raises:
+            RecordingError: no recording of a robot that stands still, or no joint torques in it.
+        """
+        standing = [r for r in recordings if isinstance(r.trial, StandTrial) and r.complete]
+        if not standing:
+            raise RecordingError("the recordings hold no robot that stands still")
+        rest = standing[-1].phase(Phase.REST).joints
+        if rest.torque is None:
+            raise RecordingError("the recording has no joint torques, which the method 'static' needs")
+        position, torque = rest.position.mean(axis=0), rest.torque.mean(axis=0)
+        lift = foot_forces_from_torques(robot, position, torque - torques_of_legs(robot, position))[:, 2]
+        feet = foot_positions(robot, position)
+        centre = lift @ feet[:, :2] / lift.sum()
+        moved = composite_parameters(robot, stance.joint_position).com - composite_parameters(robot, position).com
+        x, y = centre + moved[:2]
+        mass = float(lift.sum() / np.linalg.norm(robot.pinocchio.gravity.linear))
+        nominal = nominal_inertia(robot, stance.joint_position)
+        return Calibration(
+            **model_facts(robot, stance.joint_position),
+            method=self.name,
+            composite=Body.partly(nominal.composite, mass, (float(x), float(y), None)),
+            base=Body.partly(nominal.base),
+            stance_effective=Body.partly(nominal.stance_effective),
+            sways={},
+            support_lines={},
+            trials=tuple(Trial(StandTrial.kind, "four feet", None, None, None, None, r.duration) for r in standing),
+            settings=self.to_dict(),
+        )

@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from equipoise.calibration.routine import calibrate
-from equipoise.calibration.settings import CalibrationSettings, Method
 from equipoise.conventions import AXES, FloatArray
+from equipoise.method.method import Method
+from equipoise.paper.method import Paper
+from equipoise.paper.trial_runner import ComSearchSettings
+from equipoise.precise.method import Precise
 from equipoise.robot.catalog import BUILT_IN_ROBOT
 from equipoise.robot.load import load_robot
 from equipoise.simulation.simulation import simulate
@@ -109,11 +112,10 @@ def reproduce(
     def run(study: Study, count: int, name: str, doing: str) -> list[Row]:
         return run_study(study, count, folder / name, None, workers, lambda progress: report(doing, progress))
 
-    study = Study(BUILT_IN_ROBOT, ("paper",), seed=SEED)
-    precise = Study(BUILT_IN_ROBOT, ("precise",), seed=SEED)
-    zeros = Study(
-        BUILT_IN_ROBOT, ("paper",), only=("joint_zero",), vary_noise=True, payload="none", tolerance=1e-3, seed=SEED
-    )
+    study = Study(BUILT_IN_ROBOT, (Paper(),), seed=SEED)
+    precise = Study(BUILT_IN_ROBOT, (Precise(),), seed=SEED)
+    exact = Paper(com_search=ComSearchSettings(tolerance=1e-3))
+    zeros = Study(BUILT_IN_ROBOT, (exact,), only=("joint_zero",), vary_noise=True, payload="none", seed=SEED)
     rows = run(study, trials, "paper", "Monte Carlo of the paper's method")
     proportional = run(zeros, trials, "joint-zeros", "joint errors alone")
     ours = run(precise, precise_trials, "precise", "Monte Carlo of the precise method")
@@ -133,7 +135,7 @@ def _table() -> tuple[TableRow, ...]:
         for index, method in enumerate(_TABLE_METHODS):
             with warnings.catch_warnings(), simulate(robot, noise, seed=SEED) as simulation:
                 warnings.simplefilter("ignore")
-                result = calibrate(simulation.platform, robot, CalibrationSettings(method))
+                result = calibrate(simulation.platform, robot, method)
             if index == 0:
                 effective, com = simulation.truth.stance_effective.inertia, simulation.truth.composite.com
                 truth = (*(float(effective[i, i]) for i in range(3)), float(com[0]), float(com[1]))
@@ -141,11 +143,11 @@ def _table() -> tuple[TableRow, ...]:
             found = [one.value for one in result.stance_effective.inertia.moments]
             moments = [result.sways[axis].moment for axis in AXES] if None in found else found
             com = result.composite.com_in_base
-            rows.append(TableRow(method, noise, (*moments, com.x.value, com.y.value)))
+            rows.append(TableRow(method.name, noise, (*moments, com.x.value, com.y.value)))
     return tuple(rows)
 
 
-_TABLE_METHODS: tuple[Method, ...] = ("paper", "precise")
+_TABLE_METHODS: tuple[Method, ...] = (Paper(), Precise())
 
 
 def _iterations(rows: Sequence[Row]) -> FloatArray:

@@ -157,7 +157,7 @@ def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) ->
 
 def _lost(study: Study, trial: int, error: Exception | None) -> list[Row]:
     message = "the process that ran it died twice: out of memory?" if error is None else repr(error)
-    return [{"trial": trial, "method": method, "status": LOST, "message": message} for method in study.methods]
+    return [{"trial": trial, "method": method.name, "status": LOST, "message": message} for method in study.methods]
 
 
 class _Crew:

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from equipoise.calibration.settings import METHODS, CalibrationSettings, Method
 from equipoise.errors import SettingsError
-from equipoise.paper.trial_runner import ComSearchSettings
-from equipoise.precise.routine import PreciseSettings
+from equipoise.method.method import Method
+from equipoise.method.table import METHODS
+from equipoise.paper.method import Paper
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.load import load_robot
 from equipoise.robot.model import RobotModel
@@ -40,31 +40,27 @@ class Study:
 
     Attributes:
         robot: name or model file.
-        methods: that calibrate each drawn robot, each on a fresh simulation of it with the same noise.
+        methods: that calibrate each drawn robot, with their settings; each on a fresh simulation of it with the same noise.
         noise: a preset, scaled to the robot's m g h.
         only: error sources that are kept, all others being left out; empty: all of the preset.
         vary_noise: each source's size is multiplied by its own random factor between 0 and 2, so that a study shows what
             each source does.
         payload: "random", "none", or MASS,X,Y,Z[,IXX,IYY,IZZ].
         spread: of random robots around the model (see `robot.variation`); 0: always the model itself.
-        scale_error: the robot is weighed with this relative error (`precise` alone uses it); None: it is not weighed.
-        tolerance: of the paper's search [m].
-        budget: robot time of the precise method [s]; None: by the robot's size.
+        scale_error: the robot is weighed with this relative error, for the methods that use it; None: it is not weighed.
         timestep: of the engine [s]; None: the largest that leaves a method's results as they are.
         seed: of everything drawn.
         description: what the user overrides in the model file.
     """
 
     robot: str = "unitree_a1"
-    methods: tuple[Method, ...] = ("paper",)
+    methods: tuple[Method, ...] = (Paper(),)
     noise: Noise = "realistic"
     only: tuple[str, ...] = ()
     vary_noise: bool = False
     payload: str = "random"
     spread: float = 0.0
     scale_error: float | None = None
-    tolerance: float = 0.005
-    budget: float | None = None
     timestep: float | None = None
     seed: int = 0
     description: RobotDescription = field(default_factory=RobotDescription)
@@ -92,30 +88,18 @@ class Study:
                 "imu_clock_offset alone would be none: without a delay IMU samples would be younger than the moment at which "
                 "they are read; keep sensor_delay too"
             )
-        self.settings("paper", None)  # tolerance and budget are checked where they belong
 
     def _check_methods(self) -> None:
         if not self.methods:
             raise SettingsError(f"name a method at least: {', '.join(METHODS)}")
-        for method in self.methods:
-            if method not in METHODS:
-                raise SettingsError(f"method {method!r} is not known; it is one of {', '.join(METHODS)}")
-        if len(set(self.methods)) < len(self.methods):
-            raise SettingsError(f"each method once, not {', '.join(self.methods)}")
-
-    def settings(self, method: Method, weighed: float | None) -> CalibrationSettings:
-        """What a calibration of one trial does; `weighed` is what the scale read [kg]."""
-        mass_sd = None if weighed is None or self.scale_error is None else self.scale_error * weighed
-        return CalibrationSettings(
-            method,
-            com_search=ComSearchSettings(tolerance=self.tolerance),
-            precise=PreciseSettings(self.budget, mass=weighed, mass_sd=mass_sd),
-        )
+        names = [method.name for method in self.methods]
+        if len(set(names)) < len(names):
+            raise SettingsError(f"each method once, not {', '.join(names)}")
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
-        table = dataclasses.asdict(self)
-        return {**table, "methods": list(self.methods), "only": list(self.only)}
+        methods = [method.to_dict() for method in self.methods]
+        return {**dataclasses.asdict(self), "methods": methods, "only": list(self.only)}
 
     @property
     def fingerprint(self) -> str:

@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from equipoise.calibration.routine import CalibrationSettings, calibrate, check
+from equipoise.calibration.routine import calibrate, check
 from equipoise.calibration.run_folder import RunFolder
-from equipoise.calibration.settings import Method
 from equipoise.conventions import AXES
 from equipoise.errors import EquipoiseError
-from equipoise.paper.iterations import com_by_iteration
+from equipoise.method.method import Method
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
 from equipoise.robot.inertial import COMPONENTS, components
@@ -30,10 +29,6 @@ from equipoise.study.study import SOURCES, Draw, Study, draw, nominal_robot
 
 Row = dict[str, Any]
 SUCCEEDED = "ok"
-
-# Of the engine [s]. At twice the usual step the paper's estimates stay the same to a tenth of their errors:
-# `make bench-monte-carlo`. No step is longer: contacts would be softer.
-_TIMESTEPS: dict[Method, float] = {"paper": 1e-3, "static": 1e-3, "precise": 0.5e-3}
 
 # Trials of a process share its robot models, whose scratch memory every call overwrites: one at a time, whoever asks.
 _ONE_AT_A_TIME = threading.Lock()
@@ -49,7 +44,7 @@ def check_study(study: Study) -> None:
         warnings.simplefilter("ignore")
         robot, _ = nominal_robot(study)
         for method in study.methods:
-            check(robot, study.settings(method, None))
+            check(robot, method)
         simulate(robot, timestep=study.timestep).platform.close()
 
 
@@ -68,27 +63,27 @@ def run_trial(study: Study, trial: int, logs: str | None = None) -> list[Row]:
             drawn = draw(study, trial)
             facts = {"trial": trial, **_facts(drawn)}
         except Exception as error:  # a random robot that cannot stand, say
-            return [_failed({"trial": trial, "method": method}, error, None) for method in study.methods]
+            return [_failed({"trial": trial, "method": method.name}, error, None) for method in study.methods]
         return [_calibrated(study, drawn, facts, method, logs) for method in study.methods]
 
 
 def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str | None) -> Row:
-    row: Row = {**facts, "method": method}
+    row: Row = {**facts, "method": method.name}
     recordings: list[Recording] = []
-    settings = study.settings(method, None)
     started, busy = time.perf_counter(), time.process_time()
     simulation: Simulation | None = None
     try:
-        timestep = _TIMESTEPS[method] if study.timestep is None else study.timestep
+        timestep = method.timestep if study.timestep is None else study.timestep
         row["timestep"] = timestep
         with simulate(drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep) as simulation:
             row |= _truth(simulation)
-            if drawn.scale_reading is not None:
-                settings = study.settings(method, simulation.truth.composite.mass * (1 + drawn.scale_reading))
-            result = calibrate(simulation.platform, drawn.robot, settings, recordings.append)
-        row |= {"status": SUCCEEDED, "message": ""} | _estimates(result, drawn, settings)
+            if drawn.scale_reading is not None and study.scale_error is not None:
+                weight = simulation.truth.composite.mass * (1 + drawn.scale_reading)
+                method = method.weighed(weight, study.scale_error * weight)
+            result = calibrate(simulation.platform, drawn.robot, method, recordings.append)
+        row |= {"status": SUCCEEDED, "message": ""} | _estimates(result, drawn, method)
     except Exception as error:  # a study of thousands of robots counts what goes wrong, our own mistakes included
-        row = _failed(row, error, _kept(logs, drawn, settings, recordings, row, simulation))
+        row = _failed(row, error, _kept(logs, drawn, method, recordings, row, simulation))
     if simulation is not None:
         row["simulated_time"] = simulation.platform.read().time
     return row | {
@@ -107,7 +102,7 @@ def _failed(row: Row, error: Exception, log: str | None) -> Row:
 
 
 def _kept(
-    logs: str | None, drawn: Draw, settings: CalibrationSettings, recordings: list[Recording], row: Mapping[str, Any],
+    logs: str | None, drawn: Draw, method: Method, recordings: list[Recording], row: Mapping[str, Any],
     simulation: Simulation | None,
 ) -> str | None:  # fmt: skip
     """Keep what a calibration measured before it failed; None where it cannot be kept."""
@@ -117,7 +112,7 @@ def _kept(
     try:
         if path.exists():  # of the same trial, killed before its row was written
             shutil.rmtree(path)
-        with RunFolder.create(path, drawn.robot, settings, {"trial": row["trial"]}) as folder:
+        with RunFolder.create(path, drawn.robot, method, {"trial": row["trial"]}) as folder:
             if simulation is not None:
                 folder.save_truth(simulation.truth)
             for recording in recordings:
@@ -155,15 +150,13 @@ def _truth(simulation: Simulation) -> Row:
     return row
 
 
-def _estimates(result: Calibration, drawn: Draw, settings: CalibrationSettings) -> Row:
+def _estimates(result: Calibration, drawn: Draw, method: Method) -> Row:
     """What a calibration found; where it does not estimate a parameter there is no value."""
     moments = {axis: sway.moment for axis, sway in result.sways.items()}
     row: Row = {f"moment_{axis}": moments.get(axis) for axis in AXES}
     row |= {f"estimated_{quantity.name}": quantity.value for quantity in result.composite}
     row |= {f"deviation_{quantity.name}": quantity.deviation for quantity in result.composite}
-    if result.support_lines:
-        path = com_by_iteration(result, settings.com_search.bracket(drawn.stance))
-        row |= {"iteration_x": path[:, 0].tolist(), "iteration_y": path[:, 1].tolist()}
+    row |= method.study_columns(result, drawn.stance)
     row["estimation_time"] = sum(result.timings.values()) or None
     row["lifts"] = sum(trial.kind == "lift" for trial in result.trials)
     row["trustworthy"] = result.trustworthy

@@ -13,10 +13,10 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from equipoise.calibration.routine import Progress as RoutineProgress
 from equipoise.calibration.run_folder import HEADER, RESULT
 from equipoise.conventions import AXES
-from equipoise.precise.plan import Plan, describe
+from equipoise.experiments.progress import Progress as RoutineProgress
+from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import NORMAL_95
@@ -128,14 +128,6 @@ def _print_precise(console: Console, result: Calibration) -> None:
             f"Base link alone: {base.mass.value:.3f} kg, CoM {com} mm; its "
             "inertia, covariances and the paper's stance-effective body are in the JSON form."
         )
-    paper = [f"{axis} {sway.moment:.3f}, C {sway.damping:.1f}" for axis, sway in result.sways.items() if sway.moment]
-    if paper:
-        effective = result.stance_effective.inertia.moments
-        moments = " ".join(f"{moment.value:.3f}" for moment in effective if moment.value is not None)
-        console.print(
-            f"The paper's I and C by sways: {'; '.join(paper)} (kg m2, Nm s/rad). The body that they are of has {moments}: "
-            "motor torques hold friction too, and the reading takes legs to have no mass."
-        )
     notable = [finding.sentence for finding in result.sensors if finding.notable]
     if notable:
         console.print("Worth fixing: " + escape("; ".join(notable)) + ".")
@@ -171,6 +163,12 @@ def _print_paper(console: Console, result: Calibration) -> None:
             number(one.truth, 1000, ".2f"),
             "-" if one.error is None else f"{one.error * 1000:+.2f} mm",
         )
+    for quantity, (_, label, factor, form) in [*zip(result.composite, ROWS, strict=True)][3:]:
+        if quantity.value is not None:
+            error = number(quantity.error, factor, "+" + form)
+            table.add_row(
+                escape(label), number(quantity.value, factor, form), number(quantity.truth, factor, form), error
+            )
     errors = result.moment_errors()
     for index, axis in enumerate(AXES):
         sway = result.sways.get(axis)
@@ -198,26 +196,25 @@ def _print_paper(console: Console, result: Calibration) -> None:
     time = sum(trial.duration for trial in result.trials)
     missing = ["mass"] if mass.value is None else []
     missing += ["CoM height"] if com.z.value is None else []
-    missing += ["products of inertia" if result.moments else "inertia"]
+    if result.composite.inertia.Ixy.value is None:
+        missing.append("products of inertia" if result.moments else "inertia")
+    told = f" Not estimated by this method: {', '.join(missing)}." if missing else ""
     console.print(
-        f"{len(lifts)} lifts and {len(result.trials) - len(lifts)} other motions, {time:.0f} s of robot time. "
-        f"Not estimated by this method: {', '.join(missing)}."
+        f"{len(lifts)} lifts and {len(result.trials) - len(lifts)} other motions, {time:.0f} s of robot time.{told}"
     )
 
 
 _REASONS = 4
 
 
-def print_plan(robot: str, plan: Plan) -> None:
+def print_plan(robot: str, plan: Forecast) -> None:
     """What would be done, and how accurate it would be."""
     console = Console()
     table = Table(title=f"{robot}: {plan.robot_time:.0f} s of robot time", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("posture", *DIAGONALS):
         table.add_column(column)
-    table.add_row("search, nominal", *(["passive x 2"] * len(DIAGONALS)))
-    for visit in plan.visits:
-        turns = {d: [lift.turn or "passive" for lift in visit.lifts if lift.diagonal == d] for d in DIAGONALS}
-        table.add_row(describe(visit.posture), *(", ".join(turns[d]) or "-" for d in DIAGONALS))
+    for posture, lifts in plan.trials():
+        table.add_row(posture, *(lifts[diagonal] or "-" for diagonal in DIAGONALS))
     console.print(table)
     console.print("[italic]Predicted, for ordinary sensors and a scale[/italic]")  # wider than its table
     accuracy = Table(box=box.SIMPLE_HEAD)

@@ -76,25 +76,14 @@ def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
     share = rehearsal.largest_torque / robot.effort_limit
     joint = int(np.argmax(share))
     lines = [
-        f"{robot.name} on {platform}: method {rehearsal.method}, about {rehearsal.duration:.0f} s.",
-        "It looks, stands up, " + _does(rehearsal) + ", and ends where it began.",
+        f"{robot.name} on {platform}: method {rehearsal.method.name}, about {rehearsal.duration:.0f} s.",
+        f"It looks, stands up, {rehearsal.doing}, and ends where it began.",
         f"Largest torque by the model: {rehearsal.largest_torque[joint]:.1f} Nm at {robot.joint_names[joint]}, "
         f"{share[joint]:.0%} of its limit.",
     ]
     if share[joint] > _HEAVY:
         lines.append("That is close to what the motor can do.")
     return lines
-
-
-def _does(rehearsal: Rehearsal) -> str:
-    if rehearsal.method == "static":
-        return "stands still for a while"
-    if rehearsal.plan is None:
-        return "lifts two diagonal feet again and again, sways about three axes"
-    return (
-        f"moves its body over planted feet through {len(rehearsal.plan.visits)} postures, lifts two diagonal feet "
-        f"{rehearsal.plan.lifts + 4} times, sways"
-    )
 
 
 class RecordingProgress:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from equipoise.calibration.settings import CalibrationSettings
 from equipoise.conventions import FloatArray
+from equipoise.method.method import Method
 from equipoise.recording.event import PHASE, TRIAL
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial, RecordedTrial, read_trial
@@ -80,14 +80,14 @@ class Film:
 
     Attributes:
         robot, stance: whose.
-        settings: of the run.
+        method: of the run.
         trials: that have begun, in order of time.
         phases: time and name of every phase, in order.
         ends: times at which trials were complete [s].
     """
 
-    def __init__(self, robot: RobotModel, stance: Stance, settings: CalibrationSettings) -> None:
-        self.robot, self.stance, self.settings = robot, stance, settings
+    def __init__(self, robot: RobotModel, stance: Stance, method: Method) -> None:
+        self.robot, self.stance, self.method = robot, stance, method
         self.clear()
 
     def clear(self) -> None:

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.plan import Durations
+from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.recording.phases import Phase
 from equipoise.result.statistics import SPATIAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
-from equipoise.view.closing_in import ClosingIn, ComEstimate, LiftPlane
+from equipoise.view.closing_in import ClosingIn
 from equipoise.view.film import Film, TrialMark
 
 _STANDS = 0.1  # of what a foot counts as on the floor: slopes and leaning IMUs raise some by millimetres
@@ -159,17 +159,6 @@ def plane_lines(frame: Frame, stance: Stance) -> FloatArray:
         near = across * float(plane.normal @ (plane.point - frame.estimate.com)) / float(across @ across)
         lines.append(np.array([near - along, near + along]))
     return np.array(lines).reshape(-1, 2, 3)
-
-
-def expected_trials(film: Film) -> int | None:
-    """How many trials the run will have, roughly; None if nobody knows."""
-    settings, stance = film.settings, film.stance
-    if settings.method == "static":
-        return 1
-    if settings.method == "paper":
-        lower, upper = settings.com_search.bounds(stance)
-        return 2 * int(np.ceil(np.log2((upper - lower) / settings.com_search.tolerance))) + 3
-    return round(settings.precise.budget_for(stance) / Durations.of(stance).lift)
 
 
 def _support_line(trial: TrialMark | None, contacts: FloatArray) -> FloatArray | None:

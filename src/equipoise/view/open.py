@@ -8,11 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from equipoise.calibration.routine import CalibrationSettings
 from equipoise.calibration.run_folder import LOG, RunFolder
 from equipoise.errors import EquipoiseError
 from equipoise.logs.log import Log
 from equipoise.logs.segments import find_segments, usable
+from equipoise.method.method import Method
+from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
@@ -32,13 +33,13 @@ class Showing:
     Attributes:
         title: what it is called.
         robot: whose recordings they are.
-        settings: of the run.
+        method: of the run.
         source: of the recordings.
     """
 
     title: str
     robot: RobotModel
-    settings: CalibrationSettings
+    method: Method
     source: Source
 
 
@@ -50,7 +51,7 @@ def open_run(path: Path) -> Showing:
     """
     folder = RunFolder.open(path)
     robot = folder.robot()
-    return Showing(f"equipoise: {robot.name}, {folder.path.name}", robot, folder.settings(), FollowedLog(path / LOG))
+    return Showing(f"equipoise: {robot.name}, {folder.path.name}", robot, folder.method(), FollowedLog(path / LOG))
 
 
 def open_log(path: Path, robot: RobotModel, log: Log) -> Showing:
@@ -62,14 +63,12 @@ def open_log(path: Path, robot: RobotModel, log: Log) -> Showing:
     events = tuple(sorted((event for part in parts for event in part.events), key=lambda event: event.time))
     recording = log.recording
     whole = Recording(recording.joint_names, recording.joints, recording.imu, recording.commands, events)
-    return Showing(
-        f"equipoise: {robot.name}, {path.name}", robot, CalibrationSettings(), GivenRecordings(whole, tuple(parts))
-    )
+    return Showing(f"equipoise: {robot.name}, {path.name}", robot, Precise(), GivenRecordings(whole, tuple(parts)))
 
 
 def follow_log(path: Path, robot: RobotModel) -> Showing:
     """A log of ours that belongs to no run, while it is written: that of `equipoise record`."""
-    return Showing(f"equipoise: {robot.name}, {path.name}", robot, CalibrationSettings(), FollowedLog(path))
+    return Showing(f"equipoise: {robot.name}, {path.name}", robot, Precise(), FollowedLog(path))
 
 
 def be_gentle() -> None:
@@ -88,8 +87,8 @@ class Viewing:
 
     def __init__(self, showing: Showing) -> None:
         stance = nominal_stance(showing.robot)
-        self.film = Film(showing.robot, stance, showing.settings)
-        self.closing_in = ClosingIn(showing.robot, stance, showing.settings)
+        self.film = Film(showing.robot, stance, showing.method)
+        self.closing_in = ClosingIn(showing.robot, stance, showing.method)
         self.camera = Camera(self.film, self.closing_in)
         self._source = showing.source
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from equipoise.method.reading import ComEstimate
 from equipoise.recording.phases import Phase
-from equipoise.view.closing_in import ComEstimate
 from equipoise.view.frames import Frame
 
 _PHASES = {

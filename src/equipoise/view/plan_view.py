@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.result.statistics import PLANAR_95
-from equipoise.view.closing_in import ComEstimate, LiftPlane
 from equipoise.view.colours import COM, VERDICTS, html
 
 SIZE = 300  # of the picture, in its own units

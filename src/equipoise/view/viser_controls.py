@@ -10,7 +10,7 @@ import numpy as np
 
 from equipoise.robot.inertial import composite_parameters
 from equipoise.view.colours import LINE, MAGNIFIED, html
-from equipoise.view.frames import Camera, Frame, expected_trials
+from equipoise.view.frames import Camera, Frame
 from equipoise.view.panel import com_text, trial_text
 from equipoise.view.plan_view import plan_view
 from equipoise.view.player import Player
@@ -60,7 +60,7 @@ class Controls:
     def draw(self, frame: Frame, complete: bool) -> None:
         """Words, charts and the timeline of a moment."""
         film, player = self._camera.film, self._player
-        expected = len(film.trials) if complete else expected_trials(film)
+        expected = len(film.trials) if complete else film.method.expected_trials(film.stance)
         _set(self._trial, "content", trial_text(frame, expected, complete))
         _set(self._com, "content", com_text(frame))
         _set(self._play, "label", "Pause" if player.playing else "Play")

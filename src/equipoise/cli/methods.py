@@ -1,0 +1,85 @@
+"""Which method a verb is about, and the flags that its settings make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import arg
+
+from equipoise.cli.settings import Verb, flags_class, one_of, read_flags, settings_of, unknown_flags
+from equipoise.errors import EquipoiseError, SettingsError
+
+if TYPE_CHECKING:
+    from equipoise.method.method import Method
+
+DEFAULT_METHOD = "precise"
+
+
+def method_flags(name: str, arguments: Sequence[str]) -> Any:
+    """The class of `--method` and of the flags of a method's settings."""
+    from equipoise.method.table import METHODS, method_named
+
+    kind = method_named(name)
+    words = _summaries() if {"-h", "--help"} & set(arguments) else ""
+    choice = Annotated[one_of(METHODS), arg(help=words)]
+    return flags_class(
+        "MethodFlags", f"What to do, and the settings of {name}.", settings_of(kind), [("method", choice, name)]
+    )
+
+
+def read_method(flags: Any) -> Method:
+    """The method that flags describe; raises SettingsError."""
+    from equipoise.method.table import method_named
+
+    return read_flags(method_named(flags.method), flags)
+
+
+def refuse_flags_of_other_methods(verb: Verb, arguments: Sequence[str], this: str, judging: bool = False) -> None:
+    """Say whose a flag is that a verb has not.
+
+    Args:
+        this: what the verb is about, as "--method paper".
+        judging: whether only flags count with which recordings may be estimated again.
+
+    Raises:
+        SettingsError: another method has it.
+    """
+    for flag in unknown_flags(verb, arguments):
+        if whose := owners(flag, judging):
+            shown = f"--{flag.replace('_', '-')}"
+            raise SettingsError(f"{shown} belongs to --method {' and '.join(whose)}; this is {this}")
+
+
+def owners(flag: str, judging: bool = False) -> list[str]:
+    """Names of the methods that have a flag."""
+    return [name for name, kind in _usable().items() if flag in _flags(kind, judging)]
+
+
+def _flags(kind: type[Method], judging: bool) -> set[str]:
+    names = [setting.name for setting in settings_of(kind, kind.judging if judging else None)]
+    return {*names, *(f"no_{name}" for name in names)}
+
+
+def _usable() -> dict[str, type[Method]]:
+    from equipoise.method.table import METHODS, method_named
+
+    found: dict[str, type[Method]] = {}
+    for name in METHODS:
+        try:
+            found[name] = method_named(name)
+        except EquipoiseError:  # whoever asks for it by name is told
+            continue
+    return found
+
+
+def _summaries() -> str:
+    from equipoise.method.table import METHODS, method_named
+
+    said: list[str] = []
+    for name in METHODS:
+        try:
+            said.append(f"{name}: {method_named(name).summary}.")
+        except EquipoiseError as error:
+            said.append(f"{name}: cannot be used here, {error}.")
+    return " ".join([*said, "Each has flags of its own: --method NAME --help."])

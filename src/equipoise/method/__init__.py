@@ -1,0 +1,1 @@
+"""What a method of calibration is, and which there are."""

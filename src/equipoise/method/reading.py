@@ -1,0 +1,58 @@
+"""What trials say of the CoM while they come: the estimate after each, and the plane that each lift adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from equipoise.conventions import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LiftPlane:
+    """What one lift says: a plane in the base frame at the nominal stance.
+
+    Attributes:
+        trial: index of the recording.
+        diagonal: that the robot stood on.
+        point: (3,) on it [m]: where the lift puts the CoM, or, with a verdict, on the support line.
+        normal: (3,) unit, forward.
+        verdict: which way the robot tipped, so on which side the CoM is; None: the plane holds the CoM.
+    """
+
+    trial: int
+    diagonal: str
+    point: FloatArray
+    normal: FloatArray
+    verdict: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ComEstimate:
+    """What is known of the CoM after so many trials.
+
+    Attributes:
+        trials: complete recordings that it is from.
+        com: (3,) of the whole robot at the nominal stance, in the base frame [m].
+        half: (3,) 95 % interval to either side, or half the bracket [m]; nan where the method does not estimate it.
+        covariance: (3, 3) [m2], or None.
+        brackets: of the offset, by diagonal [m], where the method has them.
+    """
+
+    trials: int
+    com: FloatArray
+    half: FloatArray
+    covariance: FloatArray | None = None
+    brackets: dict[str, tuple[float, float]] = field(default_factory=dict[str, "tuple[float, float]"])
+
+
+class Reading(Protocol):
+    """A method's reading of the trials so far."""
+
+    def planes(self) -> list[LiftPlane]:
+        """Of all lifts, in order."""
+        ...
+
+    def estimate(self, trials: int) -> ComEstimate:
+        """After the first trials; raises EquipoiseError where they do not tell."""
+        ...

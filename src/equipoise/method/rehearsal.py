@@ -1,0 +1,111 @@
+"""What a method would do on a robot, by the model alone: postures, torques, duration, and how accurate the result would be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from equipoise.conventions import AXES, FloatArray
+from equipoise.errors import ReachError
+from equipoise.experiments.sway import SwaySettings, extreme_feet, why_unreachable
+from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.robot.statics import static_torques
+
+
+@dataclass(frozen=True, eq=False)
+class RehearsedPosture:
+    """One posture.
+
+    Attributes:
+        what: it is, in words.
+        joint_position: (nj,) [rad].
+        torque: (nj,) that holds it, by the model [Nm].
+        times: how often it is taken; 0 at the far end of a turn or a sway, which is counted at the near one.
+    """
+
+    what: str
+    joint_position: FloatArray
+    torque: FloatArray
+    times: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What a method does between standing up and lying down.
+
+    Attributes:
+        doing: all of it in words, as in "the robot stands up, ... and ends where it began".
+        duration: on the robot [s].
+        postures: in order, beside the nominal stance.
+    """
+
+    doing: str
+    duration: float
+    postures: tuple[RehearsedPosture, ...] = ()
+
+
+class Forecast(Protocol):
+    """How accurate a result will be, and after which trials.
+
+    Attributes:
+        robot_time: expected [s].
+        body: (10,) mass [kg], CoM [m] and inertia [kg m2] of the whole robot, as thought of before.
+        deviation: (10,) predicted standard deviations of that.
+        left_out: what the robot cannot do, and why.
+    """
+
+    @property
+    def robot_time(self) -> float: ...
+    @property
+    def body(self) -> FloatArray: ...
+    @property
+    def deviation(self) -> FloatArray: ...
+    @property
+    def left_out(self) -> tuple[str, ...]: ...
+
+    def trials(self) -> Sequence[tuple[str, Mapping[str, str]]]:
+        """Postures in order, and the lifts in each by diagonal, in words."""
+        ...
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        ...
+
+
+def held_posture(
+    robot: RobotModel,
+    what: str,
+    feet: FloatArray,
+    guess: FloatArray,
+    legs: Sequence[str] = LEG_NAMES,
+    times: int = 1,
+) -> RehearsedPosture:
+    """A posture with the torques that hold it.
+
+    Args:
+        feet: (4, 3) in the base frame [m].
+        guess: (nj,) joint positions near it [rad].
+        legs: that stand.
+
+    Raises:
+        ReachError: the legs do not reach it.
+    """
+    position = inverse_kinematics(robot, feet, guess)
+    return RehearsedPosture(what, position, static_torques(robot, position, tuple(legs)), times)
+
+
+def sway_postures(robot: RobotModel, stance: Stance, settings: SwaySettings) -> list[RehearsedPosture]:
+    """Both ends of a sway about each axis that planted feet allow."""
+    found: list[RehearsedPosture] = []
+    for axis in AXES:
+        if why_unreachable(robot, stance, axis, settings) is not None:
+            continue
+        for times, feet in zip((1, 0), extreme_feet(robot, stance, axis, settings), strict=True):
+            try:
+                found.append(held_posture(robot, f"sway about {axis}", feet, stance.joint_position, times=times))
+            except ReachError:
+                continue
+    return found

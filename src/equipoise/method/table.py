@@ -1,0 +1,47 @@
+"""Methods by name: ours, and those that other packages add with an entry point in the group `equipoise.methods`.
+
+[project.entry-points."equipoise.methods"]
+wiggle = "my_package.wiggle:Wiggle"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from equipoise.errors import PluginError
+from equipoise.method.method import Method
+from equipoise.plugins import Table
+
+METHODS: Table[type[Any]] = Table(
+    "method",
+    "equipoise.methods",
+    type,
+    {
+        "precise": "equipoise.precise.method:Precise",
+        "paper": "equipoise.paper.method:Paper",
+        "static": "equipoise.static.method:Static",
+    },
+)
+
+
+def method_named(name: str) -> type[Method]:
+    """The method of a name.
+
+    Raises:
+        SettingsError: there is none, or two.
+        PluginError: the package that brings it cannot be imported, or brings something else.
+    """
+    kind = METHODS[name]
+    if not issubclass(kind, Method):
+        raise PluginError(f"method {name!r} cannot be used: {kind.__name__} is no subclass of equipoise.Method")
+    said = getattr(kind, "name", None)
+    if said != name or kind.__abstractmethods__:
+        lacks = ", ".join(sorted(kind.__abstractmethods__)) or f"the name {name!r}; it says {said!r}"
+        raise PluginError(f"method {name!r} cannot be used: {kind.__name__} lacks {lacks}")
+    return kind
+
+
+def method_from_dict(table: Mapping[str, Any]) -> Method:
+    """A method with its settings, from `Method.to_dict`; raises SettingsError and PluginError."""
+    return method_named(str(table.get("method"))).from_dict(table)

@@ -1,0 +1,67 @@
+"""The paper's reading of trials while they come: two brackets, and where their middles cross."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import reduce
+
+import numpy as np
+
+from equipoise.experiments.tilt import SupportPlane
+from equipoise.method.reading import ComEstimate, LiftPlane
+from equipoise.paper.bracket import Bracket, step
+from equipoise.paper.equations import between, commanded_plane, find_intersection
+from equipoise.paper.lift_trial import holds_lift_trial, read_lift_trial
+from equipoise.paper.trial_runner import ComSearchSettings, shifted_feet
+from equipoise.recording.recording import Recording
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.stance import Stance
+
+
+class SearchReading:
+    """See `equipoise.method.reading.Reading`: a lift says on which side of the support line the CoM is."""
+
+    def __init__(
+        self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording], settings: ComSearchSettings
+    ) -> None:
+        self._robot, self._stance, self._settings = robot, stance, settings
+        self._lifts = {
+            index: read_lift_trial(robot, recording, stance.joint_position)
+            for index, recording in enumerate(recordings)
+            if holds_lift_trial(recording)
+        }
+
+    def planes(self) -> list[LiftPlane]:
+        """As the robot's own sensors place them."""
+        return [
+            LiftPlane(index, lift.trial.diagonal, lift.plane.point, lift.plane.normal, lift.tilt.verdict)
+            for index, lift in self._lifts.items()
+        ]
+
+    def estimate(self, trials: int) -> ComEstimate:
+        """The crossing of the brackets' middles, and how far the crossings of their ends are from it."""
+        brackets = {diagonal: self._bracket(diagonal, trials) for diagonal in DIAGONALS}
+        height = float(composite_parameters(self._robot, self._stance.joint_position).com[2])
+        planes = [self._end_planes(diagonal, bracket) for diagonal, bracket in brackets.items()]
+        com = find_intersection([between(pair) for pair in planes], height)
+        corners = [find_intersection(corner, height) for corner in itertools.product(*planes)]
+        half = np.abs(np.array(corners) - com).max(axis=0)
+        bounds = {diagonal: (bracket.lower, bracket.upper) for diagonal, bracket in brackets.items()}
+        return ComEstimate(trials, np.append(com, height), np.append(half, np.nan), None, bounds)
+
+    def _bracket(self, diagonal: str, trials: int) -> Bracket:
+        """After the first trials."""
+        lifts = [lift for index, lift in self._lifts.items() if index < trials and lift.trial.diagonal == diagonal]
+        return reduce(step, [lift.tried for lift in lifts], self._settings.bracket(self._stance))
+
+    def _end_planes(self, diagonal: str, bracket: Bracket) -> list[SupportPlane]:
+        """The planes at both ends; as commanded where an end has not been tried."""
+        ends = ((bracket.lower, bracket.at_lower), (bracket.upper, bracket.at_upper))
+        return [
+            commanded_plane(shifted_feet(self._stance, offset), diagonal)
+            if tried is None or tried.plane is None
+            else tried.plane
+            for offset, tried in ends
+        ]

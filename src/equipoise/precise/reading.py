@@ -1,0 +1,53 @@
+"""The precise method's reading of trials while they come: the posterior of those so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from equipoise.method.reading import ComEstimate, LiftPlane
+from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
+from equipoise.precise.measurements.support_planes import centre_shift
+from equipoise.precise.posterior import estimate_posterior
+from equipoise.precise.unknowns import Priors
+from equipoise.recording.recording import Recording
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+
+class PreciseReading:
+    """See `equipoise.method.reading.Reading`."""
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        priors: Priors,
+        scale: tuple[float, float] | None,
+    ) -> None:
+        self._robot, self._stance, self._priors, self._scale = robot, stance, priors, scale
+        self._motions = read_evidence(robot, stance, recordings).motions
+
+    def planes(self) -> list[LiftPlane]:
+        """With everything else by the model."""
+        com = composite_parameters(self._robot, self._stance.joint_position).com
+        lifts = [(motion.index, motion.lift) for motion in self._motions if motion.lift]
+        shifts = [(index, lift.diagonal, centre_shift(self._robot, lift)) for index, lift in lifts]
+        return [
+            LiftPlane(index, diagonal, com + shift.distance * shift.normal, shift.normal)
+            for index, diagonal, shift in shifts
+        ]
+
+    def estimate(self, trials: int) -> ComEstimate:
+        """The posterior of the first trials."""
+        motions = self._motions[:trials]
+        posterior = estimate_posterior(
+            self._robot, self._stance, RunEvidence(motions), self._priors, self._scale,
+            lifts_needed=any(motion.lift for motion in motions),
+        )  # fmt: skip
+        covariance = posterior.robot_covariance[1:4, 1:4]
+        return ComEstimate(trials, posterior.robot_body.com, NORMAL_95 * np.sqrt(np.diag(covariance)), covariance)

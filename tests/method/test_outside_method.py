@@ -1,0 +1,163 @@
+"""A method that another package brings by entry point works in every verb, and one that is broken takes nothing else down."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from equipoise import Calibration, RunFolder, load_robot, nominal_stance
+from equipoise.cli import main
+from equipoise.errors import PluginError
+from equipoise.method.table import METHODS, method_named
+from equipoise.view.open import Viewing, open_run
+
+OUTSIDE = Path(__file__).parent / "outside"
+QUICK = ["--method", "hefty", "--seed", "2", "--pause-time", "0.5s", "--pause-count", "3"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def installed():
+    """The package as good as installed, in this process and in those that it starts."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(OUTSIDE))
+        patch.setenv("PYTHONPATH", str(OUTSIDE), prepend=":")
+        METHODS.__dict__.pop("_added", None)
+        yield
+    METHODS.__dict__.pop("_added", None)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of it by the command line, with its report and pictures."""
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    assert main(["calibrate", *QUICK, "--payload", "2,0,0,0.08", "--quiet", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_a_run_has_its_settings_its_page_and_its_result(run, a1):
+    method = RunFolder.open(run).method()
+    assert (method.name, method.pauses.time, method.pauses.count) == ("hefty", 0.5, 3)
+    result = Calibration.load(run / "calibration.json")
+    assert result.method == "hefty"
+    assert result.composite.mass.value == pytest.approx(a1.mass + 2, rel=0.1)
+    assert len(result.trials) == 3
+    assert "hefty" in (run / "report.html").read_text(encoding="utf-8")
+
+
+def test_it_estimates_what_it_says(run):
+    found = Calibration.load(run / "calibration.json").composite
+    assert {quantity.name for quantity in found if quantity.value is not None} == set(method_named("hefty").estimates)
+
+
+def test_what_it_found_is_printed(run, capsys):
+    assert main(["estimate", str(run), "--no-report"]) == 0
+    printed = capsys.readouterr().out
+    assert "method hefty" in printed
+    mass = Calibration.load(run / "calibration.json").composite.mass.value
+    assert f"{mass:.3f}" in printed
+    assert "Iyy [kg m2]" in printed
+    assert "Not estimated" not in printed
+
+
+def test_it_is_estimated_again_with_its_own_flag(run, capsys):
+    assert main(["estimate", str(run), "--average", "last", "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["settings"]["average"] == "last"
+    assert again["composite"]["mass"] != Calibration.load(run / "calibration.json").composite.mass.value
+    assert main(["estimate", str(run), "--mass", "12"]) == 2
+    assert "--mass belongs to --method precise; this is --method hefty" in capsys.readouterr().err
+
+
+def test_a_run_that_was_cut_off_goes_on(run, tmp_path, capsys):
+    cut = tmp_path / "cut"
+    shutil.copytree(run, cut)
+    for name in ("calibration.json", "metadata.yaml"):
+        (cut / name).unlink()
+    log = (cut / "recording.mcap").read_bytes()
+    (cut / "recording.mcap").write_bytes(log[: len(log) // 2])
+    assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-report", "--no-pictures", "--json"]) == 0
+    assert (
+        json.loads(capsys.readouterr().out)["composite"]
+        == Calibration.load(run / "calibration.json").composite.to_dict()
+    )
+
+
+def test_its_plan_is_what_it_rehearses(capsys):
+    assert main(["plan", *QUICK[:2], "--pause-count", "5"]) == 0
+    assert "stands still 5 times" in " ".join(capsys.readouterr().out.split())
+    assert main(["calibrate", *QUICK, "--dry-run", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["method"] == "hefty"
+
+
+def test_a_study_counts_it_beside_ours(tmp_path, capsys):
+    flags = ["--methods", "hefty,static", "--pause-count", "1", "--trials", "2", "--workers", "1"]
+    assert main(["monte-carlo", *flags, "--out", str(tmp_path / "study"), "--json"]) == 0
+    methods = json.loads(capsys.readouterr().out)["methods"]
+    assert {row["method"]: row["failures"] for row in methods} == {"hefty": {}, "static": {}}
+    (hefty,) = (row for row in methods if row["method"] == "hefty")
+    assert "Iyy" in {error["quantity"] for error in hefty["errors"]}
+
+
+def test_its_run_is_seen_closing_in_by_its_own_reading(run, a1):
+    with Viewing(open_run(run)) as viewing:
+        viewing.refresh()
+        viewing.settle()
+        assert viewing.film.method.expected_trials(nominal_stance(a1)) == 3
+        assert viewing.closing_in.after(3).half[2] == 0.01
+
+
+def test_a_method_that_tells_nothing_on_the_way_is_not_drawn_as_another(tmp_path):
+    assert (
+        main(
+            [
+                "calibrate",
+                "--method",
+                "static",
+                "--quiet",
+                "--no-report",
+                "--no-pictures",
+                "--out",
+                str(tmp_path / "run"),
+            ]
+        )
+        == 0
+    )
+    with Viewing(open_run(tmp_path / "run")) as viewing:
+        viewing.refresh()
+        viewing.settle()
+        assert viewing.closing_in.after(1) is None
+
+
+def test_its_result_is_exported_and_compared(run, tmp_path):
+    assert main(["export", str(run), "--to", "urdf", "--out", str(tmp_path / "robot.urdf"), "--quiet"]) == 0
+    found = Calibration.load(run / "calibration.json").composite.mass.value
+    assert load_robot(tmp_path / "robot.urdf").mass == pytest.approx(found, abs=1e-3)
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    assert main(["report", str(run), str(copy), "--out", str(tmp_path / "both.html"), "--quiet"]) == 0
+
+
+def test_help_lists_it_and_who_is_broken(capsys):
+    assert main(["calibrate", "--method", "hefty", "--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "hefty: stands still now and then, and weighs itself." in shown
+    assert "broken: cannot be used here" in shown
+    assert "--pause-time TIME Time of each stand [s]; default 1.5 s." in shown
+    assert "--budget" not in shown
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("broken", "method 'broken' of the package hefty 1.0 cannot be used: 'hefty.not_there:Broken' fails"),
+        ("nothing", "method 'nothing' of the package hefty 1.0 cannot be used: 'hefty:stand' is of type function"),
+    ],
+)
+def test_a_method_that_cannot_be_used_is_refused_by_name(name, words, capsys):
+    with pytest.raises(PluginError) as caught:
+        method_named(name)
+    assert str(caught.value).startswith(words)
+    assert main(["calibrate", "--method", name]) == 7
+    assert words in capsys.readouterr().err
+    assert main(["plan", "--budget", "60s", "--json"]) == 0
