@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.errors import ModelWarning
-from equipoise.export.subject import body_of, seen_from
+from equipoise.exports.subject import body_of, seen_from
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, model_facts
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components, composite_parameters, nominal_inertia

@@ -11,7 +11,7 @@ from test_export_formats import CONST, INERTIAL, SDF
 
 from equipoise import Precise, RunFolder
 from equipoise.cli import main
-from equipoise.export.formats import FORMATS
+from equipoise.exports.formats import FORMATS
 
 PAGES = Path(__file__).parents[1] / "docs" / "controllers"
 COMMAND = re.compile(r"^    equipoise (export.*?)(?:\s+#.*)?$", re.MULTILINE)

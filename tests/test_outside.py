@@ -16,7 +16,7 @@ from equipoise import Guard, JointCommand, Precise, RunFolder, nominal_stance
 from equipoise.cli import main
 from equipoise.drivers import catalog
 from equipoise.errors import CommunicationError, MotionError, PluginError, SensorError, SettingsError
-from equipoise.export import formats
+from equipoise.exports import formats
 from equipoise.guard.connection import open_guarded, open_platform
 from equipoise.logs import reader
 

@@ -9,7 +9,7 @@ import pytest
 
 from equipoise.cli import main
 from equipoise.errors import OutputError
-from equipoise.export.formats import FORMATS, Export
+from equipoise.exports.formats import FORMATS, Export
 from equipoise.user_file import write_file
 
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from equipoise.drivers.hardware import Link
     from equipoise.errors import CommunicationError, EquipoiseError, RecordingError, SettingsError
     from equipoise.experiments.sway import SwaySettings
-    from equipoise.export.formats import Format, export
-    from equipoise.export.subject import Subject
-    from equipoise.export.written import Written
+    from equipoise.exports.formats import Format, export
+    from equipoise.exports.subject import Subject
+    from equipoise.exports.written import Written
     from equipoise.guard.guard import Guard
     from equipoise.logs.log import RawImu, RawJoints, RawLog
     from equipoise.logs.reader import LogReader
@@ -62,7 +62,7 @@ _HOME = {
     "Delta": "calibration.delta",
     "Driver": "drivers.catalog",
     "EquipoiseError": "errors",
-    "Format": "export.formats",
+    "Format": "exports.formats",
     "Guard": "guard.guard",
     "Health": "platform.platform",
     "InertialParameters": "robot.inertial",
@@ -91,16 +91,16 @@ _HOME = {
     "Stance": "robot.stance",
     "Static": "static.method",
     "SteppedPlatform": "platform.stepped",
-    "Subject": "export.subject",
+    "Subject": "exports.subject",
     "SwaySettings": "experiments.sway",
     "TiltLimit": "platform.tilt_limit",
     "Topics": "logs.topics",
     "Trajectory": "platform.platform",
-    "Written": "export.written",
+    "Written": "exports.written",
     "audit": "robot.audit",
     "calibrate": "calibration.routine",
     "estimate": "calibration.routine",
-    "export": "export.formats",
+    "export": "exports.formats",
     "find_delta": "calibration.delta",
     "load_robot": "robot.load",
     "nominal_stance": "robot.stance",

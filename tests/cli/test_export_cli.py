@@ -11,7 +11,7 @@ from test_controller_pages import make_run
 
 from equipoise import Precise, RunFolder, export
 from equipoise.cli import main
-from equipoise.export.formats import FORMATS
+from equipoise.exports.formats import FORMATS
 from equipoise.terminal.calibration import print_calibration
 
 

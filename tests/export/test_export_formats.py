@@ -18,9 +18,9 @@ from scipy.stats import chi2
 import equipoise
 from equipoise import export
 from equipoise.errors import ModelError, NotEstimatedError, NotIdentifiedError, NotPhysicalError, SettingsError
-from equipoise.export.formats import FORMATS
-from equipoise.export.randomisation import ENTRIES, pseudo_inertias, spread, stretched
-from equipoise.export.subject import body_of
+from equipoise.exports.formats import FORMATS
+from equipoise.exports.randomisation import ENTRIES, pseudo_inertias, spread, stretched
+from equipoise.exports.subject import body_of
 from equipoise.result.body import Body
 from equipoise.result.findings import Check
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from equipoise.errors import ModelError
-from equipoise.export.xml_edit import Document, comment_lines, comment_text, escaped
+from equipoise.exports.xml_edit import Document, comment_lines, comment_text, escaped
 
 PATH = Path("robot.urdf")
 

@@ -13,7 +13,7 @@ from equipoise.cli.flags import File, Flag, Output
 from equipoise.errors import OutputError, SettingsError
 
 if TYPE_CHECKING:
-    from equipoise.export.formats import Export
+    from equipoise.exports.formats import Export
     from equipoise.result.calibration import Calibration
 
 _FOLDER = "export"
@@ -55,7 +55,7 @@ def export(
         seed: Of everything drawn.
         list: Show the formats.
     """
-    from equipoise.export import formats
+    from equipoise.exports import formats
 
     if run is None or to is None or list:
         if to is not None and run is None and not list:
@@ -84,7 +84,7 @@ def export(
 
 
 def _show_formats(json: bool) -> None:
-    from equipoise.export.formats import Format, all_formats
+    from equipoise.exports.formats import Format, all_formats
 
     known = all_formats()
     if not json:

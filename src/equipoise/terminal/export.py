@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.errors import EquipoiseError
-from equipoise.export.formats import Export, Format
+from equipoise.exports.formats import Export, Format
 
 _SHORT = 40  # lines that fit on a screen
 _FILES = {"model": "model file", "given": "--file", "": ""}

@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 from equipoise._version import __version__
 from equipoise.errors import EquipoiseError, OutputError, SettingsError
-from equipoise.export import controllers, learning, mjcf, sdf, tables, urdf, xacro
-from equipoise.export.model_file import find_users_file
-from equipoise.export.subject import Subject, UsersFile, judge
-from equipoise.export.written import Written
+from equipoise.exports import controllers, learning, mjcf, sdf, tables, urdf, xacro
+from equipoise.exports.model_file import find_users_file
+from equipoise.exports.subject import Subject, UsersFile, judge
+from equipoise.exports.written import Written
 from equipoise.plugins import Table
 from equipoise.result.calibration import Calibration
 from equipoise.user_file import write_file

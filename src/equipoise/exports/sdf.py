@@ -6,10 +6,10 @@ Gazebo's reader joins all that is fixed to a URDF's base into one link, so the l
 from __future__ import annotations
 
 from equipoise.errors import ModelError, SettingsError
-from equipoise.export.model_file import payload
-from equipoise.export.subject import PAYLOAD, Subject, number, numbers, products
-from equipoise.export.written import Written
-from equipoise.export.xml_edit import Document, Edit, Element, comment_lines, escaped
+from equipoise.exports.model_file import payload
+from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, products
+from equipoise.exports.written import Written
+from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
 from equipoise.robot.inertial import InertialParameters
 
 

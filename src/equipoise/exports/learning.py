@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from equipoise.errors import NotEstimatedError
-from equipoise.export.randomisation import Spread, spread
-from equipoise.export.subject import Subject, number
-from equipoise.export.written import Written
+from equipoise.exports.randomisation import Spread, spread
+from equipoise.exports.subject import Subject, number
+from equipoise.exports.written import Written
 from equipoise.robot.inertial import COMPONENTS
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from equipoise.errors import ModelError, SettingsError
-from equipoise.export.model_file import (
+from equipoise.exports.model_file import (
     composite_of,
     edited_place,
     new_inertial,
@@ -12,9 +12,9 @@ from equipoise.export.model_file import (
     require_composite,
     require_format,
 )
-from equipoise.export.subject import PAYLOAD, Subject, number, numbers
-from equipoise.export.written import Written
-from equipoise.export.xml_edit import Document, Edit, Element, comment_lines
+from equipoise.exports.subject import PAYLOAD, Subject, number, numbers
+from equipoise.exports.written import Written
+from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.mjcf_poses import ORIENTATIONS
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from equipoise.errors import SettingsError
-from equipoise.export.subject import Subject, number, products
-from equipoise.export.written import Written
-from equipoise.export.xml_edit import Document, comment_lines
+from equipoise.exports.subject import Subject, number, products
+from equipoise.exports.written import Written
+from equipoise.exports.xml_edit import Document, comment_lines
 
 _PREFIX = "trunk"
 

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.errors import ModelError, ModelWarning, NotPhysicalError, SettingsError
-from equipoise.export.subject import PAYLOAD, FloatArray, Subject, UsersFile, body_of, seen_from
+from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, body_of, seen_from
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters

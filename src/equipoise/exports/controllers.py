@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from equipoise.export.subject import FloatArray, Subject, number
-from equipoise.export.written import Written
+from equipoise.exports.subject import FloatArray, Subject, number
+from equipoise.exports.written import Written
 
 
 def quadruped_pympc(subject: Subject) -> Written:

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 from equipoise._version import __version__
-from equipoise.export.subject import Subject, number
-from equipoise.export.written import Written
+from equipoise.exports.subject import Subject, number
+from equipoise.exports.written import Written
 from equipoise.result.body import Body, parameters_to_dict
 from equipoise.robot.inertial import InertialParameters
 

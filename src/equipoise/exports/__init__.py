@@ -1,0 +1,1 @@
+"""The result in the files that controllers and simulators read."""
