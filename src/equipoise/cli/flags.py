@@ -55,7 +55,7 @@ def seconds(text: str | None) -> float | None:
 
 def load(robot: str, description_file: Path | None, description: RobotDescription) -> Any:
     """The robot model that the flags name and describe."""
-    from equipoise.robot.load import load_robot
+    from equipoise.robot.catalog import load_robot
 
     return load_robot(robot, described(description_file, description))
 

@@ -12,8 +12,7 @@ import numpy as np
 from equipoise.calibration.routine import calibrate
 from equipoise.calibration.settings import CalibrationSettings, Method
 from equipoise.conventions import AXES, FloatArray
-from equipoise.robot.catalog import BUILT_IN_ROBOT
-from equipoise.robot.load import load_robot
+from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
 from equipoise.simulation.simulation import simulate
 from equipoise.study.runner import StudyProgress, run_study
 from equipoise.study.statistics import MethodSummary, column, lines_in_squares, planar_errors, summarize

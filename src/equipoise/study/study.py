@@ -17,8 +17,8 @@ from equipoise.calibration.settings import METHODS, CalibrationSettings, Method
 from equipoise.errors import SettingsError
 from equipoise.paper.trial_runner import ComSearchSettings
 from equipoise.precise.routine import PreciseSettings
+from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
-from equipoise.robot.load import load_robot
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.robot.variation import LARGEST_SPREAD, vary
