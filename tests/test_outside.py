@@ -87,7 +87,7 @@ def test_a_class_of_somebody_is_a_platform_in_every_verb(installed, here, tmp_pa
     guard = folder.result().provenance["guard"]
     assert guard["commands"] > 100
     assert guard["ending"][-1] == "released"
-    assert folder.result().composite.mass == pytest.approx(12.458, rel=0.1)
+    assert folder.result().composite.mass.value == pytest.approx(12.458, rel=0.1)
 
 
 def test_platforms_lists_what_packages_add_with_their_settings(installed, capsys):
@@ -246,7 +246,7 @@ def test_a_driver_of_somebody_is_a_platform_in_every_verb(installed, tmp_path, c
     else:
         pytest.skip("this machine is too busy for real time")
     assert diary == ["program", "program", "watchdog"]  # a look before, the run, and who watches it
-    assert folder.result().composite.mass == pytest.approx(12.458, rel=0.1)
+    assert folder.result().composite.mass.value == pytest.approx(12.458, rel=0.1)
 
 
 def test_a_format_of_somebody_is_listed_and_written(installed, a1, tmp_path, capsys):
@@ -259,7 +259,7 @@ def test_a_format_of_somebody_is_listed_and_written(installed, a1, tmp_path, cap
     assert "a scale's display" in capsys.readouterr().out
     assert main(["export", str(tmp_path / "run"), "--to", "kilograms", "--quiet"]) == 0
     first, *about = (tmp_path / "run" / "export" / "mass.txt").read_text(encoding="utf-8").splitlines()
-    assert float(first) == pytest.approx(folder.result().composite.mass, abs=5e-4)
+    assert float(first) == pytest.approx(folder.result().composite.mass.value, abs=5e-4)
     assert "whole robot frozen at its stance" in " ".join(about)
 
 

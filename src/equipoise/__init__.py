@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from equipoise.result.calibration import Calibration
     from equipoise.result.quantity import Quantity
     from equipoise.robot.audit import Audit, audit
+    from equipoise.robot.catalog import load_robot
     from equipoise.robot.description import RobotDescription
     from equipoise.robot.inertial import InertialParameters
-    from equipoise.robot.load import load_robot
     from equipoise.robot.model import RobotModel
     from equipoise.robot.stance import Stance, nominal_stance
     from equipoise.simulation.payload import Payload
@@ -102,7 +102,7 @@ _HOME = {
     "estimate": "calibration.routine",
     "export": "exports.formats",
     "find_delta": "calibration.delta",
-    "load_robot": "robot.load",
+    "load_robot": "robot.catalog",
     "nominal_stance": "robot.stance",
     "play_by_stepping": "platform.stepping",
     "simulate": "simulation.simulation",

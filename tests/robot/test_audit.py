@@ -11,10 +11,9 @@ import pytest
 
 from equipoise.errors import MissingDependencyError, ModelWarning
 from equipoise.robot.audit import audit
-from equipoise.robot.catalog import CATALOG
+from equipoise.robot.catalog import CATALOG, load_robot
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.inertial import composite_parameters
-from equipoise.robot.load import load_robot
 from equipoise.robot.stance import nominal_stance
 
 # What is wrong with the robots of the catalogue, by hand from their files: severity and links.
@@ -307,7 +306,7 @@ def test_the_audit_runs_without_a_simulator():
     code = (
         "import sys; sys.modules['mujoco'] = None\n"
         "from equipoise.robot.audit import audit\n"
-        "from equipoise.robot.load import load_robot\n"
+        "from equipoise.robot.catalog import load_robot\n"
         "audit(load_robot('unitree_a1'))"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -10,10 +10,9 @@ from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise.errors import MissingDependencyError, ModelError, ModelWarning
 from equipoise.robot.audit import audit
-from equipoise.robot.catalog import BUILT_IN_ROBOT, CATALOG, describe_catalog
+from equipoise.robot.catalog import BUILT_IN_ROBOT, CATALOG, describe_catalog, load_robot
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.inertial import base_parameters, composite_parameters
-from equipoise.robot.load import load_robot
 from equipoise.robot.stance import nominal_stance
 
 # Joints a leg; the robots that have none for abduction.

@@ -9,10 +9,9 @@ import pytest
 from robots import LINKS, load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise.errors import MissingDependencyError, ModelWarning, ReachError, SettingsError
-from equipoise.robot.catalog import CATALOG
+from equipoise.robot.catalog import CATALOG, load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.load import load_robot
 from equipoise.robot.stance import nominal_stance, stance_at
 from equipoise.robot.tree import joint_axis
 

@@ -14,10 +14,9 @@ import pytest
 from robots import load_text, mjcf_arm_on_a_mount, quadruped_mjcf, quadruped_urdf, urdf_arm_on_a_mount
 
 from equipoise.errors import ModelWarning
-from equipoise.robot.catalog import CATALOG
+from equipoise.robot.catalog import CATALOG, load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters, nominal_inertia
-from equipoise.robot.load import load_robot
 from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth

@@ -75,7 +75,7 @@ Described = Annotated[RobotFlags, arg(name="robot", help=_ABOUT_ROBOT)]
 
 def load(robot: str, flags: RobotFlags) -> Any:
     """The robot model that the flags name and describe."""
-    from equipoise.robot.load import load_robot
+    from equipoise.robot.catalog import load_robot
 
     return load_robot(robot, described(flags))
 

@@ -33,7 +33,7 @@ from equipoise.drivers.ros2.messages import (
 from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.load import load_robot
+from equipoise.robot.catalog import load_robot
 from equipoise.robot.stance import nominal_stance
 
 _STIFF = 10.0  # times the gain of the robot's own soft legs

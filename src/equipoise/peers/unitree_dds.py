@@ -29,7 +29,7 @@ from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, 
 from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.load import load_robot
+from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 
 _SPORT_MODE = "normal"

@@ -34,7 +34,7 @@ from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.load import load_robot
+from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 
 _TEMPERATURE = 40.0  # [deg C] of every motor

@@ -15,8 +15,7 @@ from equipoise.method.method import Method
 from equipoise.paper.method import Paper
 from equipoise.paper.trial_runner import ComSearchSettings
 from equipoise.precise.method import Precise
-from equipoise.robot.catalog import BUILT_IN_ROBOT
-from equipoise.robot.load import load_robot
+from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
 from equipoise.simulation.simulation import simulate
 from equipoise.study.runner import StudyProgress, run_study
 from equipoise.study.statistics import MethodSummary, column, lines_in_squares, planar_errors, summarize

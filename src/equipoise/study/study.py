@@ -17,8 +17,8 @@ from equipoise.errors import SettingsError
 from equipoise.method.method import Method
 from equipoise.method.table import METHODS
 from equipoise.paper.method import Paper
+from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
-from equipoise.robot.load import load_robot
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.robot.variation import LARGEST_SPREAD, vary
