@@ -35,6 +35,5 @@ robot = load_robot("unitree_a1")
 with simulate(robot, noise="realistic", seed=1) as simulation:
     platform = CountingPlatform(simulation.platform)
     result = calibrate(platform, robot, Static())
-print(
-    f"{platform.commands} commands, {platform.longest:.1f} s at most at once; about {result.composite.mass.value:.1f} kg"
-)
+mass = result.composite.mass.value
+print(f"{platform.commands} commands, {platform.longest:.1f} s at most at once; about {mass:.1f} kg")

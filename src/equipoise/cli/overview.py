@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import json as json_module
 
-from equipoise.cli.flags import Json
 
-
-def robots(*, json: Json = False) -> None:
+def robots(*, json: bool = False) -> None:
     """List the robots known by name, with mass, legs and where each model comes from.
 
     Example: equipoise robots --json
+
+    Args:
+        json: Print one JSON object and nothing else on stdout.
     """
     from equipoise.robot.catalog import describe_catalog
     from equipoise.terminal.lists import print_robots
@@ -23,10 +24,13 @@ def robots(*, json: Json = False) -> None:
         print_robots(rows)
 
 
-def platforms(*, json: Json = False) -> None:
+def platforms(*, json: bool = False) -> None:
     """List the platforms: simulators and robots, how each starts, and what can be set with --set KEY=VALUE.
 
     Example: equipoise platforms
+
+    Args:
+        json: Print one JSON object and nothing else on stdout.
     """
     from equipoise.drivers.catalog import describe_platforms
     from equipoise.terminal.lists import print_platforms

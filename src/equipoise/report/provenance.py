@@ -37,7 +37,9 @@ def provenance_blocks(result: Calibration) -> list[Block]:
 
 
 def _others(result: Calibration) -> set[str]:
-    """Settings of what the run did not do."""
+    """Settings of what the run did not do: older results hold those of all methods."""
+    if "precise" not in result.settings:
+        return set()
     did = {"com_search": result.support_lines, "feet": result.support_lines, "sway": result.sways,
            "precise": result.has_intervals}  # fmt: skip
     return {name for name, what in did.items() if not what}
