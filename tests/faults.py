@@ -152,7 +152,11 @@ class Faulty(PlatformWrapper):
         if fault.kind == "reorder":
             return self._past[-2] if self._count % 2 == 0 and len(self._past) > 1 else self._past[-1]
         if fault.kind == "freeze imu":
-            return replace(state, angular_velocity=onset.angular_velocity, acceleration=onset.acceleration)
+            return replace(
+                state,
+                angular_velocity_in_imu=onset.angular_velocity_in_imu,
+                acceleration_in_imu=onset.acceleration_in_imu,
+            )
         if fault.kind == "stick joint":
             return self._straining(state)
         if fault.kind == "overheat":

@@ -108,9 +108,9 @@ class Bag:
                 header=self.header(stamp, frame),
                 orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
                 orientation_covariance=unknown,
-                angular_velocity=vector(*map(float, stream.angular_velocity[k])),
+                angular_velocity=vector(*map(float, stream.angular_velocity_in_imu[k])),
                 angular_velocity_covariance=unknown,
-                linear_acceleration=vector(*map(float, stream.acceleration[k])),
+                linear_acceleration=vector(*map(float, stream.acceleration_in_imu[k])),
                 linear_acceleration_covariance=unknown,
             )
             for k, stamp in enumerate(stamps)
@@ -144,8 +144,8 @@ class Bag:
                 head=np.array([0xFE, 0xEF], np.uint8), level_flag=0xFF, frame_reserve=0, sn=np.zeros(2, np.uint32),
                 version=np.zeros(2, np.uint32), bandwidth=0,
                 imu_state=types["unitree_go/msg/IMUState"](
-                    quaternion=np.array([1, 0, 0, 0], np.float32), gyroscope=imu.angular_velocity[k].astype(np.float32),
-                    accelerometer=imu.acceleration[k].astype(np.float32), rpy=np.zeros(3, np.float32), temperature=40,
+                    quaternion=np.array([1, 0, 0, 0], np.float32), gyroscope=imu.angular_velocity_in_imu[k].astype(np.float32),
+                    accelerometer=imu.acceleration_in_imu[k].astype(np.float32), rpy=np.zeros(3, np.float32), temperature=40,
                 ),
                 motor_state=[motor(k, joint) for joint in [*order, *[None] * 8]],
                 bms_state=battery, foot_force=np.zeros(4, np.int16), foot_force_est=np.zeros(4, np.int16),
@@ -181,7 +181,7 @@ def columns_of(log, names=None):
         if values is not None:
             for name, column in zip(names, values.T, strict=True):
                 put(f"{quantity}.{name}", of_joints, column)
-    for sensor, values in (("gyro", log.imu.angular_velocity), ("accelerometer", log.imu.acceleration)):
+    for sensor, values in (("gyro", log.imu.angular_velocity_in_imu), ("accelerometer", log.imu.acceleration_in_imu)):
         for axis, column in zip("xyz", values.T, strict=True):
             put(f"{sensor}.{axis}", of_imu, column)
     return table

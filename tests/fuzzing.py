@@ -101,7 +101,9 @@ def table_of(recording):
     axes = [f"{sensor}.{axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
     rows = [",".join(["time", *(f"position.{name}" for name in names), *axes])]
     joints, imu = recording.joints, recording.imu
-    for time_, *values in zip(joints.time, joints.position, imu.angular_velocity, imu.acceleration, strict=True):
+    for time_, *values in zip(
+        joints.time, joints.position, imu.angular_velocity_in_imu, imu.acceleration_in_imu, strict=True
+    ):
         rows.append(",".join(f"{value:.6g}" for value in [time_, *(v for part in values for v in part)]))
     return "\n".join(rows[:120]).encode()
 

@@ -26,8 +26,8 @@ class PlatformContract:
         "position": 0.0,
         "velocity": 0.0,
         "torque": 0.0,
-        "angular_velocity": 0.0,
-        "acceleration": 0.0,
+        "angular_velocity_in_imu": 0.0,
+        "acceleration_in_imu": 0.0,
     }
     """How much `play` and stepping through the same motion may differ."""
     reads_alike = True
@@ -61,7 +61,7 @@ class PlatformContract:
         assert first.time == second.time
         if self.reads_alike:
             assert np.array_equal(first.joint_position, second.joint_position)
-            assert np.array_equal(first.acceleration, second.acceleration)
+            assert np.array_equal(first.acceleration_in_imu, second.acceleration_in_imu)
 
     def test_reading_does_not_change_what_follows(self, another):
         read, unread = another(), another()
@@ -77,7 +77,7 @@ class PlatformContract:
         assert len(set(names)) == len(names)
         for vector in (state.joint_position, state.joint_velocity, state.joint_torque):
             assert vector is None or vector.shape == (len(names),)
-        assert state.angular_velocity.shape == state.acceleration.shape == (3,)
+        assert state.angular_velocity_in_imu.shape == state.acceleration_in_imu.shape == (3,)
 
     def test_commands_reach_the_joints_in_the_order_of_their_names(self, platform):
         target = platform.read().joint_position
@@ -154,7 +154,7 @@ class PlatformContract:
         free, stopped = another(), another()
         motion = turning(free, 200)
         period = free.control_period
-        turned = np.cumsum(free.play(motion).imu.angular_velocity, axis=0) * period
+        turned = np.cumsum(free.play(motion).imu.angular_velocity_in_imu, axis=0) * period
         peak = turned[np.argmax(np.linalg.norm(turned, axis=1))]
         axis = tuple(peak / np.linalg.norm(peak))
         limit = TiltLimit(0.5 * float(np.linalg.norm(peak)), axis)
@@ -271,7 +271,7 @@ def assert_alike(a, b, tolerances):
     assert np.allclose(a.joints.time, b.joints.time, rtol=0, atol=1e-9)
     for stream, names in (
         ("joints", ("position", "velocity", "torque")),
-        ("imu", ("angular_velocity", "acceleration")),
+        ("imu", ("angular_velocity_in_imu", "acceleration_in_imu")),
     ):
         for name in names:
             one, other = getattr(getattr(a, stream), name), getattr(getattr(b, stream), name)

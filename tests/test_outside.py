@@ -212,7 +212,7 @@ STATE = "from equipoise import RobotState; import numpy as np; return RobotState
         (
             STATE.format("np.zeros(12)", "[0, 0, 9]"),
             SensorError,
-            "read gives as acceleration list; it must be an array of",
+            "read gives as acceleration_in_imu list; it must be an array of",
         ),
         ("raise OSError('unplugged')", CommunicationError, "cannot be reached: read fails (unplugged)"),
         ("return 1 / 0", MotionError, "read fails (ZeroDivisionError: division by zero)"),
@@ -268,7 +268,8 @@ def test_a_log_with_a_suffix_of_somebody_is_estimated(installed, precise_run, a1
     path = tmp_path / "stand.npz"
     np.savez(
         path, time=recording.joints.time, names=recording.joint_names, position=recording.joints.position,
-        torque=recording.joints.torque, gyro=recording.imu.angular_velocity, accelerometer=recording.imu.acceleration,
+        torque=recording.joints.torque, gyro=recording.imu.angular_velocity_in_imu,
+        accelerometer=recording.imu.acceleration_in_imu,
     )  # fmt: skip
     estimate = ["estimate", str(path), "--robot", "unitree_a1", "--json", "--no-report"]
     assert main(estimate) == 5

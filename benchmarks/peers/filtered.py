@@ -94,7 +94,7 @@ def read_all(
     legs = LegChains(robot)
     chosen = [(kind_of(r), r) for r in recordings if motions != "shake" or kind_of(r) == "shake"]
     rests = [r.phase(_REST_OF[kind]) for kind, r in chosen if kind in ("shake", "posture", "lift")]
-    gyro_bias = np.median([rest.imu.angular_velocity.mean(axis=0) for rest in rests], axis=0)
+    gyro_bias = np.median([rest.imu.angular_velocity_in_imu.mean(axis=0) for rest in rests], axis=0)
     parts: list[Filtered] = []
     for kind, recording in chosen:
         if kind not in _REST_OF or not recording.has_phase(_REST_OF[kind]):
@@ -140,7 +140,7 @@ def read(
 
     time = joints.time[::_STRIDE]
     rotation = np.array(robot.imu_in_base.rotation)
-    turning_raw = (imu.angular_velocity - gyro_bias) @ rotation.T
+    turning_raw = (imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
     up = _up(imu.time, turning_raw, rest, rotation)[::_STRIDE]
     turning = smooth(turning_raw)[::_STRIDE]
     turning_rate = np.gradient(turning, time, axis=0)
@@ -153,7 +153,7 @@ def read(
         turning_rate,
     )  # fmt: skip
     arm = np.array(robot.imu_in_base.translation)
-    sensed = smooth(imu.acceleration)[::_STRIDE] @ rotation.T
+    sensed = smooth(imu.acceleration_in_imu)[::_STRIDE] @ rotation.T
     at_base = sensed - np.cross(turning_rate, arm) - np.cross(turning, np.cross(turning, arm))
     parts: list[Filtered] = []
     for start, end, standing in windows:
@@ -185,7 +185,7 @@ def contact_jacobians(robot: RobotModel, position: FloatArray, up: FloatArray) -
 
 def _up(time: FloatArray, turning: FloatArray, rest: Recording, rotation: FloatArray) -> FloatArray:
     """(n, 3) against gravity in base axes: the accelerometer's mean at rest, carried on by the gyroscope."""
-    at_rest = rest.imu.acceleration.mean(axis=0) @ rotation.T
+    at_rest = rest.imu.acceleration_in_imu.mean(axis=0) @ rotation.T
     path = attitudes(time, turning)
     middle = int(np.searchsorted(time, rest.imu.time.mean()))
     level = path[middle].apply(at_rest / np.linalg.norm(at_rest))

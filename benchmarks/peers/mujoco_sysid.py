@@ -299,7 +299,7 @@ def read_pieces(
             part = recording.phase("rest", until="lower")
         else:
             continue
-        bias = recording.phase("rest").imu.angular_velocity.mean(axis=0)
+        bias = recording.phase("rest").imu.angular_velocity_in_imu.mean(axis=0)
         pieces.append(_piece(problem, part, recording.phase("rest"), bias, *feed_forward[index]))
     return pieces
 
@@ -315,7 +315,7 @@ def _piece(
     count = round((_HOLD + _PERIOD * len(sent)) / step)
     which = np.floor((step * np.arange(count) - _HOLD - _DELAY) / _PERIOD + 1e-6).astype(int)
     control = sent[np.clip(which, 0, len(sent) - 1)]
-    up = np.array(robot.imu_in_base.rotation) @ rest.imu.acceleration.mean(axis=0)
+    up = np.array(robot.imu_in_base.rotation) @ rest.imu.acceleration_in_imu.mean(axis=0)
     position = rest.joints.position.mean(axis=0)
     turn = pin.Quaternion.FromTwoVectors(up / np.linalg.norm(up), np.array([0.0, 0, 1]))
     radius = np.mean([leg.foot_radius for leg in robot.legs.values()])
@@ -326,5 +326,7 @@ def _piece(
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     initial = np.zeros(mujoco.mj_stateSize(problem.model, kind))
     mujoco.mj_getState(problem.model, data, initial, kind)
-    gyro = imu.angular_velocity - bias
-    return Piece(initial, control, np.concatenate([joints.position, gyro, imu.acceleration, joints.torque], axis=1))
+    gyro = imu.angular_velocity_in_imu - bias
+    return Piece(
+        initial, control, np.concatenate([joints.position, gyro, imu.acceleration_in_imu, joints.torque], axis=1)
+    )

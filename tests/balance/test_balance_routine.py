@@ -142,7 +142,7 @@ def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
     assert last.tilt < 0.05
 
 
-@pytest.mark.parametrize("sensor", ["joint_position", "angular_velocity", "acceleration"])
+@pytest.mark.parametrize("sensor", ["joint_position", "angular_velocity_in_imu", "acceleration_in_imu"])
 def test_a_sensor_that_says_no_number_ends_it_with_the_feet_down(a1, sensor):
     def spoil(state):
         if 3.4 < state.time < 3.41:
@@ -193,9 +193,9 @@ def test_senses_follow_the_gyroscope_and_forget_its_bias(a1):
     senses, state = at_rest(a1, [0, 0, 1], SensorKnowledge.none(a1))
     rate = np.array([0.2, -0.1, 0.0])
     for _ in range(50):
-        senses.feel(dataclasses.replace(state, angular_velocity=state.angular_velocity + rate))
+        senses.feel(dataclasses.replace(state, angular_velocity_in_imu=state.angular_velocity_in_imu + rate))
     assert np.allclose(senses.lean, 0.1 * rate[:2], atol=1e-3)
-    assert np.allclose(senses.angular_velocity, rate)
+    assert np.allclose(senses.angular_velocity_in_base, rate)
 
 
 def test_known_sensor_errors_are_taken_off(a1):

@@ -47,11 +47,15 @@ def test_nothing_speaks_against_a_sound_robot(a1, start):
 @pytest.mark.parametrize(
     ("name", "change", "advice"),
     [
-        ("accelerometer at rest", with_(acceleration=lambda s: s.acceleration / 9.81), "units of g"),
-        ("gravity against the stance", with_(acceleration=lambda s: s.acceleration[[1, 2, 0]]), "mounted turned"),
+        ("accelerometer at rest", with_(acceleration_in_imu=lambda s: s.acceleration_in_imu / 9.81), "units of g"),
+        (
+            "gravity against the stance",
+            with_(acceleration_in_imu=lambda s: s.acceleration_in_imu[[1, 2, 0]]),
+            "mounted turned",
+        ),
         ("joint torques", with_(joint_torque=lambda s: -s.joint_torque), "with the joints' signs"),
         ("joint positions", with_(joint_position=lambda s: np.degrees(s.joint_position)), "joint map"),
-        ("gyroscope at rest", with_(angular_velocity=lambda s: s.angular_velocity + 0.2), "biased"),
+        ("gyroscope at rest", with_(angular_velocity_in_imu=lambda s: s.angular_velocity_in_imu + 0.2), "biased"),
         ("motor temperatures", with_(health=lambda s: Health(np.full(12, 71.0))), "cool down"),
         ("battery charge", with_(health=lambda s: Health(battery_charge=0.1)), "charge it"),
         ("fault", with_(health=lambda s: Health(fault="motor 3 overheated")), "manual"),

@@ -132,8 +132,8 @@ def test_damaged_messages_are_counted_and_left_out():
 def test_an_imu_is_read_in_its_own_frame():
     topic = imu()
     assert topic.hear(5.0, IMU.serialize())
-    assert topic.newest.angular_velocity.tolist() == [0.1, 0.2, 0.3]
-    assert topic.newest.acceleration.tolist() == [1, 2, 9.81]
+    assert topic.newest.angular_velocity_in_imu.tolist() == [0.1, 0.2, 0.3]
+    assert topic.newest.acceleration_in_imu.tolist() == [1, 2, 9.81]
     assert topic.newest.received == 5.0
 
 
@@ -169,7 +169,7 @@ def test_a_state_is_as_old_as_the_older_of_its_two_samples():
     assert state.received == 9.9
     assert (state.time, state.imu_time) == (heard.newest.time, felt.newest.time)
     assert state.joint_position.tolist() == [1, 2, 3]
-    assert state.acceleration.tolist() == [1, 2, 9.81]
+    assert state.acceleration_in_imu.tolist() == [1, 2, 9.81]
 
 
 def test_samples_of_two_clocks_are_refused():

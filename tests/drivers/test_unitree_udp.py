@@ -139,9 +139,9 @@ def test_the_first_sample_is_that_of_the_same_robot_without_a_network(a1, direct
         assert np.abs(state.joint_position - direct.joint_position).max() < 2e-3
         assert np.abs(state.joint_torque - direct.joint_torque).max() < 0.05
         assert np.abs(state.joint_velocity).max() < 0.02
-        assert np.abs(state.angular_velocity).max() < 0.02
-        assert np.abs(state.acceleration - direct.acceleration).max() < 0.1
-        assert state.acceleration[2] == pytest.approx(9.81, abs=0.1)
+        assert np.abs(state.angular_velocity_in_imu).max() < 0.02
+        assert np.abs(state.acceleration_in_imu - direct.acceleration_in_imu).max() < 0.1
+        assert state.acceleration_in_imu[2] == pytest.approx(9.81, abs=0.1)
         assert (state.health.motor_temperature == 40).all()
         assert state.health.battery_charge == {"a1": None, "go1": 0.8}[protocol]
         samples = [state]
@@ -241,11 +241,11 @@ def leaning(robot):
 def at_the_end(recording):
     """Means over the last tenth of a second, and by how much the gyroscope says that the base has turned."""
     last = recording.between(recording.joints.time[-1] - 0.1, np.inf)
-    omega, steps = recording.imu.angular_velocity, np.diff(recording.imu.time)
+    omega, steps = recording.imu.angular_velocity_in_imu, np.diff(recording.imu.time)
     return {
         "position": last.joints.position.mean(axis=0),
         "torque": last.joints.torque.mean(axis=0),
-        "acceleration": last.imu.acceleration.mean(axis=0),
+        "acceleration": last.imu.acceleration_in_imu.mean(axis=0),
         "turned": steps @ (omega[1:] + omega[:-1]) / 2,
     }
 

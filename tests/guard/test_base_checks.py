@@ -23,13 +23,13 @@ def hold(a1):
 
 def leaning(robot, angle, **changes):
     """A robot at rest whose base is turned about its y axis [rad]."""
-    return at_rest(robot, acceleration=9.81 * np.array([-np.sin(angle), 0.0, np.cos(angle)]), **changes)
+    return at_rest(robot, acceleration_in_imu=9.81 * np.array([-np.sin(angle), 0.0, np.cos(angle)]), **changes)
 
 
 def test_before_anything_moves_gravity_is_felt(a1, checks, hold):
     look(checks.at_rest, hold, at_rest(a1))
     with pytest.raises(SensorError) as caught:
-        look(checks.at_rest, hold, at_rest(a1, acceleration=np.array([0.0, 0.0, 1.0])))
+        look(checks.at_rest, hold, at_rest(a1, acceleration_in_imu=np.array([0.0, 0.0, 1.0])))
     assert str(caught.value) == (
         "the accelerometer reads 1.0 m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is the robot "
         "being moved?"

@@ -50,7 +50,7 @@ IN_MOTION = [
     ("'RR_calf_joint' gives 45.0 Nm; its limit is", with_one("joint_torque", 11, 45.0)),
     ("the motor of joint 'RR_hip_joint' gives 30.0 Nm where", with_one("joint_torque", 9, 30.0)),
     ("the robot says: motor 3 lost", lambda state: replace(state, health=Health(fault="motor 3 lost"))),
-    ("the base leans by 90 deg", lambda state: replace(state, acceleration=np.array([9.81, 0.0, 0.0]))),
+    ("the base leans by 90 deg", lambda state: replace(state, acceleration_in_imu=np.array([9.81, 0.0, 0.0]))),
 ]
 
 
@@ -85,8 +85,11 @@ AT_REST = [
     ("the first command would move joint 'FL_hip_joint'", with_one("joint_position", 0, 0.3)),
     ("'FL_calf_joint' is at -2.850 rad", with_one("joint_position", 2, -2.85)),
     ("the robot says: motor 3 lost", lambda state: replace(state, health=Health(fault="motor 3 lost"))),
-    ("the accelerometer reads 13.7 m/s2", lambda state: replace(state, acceleration=state.acceleration * 1.4)),
-    ("the base leans by 90 deg", lambda state: replace(state, acceleration=np.array([9.81, 0.0, 0.0]))),
+    (
+        "the accelerometer reads 13.7 m/s2",
+        lambda state: replace(state, acceleration_in_imu=state.acceleration_in_imu * 1.4),
+    ),
+    ("the base leans by 90 deg", lambda state: replace(state, acceleration_in_imu=np.array([9.81, 0.0, 0.0]))),
 ]
 
 

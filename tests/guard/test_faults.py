@@ -63,8 +63,8 @@ def with_imu(recordings, gyro=lambda v: v, accelerometer=lambda v: v):
             recording,
             imu=replace(
                 recording.imu,
-                angular_velocity=gyro(recording.imu.angular_velocity),
-                acceleration=accelerometer(recording.imu.acceleration),
+                angular_velocity_in_imu=gyro(recording.imu.angular_velocity_in_imu),
+                acceleration_in_imu=accelerometer(recording.imu.acceleration_in_imu),
             ),
         )
         for recording in recordings

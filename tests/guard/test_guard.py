@@ -347,7 +347,7 @@ def away(state):
 
 
 def turned(state):
-    return replace(state, acceleration=state.acceleration[[2, 1, 0]])
+    return replace(state, acceleration_in_imu=state.acceleration_in_imu[[2, 1, 0]])
 
 
 @pytest.mark.parametrize(
@@ -363,7 +363,11 @@ def turned(state):
             r"the base leans by \d\d deg before anything has moved: the robot has fallen, or the IMU is mounted turned \(give "
             r"its pose under imu_rpy in a robot description\)",
         ),
-        (lambda state: replace(state, acceleration=0 * state.acceleration), SensorError, r"the accelerometer reads 0\.0 m/s2"),
+        (
+            lambda state: replace(state, acceleration_in_imu=0 * state.acceleration_in_imu),
+            SensorError,
+            r"the accelerometer reads 0\.0 m/s2",
+        ),
     ],
 )  # fmt: skip
 def test_a_robot_that_is_not_as_it_should_be_is_not_even_touched(a1, seen, change, kind, message):

@@ -85,7 +85,7 @@ def test_a_program_that_thinks_for_long_may_go_on(guard, link, dog):
     [
         ({"health": Health(motor_temperature=np.full(12, 90.0))}, LimitError),
         ({"health": Health(fault="a motor is off")}, LimitError),
-        ({"acceleration": np.array([9.81, 0.0, 0.0])}, FallError),
+        ({"acceleration_in_imu": np.array([9.81, 0.0, 0.0])}, FallError),
         ({"time": 0.2}, MotionError),  # its clock stands still
     ],
     ids=lambda value: "" if isinstance(value, dict) else value.__name__,

@@ -29,7 +29,7 @@ def alive(robot, index, **changes):
     """A sample of a robot that moves: every joint and the IMU read something new."""
     position = nominal_stance(robot).joint_position + 1e-3 * np.sin(0.1 * index)
     rate = 1e-3 * np.array([np.sin(0.1 * index), 0.0, 0.0])
-    return replace(at_rest(robot, index, joint_position=position, angular_velocity=rate), **changes)
+    return replace(at_rest(robot, index, joint_position=position, angular_velocity_in_imu=rate), **changes)
 
 
 def run(sieve, samples, target):
@@ -68,8 +68,8 @@ def test_a_sound_stream_passes(a1, sieve, home):
             "the velocity of joint 'FR_thigh_joint' says what is no number at t = 0.010 s",
         ),
         ({"joint_torque": (5, np.nan)}, "the torque of joint 'FR_calf_joint' says what is no number at t = 0.010 s"),
-        ({"angular_velocity": (1, np.nan)}, "the gyroscope says what is no number at t = 0.010 s"),
-        ({"acceleration": (2, -np.inf)}, "the accelerometer says what is no number at t = 0.010 s"),
+        ({"angular_velocity_in_imu": (1, np.nan)}, "the gyroscope says what is no number at t = 0.010 s"),
+        ({"acceleration_in_imu": (2, -np.inf)}, "the accelerometer says what is no number at t = 0.010 s"),
     ],
 )
 @pytest.mark.parametrize("late", [False, True])
@@ -125,7 +125,12 @@ def test_an_encoder_of_a_joint_that_is_sent_nowhere_may_read_the_same_for_good(a
 def test_a_frozen_imu_is_noticed_when_the_robot_moves(a1, sieve, home):
     still = at_rest(a1)
     samples = [
-        alive(a1, index, angular_velocity=still.angular_velocity, acceleration=still.acceleration)
+        alive(
+            a1,
+            index,
+            angular_velocity_in_imu=still.angular_velocity_in_imu,
+            acceleration_in_imu=still.acceleration_in_imu,
+        )
         for index in range(500)
     ]
     assert run(sieve, samples, holding(home))[0] is None

@@ -15,7 +15,7 @@ def turning(robot, rate, duration, acceleration_factor=1.0):
     for index in range(round(duration / PERIOD) + 1):
         angle = rate * index * PERIOD
         up = 9.81 * np.array([-np.sin(angle), 0.0, np.cos(angle)]) * (acceleration_factor if index else 1.0)
-        yield at_rest(robot, index, angular_velocity=np.array([0.0, rate, 0.0]), acceleration=up)
+        yield at_rest(robot, index, angular_velocity_in_imu=np.array([0.0, rate, 0.0]), acceleration_in_imu=up)
 
 
 def felt(samples, rotation=None):
@@ -33,22 +33,22 @@ def test_it_follows_a_base_that_turns_also_while_it_is_being_pushed(a1, factor):
 
 
 def test_a_gyroscope_that_drifts_is_corrected(a1):
-    samples = [at_rest(a1, index, angular_velocity=np.array([0.03, 0.0, 0.0])) for index in range(5000)]
+    samples = [at_rest(a1, index, angular_velocity_in_imu=np.array([0.03, 0.0, 0.0])) for index in range(5000)]
     assert felt(samples).tilt < 0.02
 
 
 def test_an_imu_that_is_mounted_turned_is_turned_back(a1):
     rotation = Rotation.from_rotvec([0.3, -0.5, 1.0]).as_matrix()
     samples = [
-        at_rest(a1, index, acceleration=rotation.T @ sample.acceleration,
-                angular_velocity=rotation.T @ sample.angular_velocity)
+        at_rest(a1, index, acceleration_in_imu=rotation.T @ sample.acceleration_in_imu,
+                angular_velocity_in_imu=rotation.T @ sample.angular_velocity_in_imu)
         for index, sample in enumerate(turning(a1, 1.0, 0.3))
     ]  # fmt: skip
     assert felt(samples, rotation).tilt == pytest.approx(0.3, abs=0.01)
 
 
 def test_an_accelerometer_that_reads_nothing_tilts_nobody(a1):
-    up = felt([at_rest(a1, index, acceleration=np.zeros(3)) for index in range(5)])
+    up = felt([at_rest(a1, index, acceleration_in_imu=np.zeros(3)) for index in range(5)])
     assert up.tilt == 0.0
     assert up.lean(LEVEL) == 0.0
 

@@ -208,7 +208,7 @@ def test_low_states_are_read_by_motor_order_on_the_robots_own_clock(a1, log, tmp
     np.testing.assert_allclose(np.diff(read.recording.joints.time), 1 / RATE, rtol=1e-2)
     np.testing.assert_allclose(read.recording.joints.position, log.joints.position, atol=1e-6)
     np.testing.assert_allclose(read.recording.joints.torque, log.joints.torque, atol=1e-6)
-    np.testing.assert_allclose(read.recording.imu.acceleration, log.imu.acceleration, atol=1e-5)
+    np.testing.assert_allclose(read.recording.imu.acceleration_in_imu, log.imu.acceleration_in_imu, atol=1e-5)
 
 
 def test_low_states_without_a_tick_are_at_their_receive_times(a1, log, tmp_path):
@@ -354,7 +354,7 @@ def raw(log, **changes):
     joints, imu = log.joints, log.imu
     return RawLog(
         RawJoints(joints.time, log.joint_names, joints.position, joints.velocity, joints.torque),
-        RawImu(imu.time, imu.angular_velocity, imu.acceleration),
+        RawImu(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu),
         **changes,
     )
 
@@ -391,10 +391,10 @@ def test_samples_that_are_not_numbers_are_dropped_and_many_refused(a1, log):
     found = assemble(a1, replace(raw(log), joints=joints))
     assert found.recording.joints.time.size == COUNT - 1
     assert "1 of 500 joint samples are not numbers" in messages_of(found.findings)
-    rates = np.array(log.imu.angular_velocity)
+    rates = np.array(log.imu.angular_velocity_in_imu)
     rates[:100] = np.inf
     with pytest.raises(RecordingError, match="20% of the IMU samples are not numbers, the first at sample 0"):
-        assemble(a1, replace(raw(log), imu=RawImu(log.imu.time, rates, log.imu.acceleration)))
+        assemble(a1, replace(raw(log), imu=RawImu(log.imu.time, rates, log.imu.acceleration_in_imu)))
 
 
 def test_velocities_and_torques_that_nobody_measures_are_none(a1, log):
@@ -411,9 +411,9 @@ def test_velocities_and_torques_that_nobody_measures_are_none(a1, log):
 
 def test_an_imu_that_was_written_faster_than_read_loses_its_repetitions(a1, log):
     held = np.repeat(np.arange(0, COUNT, 4), 4)[:COUNT]
-    imu = RawImu(log.imu.time, log.imu.angular_velocity[held], log.imu.acceleration[held])
+    imu = RawImu(log.imu.time, log.imu.angular_velocity_in_imu[held], log.imu.acceleration_in_imu[held])
     found = assemble(a1, replace(raw(log), imu=imu))
-    np.testing.assert_array_equal(found.recording.imu.angular_velocity, log.imu.angular_velocity[::4])
+    np.testing.assert_array_equal(found.recording.imu.angular_velocity_in_imu, log.imu.angular_velocity_in_imu[::4])
     assert "75% of the IMU samples repeat the last one" in messages_of(found.findings)
 
 

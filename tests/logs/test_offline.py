@@ -142,9 +142,12 @@ def test_a_log_without_anything_usable_shows_what_it_holds(a1, log, found):
     [
         (lambda log: with_joints(log, position=np.degrees), "are joint positions in degrees"),
         (lambda log: with_joints(log, velocity=np.degrees), "is it in degrees per second"),
-        (lambda log: with_imu(log, angular_velocity=np.degrees), r"gyroscope.*\(is it in degrees per second\?\)"),
-        (lambda log: with_imu(log, acceleration=lambda values: values / 9.81), "is it in units of g"),
-        (lambda log: with_imu(log, angular_velocity=np.zeros_like), "gyroscope reads the same throughout"),
+        (
+            lambda log: with_imu(log, angular_velocity_in_imu=np.degrees),
+            r"gyroscope.*\(is it in degrees per second\?\)",
+        ),
+        (lambda log: with_imu(log, acceleration_in_imu=lambda values: values / 9.81), "is it in units of g"),
+        (lambda log: with_imu(log, angular_velocity_in_imu=np.zeros_like), "gyroscope reads the same throughout"),
         (lambda log: with_joints(log, torque=np.negative), "have they the wrong sign"),
         (lambda log: with_joints(log, torque=lambda values: 1000 * values), "are they those of the joints, in Nm"),
         (

@@ -342,7 +342,7 @@ def test_the_legs_tell_by_how_much_the_imus_clock_differs(a1, precise_run, late)
 )
 def test_a_gyroscope_in_other_units_or_signs_is_named(a1, precise_run, factor, question):
     log = as_log(precise_run.recordings)
-    wrong = replace(log.imu, angular_velocity=log.imu.angular_velocity * factor)
+    wrong = replace(log.imu, angular_velocity_in_imu=log.imu.angular_velocity_in_imu * factor)
     with pytest.raises(RecordingError) as told:
         compare_gyroscope(a1, precise_run.stance, replace(log, imu=wrong))
     assert question in str(told.value)
@@ -350,7 +350,7 @@ def test_a_gyroscope_in_other_units_or_signs_is_named(a1, precise_run, factor, q
 
 def test_a_gyroscope_of_another_motion_does_not_agree(a1, precise_run):
     log = as_log(precise_run.recordings)
-    backwards = replace(log.imu, angular_velocity=log.imu.angular_velocity[::-1])
+    backwards = replace(log.imu, angular_velocity_in_imu=log.imu.angular_velocity_in_imu[::-1])
     assert not compare_gyroscope(a1, precise_run.stance, replace(log, imu=backwards)).agrees
 
 

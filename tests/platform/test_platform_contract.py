@@ -16,7 +16,13 @@ from equipoise.simulation.mujoco import PERIODS_BETWEEN_STOP_TESTS
 
 # Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
 # playing, and in the next one when stepping; this is what one command of a smooth motion changes.
-WITHOUT_DELAY = {"position": 1e-12, "velocity": 0.01, "torque": 0.2, "angular_velocity": 0.01, "acceleration": 0.5}
+WITHOUT_DELAY = {
+    "position": 1e-12,
+    "velocity": 0.01,
+    "torque": 0.2,
+    "angular_velocity_in_imu": 0.01,
+    "acceleration_in_imu": 0.5,
+}
 TO_ROUNDING = dict.fromkeys(PlatformContract.tolerances, 1e-10)
 
 

@@ -9,12 +9,12 @@ PERIOD = 0.002
 STILL = np.zeros((50, 12))
 
 
-def first_reached(limit, angular_velocity, joint_position=STILL, at_once=1):
+def first_reached(limit, angular_velocity_in_imu, joint_position=STILL, at_once=1):
     """Number of samples, in portions, after which a limit is reached; None if it never is."""
     test = TiltTest(limit, PERIOD)
-    for begin in range(0, len(angular_velocity), at_once):
+    for begin in range(0, len(angular_velocity_in_imu), at_once):
         part = slice(begin, begin + at_once)
-        if test.reached(angular_velocity[part], joint_position[part]):
+        if test.reached(angular_velocity_in_imu[part], joint_position[part]):
             return begin + at_once
     return None
 
@@ -59,7 +59,7 @@ def test_the_rate_is_shared_between_the_com_and_the_turning_body():
     """The base turns, the CoM stays: only the share of the body's own momentum counts."""
     generator = np.random.default_rng(0)
     turn = np.cumsum(generator.standard_normal(50))
-    angular_velocity = np.outer(turn, [0, 1, 0])
+    angular_velocity_in_imu = np.outer(turn, [0, 1, 0])
     weights = (1.0, *np.zeros(11))
     path = np.zeros((50, 12))
     path[:, 0] = -np.cumsum(turn) * PERIOD
@@ -67,18 +67,18 @@ def test_the_rate_is_shared_between_the_com_and_the_turning_body():
     for spin in (0.3, 0.6):
         largest = 0.1 * np.abs(turn).max() * spin
         limit = TiltLimit(1.0, (0.0, 1.0, 0.0), weights, 0.1, spin, (-0.9 * largest, 0.9 * largest), PERIOD)
-        assert first_reached(limit, angular_velocity, path) is not None
+        assert first_reached(limit, angular_velocity_in_imu, path) is not None
         wider = TiltLimit(1.0, (0.0, 1.0, 0.0), weights, 0.1, spin, (-1.1 * largest, 1.1 * largest), PERIOD)
-        assert first_reached(wider, angular_velocity, path) is None
+        assert first_reached(wider, angular_velocity_in_imu, path) is None
 
 
 @pytest.mark.parametrize("at_once", [2, 5, 25])
 def test_samples_by_the_portion_are_samples_one_by_one(at_once):
     generator = np.random.default_rng(3)
-    angular_velocity = 0.5 * generator.standard_normal((50, 3)) + np.linspace(0, 2, 50)[:, None]
+    angular_velocity_in_imu = 0.5 * generator.standard_normal((50, 3)) + np.linspace(0, 2, 50)[:, None]
     joints = 0.01 * generator.standard_normal((50, 12))
     weights = tuple(generator.standard_normal(12))
     for bound in (0.1, 0.2, 0.4):
         limit = TiltLimit(1.0, (0.3, -0.5, 0.8), weights, 0.2, 0.2, (-bound, bound), 4 * PERIOD)
-        one_by_one = first_reached(limit, angular_velocity, joints)
-        assert first_reached(limit, angular_velocity, joints, at_once) == -(-one_by_one // at_once) * at_once
+        one_by_one = first_reached(limit, angular_velocity_in_imu, joints)
+        assert first_reached(limit, angular_velocity_in_imu, joints, at_once) == -(-one_by_one // at_once) * at_once

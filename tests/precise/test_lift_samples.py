@@ -174,7 +174,11 @@ def test_samples_that_are_missing_are_a_reason(a1, stance, stream):
     lifted = made_lift(a1, stance)
     kept = np.arange(len(lifted.imu.time)) % 50 == 0
     kept |= lifted.imu.time < 0.4
-    names = ("time", "position", "velocity") if stream == "joints" else ("time", "angular_velocity", "acceleration")
+    names = (
+        ("time", "position", "velocity")
+        if stream == "joints"
+        else ("time", "angular_velocity_in_imu", "acceleration_in_imu")
+    )
     whole = getattr(lifted, stream)
     thin = {stream: type(whole)(*(getattr(whole, name)[kept] for name in names))}
     assert read(a1, stance, replace(lifted, **thin)) == "samples are missing"

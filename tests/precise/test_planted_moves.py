@@ -124,4 +124,4 @@ def test_a_rest_is_its_means(a1, ideal_motions):
     still = ideal_motions.move.phase("rest")
     rest = RestReading.of(still)
     np.testing.assert_allclose(rest.joint_position, still.joints.position.mean(axis=0))
-    np.testing.assert_allclose(rest.acceleration_in_imu, still.imu.acceleration.mean(axis=0))
+    np.testing.assert_allclose(rest.acceleration_in_imu, still.imu.acceleration_in_imu.mean(axis=0))

@@ -130,7 +130,7 @@ def test_a_rest_is_its_means(a1):
     rest = TorqueSamples.of_rest(recording)
     np.testing.assert_allclose(rest.joint_torque, [recording.joints.torque.mean(axis=0)])
     np.testing.assert_allclose(rest.joint_position, [recording.joints.position.mean(axis=0)])
-    np.testing.assert_allclose(rest.acceleration_in_imu, [recording.imu.acceleration.mean(axis=0)])
+    np.testing.assert_allclose(rest.acceleration_in_imu, [recording.imu.acceleration_in_imu.mean(axis=0)])
     assert not any(
         np.any(getattr(rest, name))
         for name in ("joint_velocity", "joint_acceleration", "angular_velocity_in_imu", "angular_acceleration_in_imu")

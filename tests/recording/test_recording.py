@@ -53,8 +53,8 @@ def test_times_must_increase(kind, time, message):
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
-        ("joint", "position"), ("joint", "velocity"), ("joint", "torque"), ("IMU", "angular_velocity"),
-        ("IMU", "acceleration"), ("command", "position"),
+        ("joint", "position"), ("joint", "velocity"), ("joint", "torque"), ("IMU", "angular_velocity_in_imu"),
+        ("IMU", "acceleration_in_imu"), ("command", "position"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -74,8 +74,8 @@ def test_a_value_that_is_no_number_is_named_by_sample_and_time(kind, name, bad):
         ("joint", "position", (3,), (3, 3)),
         ("joint", "velocity", (3, 4), (3, 3)),
         ("joint", "torque", (4, 3), (3, 3)),
-        ("IMU", "angular_velocity", (3, 4), (3, 3)),
-        ("IMU", "acceleration", (2, 3), (3, 3)),
+        ("IMU", "angular_velocity_in_imu", (3, 4), (3, 3)),
+        ("IMU", "acceleration_in_imu", (2, 3), (3, 3)),
         ("command", "position", (4, 3), (3, 3)),
         ("command", "position", (), (3, 0)),
     ],

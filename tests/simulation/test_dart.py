@@ -185,8 +185,8 @@ def test_robots_rest_in_dart_as_in_mujoco(robots, name, start):
     one, other = states
     # Friction holds the joints anywhere between what gravity and their control ask for.
     assert np.abs(one.joint_position - other.joint_position).max() < 0.02
-    assert np.allclose(one.acceleration, other.acceleration, atol=0.15)
-    assert np.allclose(one.angular_velocity, other.angular_velocity, atol=2e-3)
+    assert np.allclose(one.acceleration_in_imu, other.acceleration_in_imu, atol=0.15)
+    assert np.allclose(one.angular_velocity_in_imu, other.angular_velocity_in_imu, atol=2e-3)
     assert seen[0].time == seen[1].time == 0
     assert np.allclose(seen[0].feet, seen[1].feet, atol=5e-3)
     assert np.allclose(seen[0].com, seen[1].com, atol=5e-3)
@@ -219,7 +219,7 @@ def test_a_robot_that_rocks_feels_in_dart_what_it_feels_in_mujoco(robots, name, 
     one, other = (moved(robots[name], motion, engine, **sizes) for engine in ENGINES)
     for stream, field, part in (
         ("joints", "position", 0.01), ("joints", "velocity", 0.05), ("joints", "torque", 0.05),
-        ("imu", "angular_velocity", 0.03), ("imu", "acceleration", 0.08),
+        ("imu", "angular_velocity_in_imu", 0.03), ("imu", "acceleration_in_imu", 0.08),
     ):  # fmt: skip
         expected = getattr(getattr(one, stream), field)
         off = getattr(getattr(other, stream), field) - expected
@@ -276,7 +276,7 @@ def test_a_robot_in_the_air_falls_and_turns_as_momentum_has_it(a1):
         fallen = com - simulation.witness.look().com
     duration = 100 * platform.control_period
     assert np.allclose(fallen, [0, 0, 9.81 * duration**2 / 2], atol=2e-3)  # half a step of the engine is worth 0.5 mm
-    assert np.abs(recording.imu.acceleration.mean(axis=0)).max() < 0.3
+    assert np.abs(recording.imu.acceleration_in_imu.mean(axis=0)).max() < 0.3
 
 
 # --- contacts

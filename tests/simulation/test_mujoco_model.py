@@ -100,7 +100,7 @@ def test_every_robot_stands_and_lies_on_the_floor(robots, name, start, noise):
         state = simulation.platform.read()
     assert state.time == 0.0
     assert data.qfrc_constraint[2] == pytest.approx(simulation.truth.composite.mass * 9.81, rel=0.01)
-    assert np.linalg.norm(state.acceleration) == pytest.approx(9.81, abs=0.3)
+    assert np.linalg.norm(state.acceleration_in_imu) == pytest.approx(9.81, abs=0.3)
     assert np.abs(data.qvel).max() < 0.05
     near = np.abs(state.joint_position - stance.joint_position).max() < 0.1
     assert near == (start == "standing")
@@ -179,7 +179,7 @@ def test_what_a_file_says_of_its_own_simulation_changes_nothing(tmp_path, noise)
     one, other = played(plain, noise), played(cluttered, noise)
     for field in dataclasses.fields(JointStream):
         assert np.allclose(getattr(one.joints, field.name), getattr(other.joints, field.name), rtol=0, atol=1e-9)
-    assert np.allclose(one.imu.acceleration, other.imu.acceleration, rtol=0, atol=1e-9)
+    assert np.allclose(one.imu.acceleration_in_imu, other.imu.acceleration_in_imu, rtol=0, atol=1e-9)
 
 
 def test_actuators_sensors_and_keyframes_of_a_file_are_replaced_by_ours(tmp_path):
@@ -320,9 +320,9 @@ def test_the_imu_is_where_and_how_the_description_says(a1_urdf, tmp_path):
             with MujocoPlatform(robot, simulated, stance, control_period=step) as smooth:
                 recordings.append(smooth.play(rocking(straight, step)))
     (base, imu), time = (recording.imu for recording in recordings), recordings[0].imu.time
-    assert np.allclose(imu.angular_velocity, base.angular_velocity @ rotation, atol=1e-9)
-    omega, alpha = base.angular_velocity, np.gradient(base.angular_velocity, time, axis=0)
-    felt = imu.acceleration @ rotation.T - base.acceleration
+    assert np.allclose(imu.angular_velocity_in_imu, base.angular_velocity_in_imu @ rotation, atol=1e-9)
+    omega, alpha = base.angular_velocity_in_imu, np.gradient(base.angular_velocity_in_imu, time, axis=0)
+    felt = imu.acceleration_in_imu @ rotation.T - base.acceleration_in_imu
     # What an IMU on an arm of 1 m along each axis would feel more; how much of each this one feels is its arm.
     unit = np.array([np.cross(alpha, axis) + np.cross(omega, np.cross(omega, axis)) for axis in np.eye(3)])
     lever, felt = unit[:, 5:-5].reshape(3, -1).T, felt[5:-5].ravel()

@@ -286,7 +286,7 @@ def test_the_gyroscope_is_the_derivative_of_the_attitude_without_a_lag(a1):
             position = inverse_kinematics(a1, stance.feet_in_base + heights[:, None] * [0, 0, 1], position)
             state = platform.step(JointCommand(position))
             attitude.append(platform._data.qpos[3:7].copy())
-            gyro.append(state.angular_velocity)
+            gyro.append(state.angular_velocity_in_imu)
     roll = 2 * np.array(attitude)[:, 1]
     assert np.ptp(roll) > 0.03
     assert abs(lag_of(roll[:, None], np.array(gyro)[:, :1])) < 0.05e-3
@@ -300,7 +300,7 @@ def assert_streams_equal(one, other, streams, late=0, tolerance=1e-9):
 
 
 JOINT_STREAMS = (("joints", "position"), ("joints", "velocity"), ("joints", "torque"))
-IMU_STREAMS = (("imu", "angular_velocity"), ("imu", "acceleration"))
+IMU_STREAMS = (("imu", "angular_velocity_in_imu"), ("imu", "acceleration_in_imu"))
 
 
 @pytest.mark.parametrize("late", [1, 2, 5])
@@ -332,7 +332,7 @@ def test_a_clock_offset_makes_the_imu_younger_than_the_encoders(moved, offset):
     assert np.array_equal(apart.imu.time, apart.joints.time)
     assert_streams_equal(apart, moved(sensor_delay=2e-3), JOINT_STREAMS)
     assert_streams_equal(apart, moved(sensor_delay=2e-3 - offset), IMU_STREAMS)
-    late = moved(sensor_delay=2e-3).imu.angular_velocity - apart.imu.angular_velocity
+    late = moved(sensor_delay=2e-3).imu.angular_velocity_in_imu - apart.imu.angular_velocity_in_imu
     assert np.abs(late).max() > 1e-4
 
 
@@ -376,18 +376,22 @@ def test_a_torque_gain_is_between_the_true_and_the_reported_torque(a1):
 
 def test_a_gyroscope_bias_shows_at_rest(resting):
     bias = drawn(gyro_bias=2e-3).gyro_bias
-    assert np.allclose(resting(gyro_bias=2e-3).angular_velocity - resting().angular_velocity, bias, atol=1e-12)
-    assert np.abs(resting().angular_velocity).max() < 2e-3
+    assert np.allclose(
+        resting(gyro_bias=2e-3).angular_velocity_in_imu - resting().angular_velocity_in_imu, bias, atol=1e-12
+    )
+    assert np.abs(resting().angular_velocity_in_imu).max() < 2e-3
 
 
 def test_an_accelerometer_bias_shows_at_rest(resting):
     bias = drawn(accelerometer_bias=0.03).accelerometer_bias
-    assert np.allclose(resting(accelerometer_bias=0.03).acceleration - resting().acceleration, bias, atol=1e-12)
+    assert np.allclose(
+        resting(accelerometer_bias=0.03).acceleration_in_imu - resting().acceleration_in_imu, bias, atol=1e-12
+    )
 
 
 def test_a_tilted_imu_turns_gravity(resting):
     tilt = drawn(imu_tilt=0.01).imu_tilt
-    level, tilted = resting().acceleration, resting(imu_tilt=0.01).acceleration
+    level, tilted = resting().acceleration_in_imu, resting(imu_tilt=0.01).acceleration_in_imu
     # The IMU turned by +tilt sees the world turned by -tilt.
     assert np.allclose(tilted - level, -np.cross(tilt, level), atol=2e-3)
     assert np.linalg.norm(tilted) == pytest.approx(np.linalg.norm(level), abs=1e-6)
@@ -395,22 +399,22 @@ def test_a_tilted_imu_turns_gravity(resting):
 
 def test_a_tilted_imu_turns_rotations_alike(moved, ideal):
     tilt = drawn(imu_tilt=0.05).imu_tilt
-    turned = moved(imu_tilt=0.05).imu.angular_velocity
-    straight = ideal.imu.angular_velocity
+    turned = moved(imu_tilt=0.05).imu.angular_velocity_in_imu
+    straight = ideal.imu.angular_velocity_in_imu
     assert np.allclose(turned - straight, -np.cross(tilt, straight), atol=0.02 * np.abs(straight).max())
 
 
 def test_an_ideal_imu_feels_gravity_upward(resting):
     state = resting()
-    assert np.linalg.norm(state.acceleration) == pytest.approx(9.81, abs=0.01)
-    assert state.acceleration[2] > 9.8
+    assert np.linalg.norm(state.acceleration_in_imu) == pytest.approx(9.81, abs=0.01)
+    assert state.acceleration_in_imu[2] > 9.8
 
 
 @pytest.mark.parametrize("start", ["standing", "lying"])
 def test_a_sloping_floor_tilts_gravity(a1, start):
     level, sloping = (simulate(a1, SensorErrors(floor_slope=s), seed=SEED, start=start) for s in (0.0, 0.02))
     down = drawn(floor_slope=0.02).gravity_direction
-    off = sloping.platform.read().acceleration - level.platform.read().acceleration
+    off = sloping.platform.read().acceleration_in_imu - level.platform.read().acceleration_in_imu
     # On soft legs the base leans a little further the same way.
     assert np.allclose(off, 9.81 * (np.array([0, 0, -1.0]) - down) * [1, 1, 0], atol=0.05)
     assert np.linalg.norm(off[:2]) > 0.9 * 9.81 * 0.02
@@ -427,8 +431,8 @@ def test_noise_of_a_whole_run_has_its_sizes(a1):
     clean, noisy = (simulate(a1, SensorErrors(**s), seed=SEED).platform.play(target) for s in ({}, sizes))
     for stream, name, size in (
         ("joints", "position", "encoder_noise"), ("joints", "velocity", "joint_velocity_noise"),
-        ("joints", "torque", "torque_noise"), ("imu", "angular_velocity", "gyro_noise"),
-        ("imu", "acceleration", "accelerometer_noise"),
+        ("joints", "torque", "torque_noise"), ("imu", "angular_velocity_in_imu", "gyro_noise"),
+        ("imu", "acceleration_in_imu", "accelerometer_noise"),
     ):  # fmt: skip
         noise = getattr(getattr(noisy, stream), name) - getattr(getattr(clean, stream), name)
         assert noise.std() == pytest.approx(sizes[size], rel=0.03)
@@ -445,8 +449,8 @@ def test_a_motion_played_in_pieces_is_felt_the_same(a1, motion, cuts):
     for stream, name in (
         ("joints", "position"),
         ("joints", "torque"),
-        ("imu", "angular_velocity"),
-        ("imu", "acceleration"),
+        ("imu", "angular_velocity_in_imu"),
+        ("imu", "acceleration_in_imu"),
     ):
         joined = np.concatenate([getattr(getattr(part, stream), name) for part in found])
         assert np.allclose(joined, getattr(getattr(expected, stream), name), rtol=0, atol=1e-9)

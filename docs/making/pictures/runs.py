@@ -95,12 +95,14 @@ def draw_tipping() -> Figure:
     lifts = [(trial, rec) for trial, rec in zip(result.trials, recordings, strict=False) if trial.kind == "lift"]
     shown = [(trial, rec) for trial, rec in lifts if trial.about == "FL_RR"]
     for trial, recording in shown:
-        rest = recording.phase("rest").imu.angular_velocity.mean(axis=0)
+        rest = recording.phase("rest").imu.angular_velocity_in_imu.mean(axis=0)
         start = recording.phase("lift").imu.time[0]
         imu = recording.imu
         chosen = (imu.time >= start - 0.05) & (imu.time <= recording.phase("watch").imu.time[-1])
         time = imu.time[chosen] - start
-        angle = np.degrees(np.cumsum((imu.angular_velocity[chosen] - rest) @ left) * float(np.mean(np.diff(time))))
+        angle = np.degrees(
+            np.cumsum((imu.angular_velocity_in_imu[chosen] - rest) @ left) * float(np.mean(np.diff(time)))
+        )
         colour = ORANGE if trial.verdict == "forward" else BLUE
         axes.plot(time, angle, color=colour, linewidth=1.6)
         axes.annotate(f"{1000 * trial.offset:+.0f} mm", (time[-1], angle[-1]), (4, 0), textcoords="offset points",

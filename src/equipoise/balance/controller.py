@@ -88,7 +88,7 @@ class BalanceLaw:
         self,
         joint_deviation: FloatArray,
         lean: FloatArray,
-        angular_velocity: FloatArray,
+        angular_velocity_in_base: FloatArray,
         active: bool = True,
         observe: bool = True,
     ) -> FloatArray:
@@ -97,14 +97,14 @@ class BalanceLaw:
         Args:
             joint_deviation: (nj,) from the reference posture [rad].
             lean: (2,) rotation of the base about x and y [rad].
-            angular_velocity: (3,) of the base, in base axes [rad/s].
+            angular_velocity_in_base: (3,) of the base, in base axes [rad/s].
             active: whether to act; else the offset of the targets is zero.
             observe: whether the offset of the centre of mass may change.
 
         Returns:
             (nj,) [rad].
         """
-        surprise = np.concatenate([joint_deviation, lean, angular_velocity]) - self._sense @ self._expected
+        surprise = np.concatenate([joint_deviation, lean, angular_velocity_in_base]) - self._sense @ self._expected
         self.state = self._expected + self._gain @ surprise
         if observe:
             self.offset += float(self._offset_gain @ surprise)

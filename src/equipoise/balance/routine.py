@@ -211,7 +211,7 @@ class _Trial:
             offset = law.update(
                 senses.joint_position - position,
                 senses.lean,
-                senses.angular_velocity,
+                senses.angular_velocity_in_base,
                 active=time >= settings.engage_time,
                 observe=time >= settings.observe_time,
             )

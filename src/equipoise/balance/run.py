@@ -108,6 +108,7 @@ class Samples:
 
 def _finite(state: RobotState) -> bool:
     arrays = (
-        state.joint_position, state.joint_velocity, state.joint_torque, state.angular_velocity, state.acceleration
+        state.joint_position, state.joint_velocity, state.joint_torque,
+        state.angular_velocity_in_imu, state.acceleration_in_imu,
     )  # fmt: skip
     return all(array is None or bool(np.isfinite(array).all()) for array in arrays)

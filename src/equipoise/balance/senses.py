@@ -79,11 +79,11 @@ class Senses:
         turned = Rotation.from_rotvec(knowledge.imu_tilt).as_matrix()
         self._to_base = np.array(robot.imu_in_base.rotation) @ turned
         self._accelerometer_bias = knowledge.accelerometer_bias
-        self._gyro_bias = np.mean([state.angular_velocity for state in rest], axis=0)
+        self._gyro_bias = np.mean([state.angular_velocity_in_imu for state in rest], axis=0)
         up = np.mean([self._specific_force(state) for state in rest], axis=0)
         self.up: FloatArray = up / np.linalg.norm(up)
         self.joint_position: FloatArray = np.mean([state.joint_position for state in rest], axis=0) - self._zero
-        self.angular_velocity: FloatArray = np.zeros(3)
+        self.angular_velocity_in_base: FloatArray = np.zeros(3)
         if self.up[2] < _UPRIGHT:
             raise FallError(
                 f"the robot leans by {np.degrees(np.arccos(self.up[2])):.0f} deg when it should stand on four feet: it has "
@@ -93,8 +93,8 @@ class Senses:
     def feel(self, state: RobotState) -> None:
         """Take in the next sample: up turns against the base, and slowly goes to where the accelerometer points."""
         self.joint_position = state.joint_position - self._zero
-        self.angular_velocity = self._to_base @ (state.angular_velocity - self._gyro_bias)
-        up = self.up - self._period * np.array(pin.skew(self.angular_velocity)) @ self.up
+        self.angular_velocity_in_base = self._to_base @ (state.angular_velocity_in_imu - self._gyro_bias)
+        up = self.up - self._period * np.array(pin.skew(self.angular_velocity_in_base)) @ self.up
         force = self._specific_force(state)
         up += self._period / _CORRECTION_TIME * (force / np.linalg.norm(force) - up)
         self.up = up / np.linalg.norm(up)
@@ -109,7 +109,7 @@ class Senses:
         return joint_position + self._zero
 
     def _specific_force(self, state: RobotState) -> FloatArray:
-        return self._to_base @ (state.acceleration - self._accelerometer_bias)
+        return self._to_base @ (state.acceleration_in_imu - self._accelerometer_bias)
 
 
 class Bearings:

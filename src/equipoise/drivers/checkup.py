@@ -119,16 +119,16 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
     recording = Recording.concatenate(list(watch(platform, robot, duration, arrived)))
     health = platform.read().health
     joints, imu = recording.joints, recording.imu
-    position, acceleration = joints.position.mean(axis=0), imu.acceleration.mean(axis=0)
+    position, acceleration_in_imu = joints.position.mean(axis=0), imu.acceleration_in_imu.mean(axis=0)
     findings = [
         _rate("joint samples", joints.time),
         _rate("IMU samples", imu.time),
         *_arrival(np.unique(arrived), imu.time),
         Finding("joint velocities", "reported" if joints.velocity is not None else "not reported", None),
         *_limits(robot, joints.position),
-        _still(imu.angular_velocity),
-        _gravity(acceleration),
-        _floor(robot, position, acceleration),
+        _still(imu.angular_velocity_in_imu),
+        _gravity(acceleration_in_imu),
+        _floor(robot, position, acceleration_in_imu),
         _torque(robot, position, joints.torque),
     ]
     if health is not None:
@@ -185,8 +185,8 @@ def _limits(robot: RobotModel, position: FloatArray) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _still(angular_velocity: FloatArray) -> Finding:
-    bias, noise = np.linalg.norm(angular_velocity.mean(axis=0)), angular_velocity.std(axis=0).max()
+def _still(angular_velocity_in_imu: FloatArray) -> Finding:
+    bias, noise = np.linalg.norm(angular_velocity_in_imu.mean(axis=0)), angular_velocity_in_imu.std(axis=0).max()
     value = f"mean {bias * 1000:.1f} mrad/s, noise {noise * 1000:.1f} mrad/s"
     fine = bool(bias < _BIAS and noise < _STILL)
     return Finding(
@@ -194,18 +194,22 @@ def _still(angular_velocity: FloatArray) -> Finding:
     )
 
 
-def _gravity(acceleration: FloatArray) -> Finding:
-    size = float(np.linalg.norm(acceleration))
+def _gravity(acceleration_in_imu: FloatArray) -> Finding:
+    size = float(np.linalg.norm(acceleration_in_imu))
     fine = WELL_SCALED_ACCELERATION_AT_REST[0] < size < WELL_SCALED_ACCELERATION_AT_REST[1]
     hint = "it must read about 9.81 m/s2 upward at rest" + (" (is it in units of g?)" if 0.7 < size < 1.3 else "")
     return Finding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
 
 
-def _floor(robot: RobotModel, position: FloatArray, acceleration: FloatArray) -> Finding:
+def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatArray) -> Finding:
     """Up by the accelerometer against the normal of the floor that the feet stand on."""
     feet = foot_positions(robot, position)
     normal = floor_normals_by_fit(feet[None])[0][0]
-    up = np.array(robot.imu_in_base.rotation) @ acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
+    up = (
+        np.array(robot.imu_in_base.rotation)
+        @ acceleration_in_imu
+        / max(float(np.linalg.norm(acceleration_in_imu)), 1e-9)
+    )
     angle = float(np.arccos(np.clip(up @ normal, -1, 1)))
     value = (
         f"{np.degrees(angle):.1f} deg between up and the feet's floor; up is ({up[0]:+.2f}, {up[1]:+.2f}, {up[2]:+.2f})"

@@ -85,7 +85,7 @@ class HomeBuilt(SteppedPlatform):
         if not isinstance(state, RobotState):
             raise SensorError(f"platform {self.name!r}: {what} gives a {type(state).__name__}; it must be a RobotState")
         joints = (len(self.joint_names),)
-        for field, shape in (("joint_position", joints), ("angular_velocity", (3,)), ("acceleration", (3,)),
+        for field, shape in (("joint_position", joints), ("angular_velocity_in_imu", (3,)), ("acceleration_in_imu", (3,)),
                              ("joint_velocity", joints), ("joint_torque", joints)):  # fmt: skip
             value: Any = getattr(state, field)
             if value is None and field in ("joint_velocity", "joint_torque"):

@@ -173,7 +173,7 @@ def _not_at_rest(planted: PlantedRobot, recording: Recording, settings: LiftSett
         return f"joint {recording.joint_names[worst]!r} is {miss[worst]:.2f} rad from its target"
     # Means over a fraction of the tail: noise of single samples does not show in them, nor does a gyroscope's bias in how
     # they differ. A base that sways also spoils the accelerometer's idea of where up is.
-    parts = np.array_split(tail.imu.angular_velocity, _STILL_PARTS)
+    parts = np.array_split(tail.imu.angular_velocity_in_imu, _STILL_PARTS)
     sway = float(np.ptp([part.mean(axis=0) for part in parts], axis=0).max())
     if sway > settings.still_speed:
         return f"its base still sways by {sway:.3f} rad/s"

@@ -87,7 +87,7 @@ def still_means(robot: RobotModel, still: Recording) -> Rest:
     Raises:
         RecordingError: the accelerometer does not read about 9.81 m/s2.
     """
-    acceleration = still.imu.acceleration.mean(axis=0)
+    acceleration = still.imu.acceleration_in_imu.mean(axis=0)
     size = float(np.linalg.norm(acceleration))
     if not ACCELERATION_AT_REST[0] < size < ACCELERATION_AT_REST[1]:
         raise RecordingError(
@@ -97,7 +97,7 @@ def still_means(robot: RobotModel, still: Recording) -> Rest:
     return Rest(
         still.joints.position.mean(axis=0),
         rotation_imu_to_base @ acceleration / size,
-        still.imu.angular_velocity.mean(axis=0),
+        still.imu.angular_velocity_in_imu.mean(axis=0),
     )
 
 
@@ -144,7 +144,7 @@ def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: i
     rest = rest_of(robot, recording)
     lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
     imu, joints = lifted.imu, lifted.joints
-    turning = (imu.angular_velocity - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
+    turning = (imu.angular_velocity_in_imu - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
     steps = (turning[1:] + turning[:-1]) / 2 * np.diff(imu.time)[:, None]
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     before, height = _lean(robot, rest.joint_position, rest.up_in_base, diagonal)
@@ -192,7 +192,7 @@ def _lean(robot: RobotModel, joint_position: FloatArray, up_in_base: FloatArray,
 def _turned(robot: RobotModel, recording: Recording, rest: Rest) -> FloatArray:
     """(3,) integrated angular velocity in the base frame [rad]; small rotations."""
     imu = recording.imu
-    turning = (imu.angular_velocity - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
+    turning = (imu.angular_velocity_in_imu - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T
     return np.sum((turning[1:] + turning[:-1]) / 2 * np.diff(imu.time)[:, None], axis=0)
 
 

@@ -31,7 +31,7 @@ class BaseChecks:
         self.in_motion: tuple[Check, ...] = (self._check_lean,)
 
     def _check_gravity(self, command: JointCommand, known: Known) -> None:
-        size = float(np.linalg.norm(known.state.acceleration))
+        size = float(np.linalg.norm(known.state.acceleration_in_imu))
         if not ACCELERATION_SAMPLE_AT_REST[0] <= size <= ACCELERATION_SAMPLE_AT_REST[1]:
             raise SensorError(
                 f"the accelerometer reads {size:.1f} m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is "

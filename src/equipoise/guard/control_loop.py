@@ -123,7 +123,7 @@ class ControlLoop:
         assert self.known is not None
         state = self._platform.step(command)
         self.known.sent = command
-        if np.isfinite(state.acceleration).all() and np.isfinite(state.angular_velocity).all():
+        if np.isfinite(state.acceleration_in_imu).all() and np.isfinite(state.angular_velocity_in_imu).all():
             self._up.feel(state)
         return state
 

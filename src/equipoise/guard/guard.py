@@ -195,7 +195,7 @@ class Guard:
             state = steps.add(command.position, lambda command=command: self._step(command))
             self._log.step()
             self._interruptions.check()
-            if test.reached(state.angular_velocity[None], state.joint_position[None]):
+            if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
                 break
         # A robot on two feet does not wait for a disk.
         lifted = feet_are_lifted(self._robot, self._stance, trajectory.position[steps.count - 1])

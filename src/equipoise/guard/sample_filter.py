@@ -113,8 +113,8 @@ class SampleFilter:
             self._since += step
             self._since *= sample.joint_position == last.joint_position
         if last is not None and new_imu:
-            same = np.array_equal(sample.angular_velocity, last.angular_velocity)
-            same = same and np.array_equal(sample.acceleration, last.acceleration)
+            same = np.array_equal(sample.angular_velocity_in_imu, last.angular_velocity_in_imu)
+            same = same and np.array_equal(sample.acceleration_in_imu, last.acceleration_in_imu)
             self._imu_since = (self._imu_since + imu - self._imu) * same
         self._last = sample
         self._joints, self._imu = max(self._joints, sample.time), max(self._imu, imu)
@@ -123,7 +123,7 @@ class SampleFilter:
 
     def _check_numbers(self, sample: RobotState) -> None:
         joints = (sample.joint_position, sample.joint_velocity, sample.joint_torque)
-        imu = (sample.angular_velocity, sample.acceleration)
+        imu = (sample.angular_velocity_in_imu, sample.acceleration_in_imu)
         # A sum of squares is finite if all numbers are; which one is not is looked for only then.
         if math.isfinite(sum(float(values @ values) for values in (*joints, *imu) if values is not None)):
             return
@@ -131,7 +131,7 @@ class SampleFilter:
             if values is not None and not np.isfinite(values).all():
                 joint = self._names[int(np.argmax(~np.isfinite(values)))]
                 raise SensorError(f"the {what} of joint {joint!r} says what is no number at t = {sample.time:.3f} s")
-        what = "gyroscope" if not np.isfinite(sample.angular_velocity).all() else "accelerometer"
+        what = "gyroscope" if not np.isfinite(sample.angular_velocity_in_imu).all() else "accelerometer"
         raise SensorError(f"the {what} says what is no number at t = {sample.time:.3f} s")
 
     def _check_jump(self, sample: RobotState, last: RobotState, step: float) -> None:

@@ -33,7 +33,7 @@ class TiltFilter:
 
     def feel(self, sample: RobotState) -> float:
         """Take a sample in; returns the tilt [rad]."""
-        ax, ay, az = sample.acceleration.tolist()
+        ax, ay, az = sample.acceleration_in_imu.tolist()
         size = math.hypot(ax, ay, az)
         believed = abs(size - GRAVITY) < _BELIEVED
         if self._up is None:
@@ -42,7 +42,7 @@ class TiltFilter:
             x, y, z = ax, ay, az
         else:
             step = min(max(sample.time - self._time, 0.0), _TIME)
-            x, y, z = _turned(self._up, sample.angular_velocity.tolist(), step)
+            x, y, z = _turned(self._up, sample.angular_velocity_in_imu.tolist(), step)
             if believed:
                 share = step / _TIME
                 x, y, z = (

@@ -61,7 +61,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     turning, planted = turning_by_legs(LegChains(robot), stance, track)
     if planted.sum() * track.step < _ENOUGH * stance.scale.time:
         return None
-    gyroscope = recording.imu.angular_velocity @ np.array(robot.imu_in_base.rotation).T
+    gyroscope = recording.imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T
     angle = Integral(recording.imu.time, gyroscope)
 
     def unexplained(offset: float, factor: FloatArray) -> float:

@@ -49,8 +49,8 @@ class RawImu:
     """IMU samples as a log has them: (n,) stamps [s], (n, 3) angular velocity [rad/s] and specific force [m/s2]."""
 
     time: FloatArray
-    angular_velocity: FloatArray
-    acceleration: FloatArray
+    angular_velocity_in_imu: FloatArray
+    acceleration_in_imu: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ def _measured(
 
 
 def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[Finding]) -> ImuStream:
-    values = np.hstack([raw.angular_velocity, raw.acceleration])
+    values = np.hstack([raw.angular_velocity_in_imu, raw.acceleration_in_imu])
     kept = _kept("IMU", raw.time, values, span, findings)
     if len(kept) > 1:
         repeated = np.concatenate([[False], (np.diff(values[kept], axis=0) == 0).all(axis=1)])
@@ -197,7 +197,7 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
             message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
             findings.append(Finding("IMU", message))
             kept = kept[~repeated]
-    return ImuStream(raw.time[kept] - origin, raw.angular_velocity[kept], raw.acceleration[kept])
+    return ImuStream(raw.time[kept] - origin, raw.angular_velocity_in_imu[kept], raw.acceleration_in_imu[kept])
 
 
 def _commands(

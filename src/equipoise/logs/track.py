@@ -61,10 +61,10 @@ class Track:
             (edges[1:] + edges[:-1]) / 2,
             step,
             Integral(joints.time, joints.position).means(edges),
-            Integral(imu.time, imu.angular_velocity).means(edges) @ to_base,
-            Integral(imu.time, imu.acceleration).means(edges) @ to_base,
+            Integral(imu.time, imu.angular_velocity_in_imu).means(edges) @ to_base,
+            Integral(imu.time, imu.acceleration_in_imu).means(edges) @ to_base,
             None if joints.torque is None else Integral(joints.time, joints.torque).means(edges),
-            _noise_of_means(imu.time, imu.angular_velocity, step),
+            _noise_of_means(imu.time, imu.angular_velocity_in_imu, step),
             _noise_of_means(joints.time, joints.position, step),
         )
 

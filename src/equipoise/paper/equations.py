@@ -163,7 +163,7 @@ def fit_axis(
     index = AXES.index(axis)
     rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
     start = steady.imu.time[0]
-    angular_velocity = (steady.imu.angular_velocity @ rotation_imu_to_base.T)[:, index]
+    angular_velocity = (steady.imu.angular_velocity_in_imu @ rotation_imu_to_base.T)[:, index]
     sinusoid = dominant_sinusoid(steady.imu.time - start, angular_velocity)
     time, torque = torque_about_com(robot, steady, com_at_stance, stance)
     time, torque = _whole_periods(time - start, torque[:, index], sinusoid.frequency)

@@ -217,8 +217,8 @@ class Ros2Wire:
             self._header(state, "imu_link"),
             Quaternion(),
             unknown,
-            Vector3(*state.angular_velocity.tolist()),
-            linear_acceleration=Vector3(*state.acceleration.tolist()),
+            Vector3(*state.angular_velocity_in_imu.tolist()),
+            linear_acceleration=Vector3(*state.acceleration_in_imu.tolist()),
         )
 
     def _header(self, state: RobotState, frame: str) -> Header:

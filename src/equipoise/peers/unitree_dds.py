@@ -167,7 +167,7 @@ class UnitreeDdsWire:
                 motors[name][:MOTORS] = values[order]
         motors["temperature"][:MOTORS] = _MOTOR_TEMPERATURE
         imu["quaternion"] = (1.0, 0.0, 0.0, 0.0)  # a real robot's filter knows better
-        imu["gyroscope"], imu["accelerometer"] = state.angular_velocity, state.acceleration
+        imu["gyroscope"], imu["accelerometer"] = state.angular_velocity_in_imu, state.acceleration_in_imu
         imu["temperature"] = _IMU_TEMPERATURE
         record["power_v"], record["power_a"], record["bms_state"]["soc"] = _VOLTAGE, _CURRENT, _CHARGE
         if not self._settings.bare:

@@ -62,8 +62,8 @@ class RobotState:
         joint_position: (nj,) encoders, in the model's joint order [rad].
         joint_velocity: (nj,) [rad/s].
         joint_torque: (nj,) as the motors report it [Nm].
-        angular_velocity: (3,) gyroscope, in the IMU frame [rad/s].
-        acceleration: (3,) accelerometer, in the IMU frame; +g upward at rest [m/s2].
+        angular_velocity_in_imu: (3,) gyroscope, in the IMU frame [rad/s].
+        acceleration_in_imu: (3,) accelerometer, in the IMU frame; +g upward at rest [m/s2].
         imu_time: of the gyroscope and the accelerometer, where it is not `time` [s].
         received: when it arrived, by this computer's monotonic clock [s]; None in simulation, where nothing is late.
         health: what else the robot says of itself.
@@ -74,8 +74,8 @@ class RobotState:
     joint_position: FloatArray
     joint_velocity: FloatArray | None
     joint_torque: FloatArray | None
-    angular_velocity: FloatArray
-    acceleration: FloatArray
+    angular_velocity_in_imu: FloatArray
+    acceleration_in_imu: FloatArray
     imu_time: float | None = None
     received: float | None = None
     health: Health | None = None

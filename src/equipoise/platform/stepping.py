@@ -46,7 +46,7 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
         for index in range(len(trajectory.position)):
             command = trajectory.command(index)
             state = steps.add(command.position, lambda command=command: platform.step(command))
-            if test.reached(state.angular_velocity[None], state.joint_position[None]):
+            if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
                 break
     except KeyboardInterrupt:
         raise MotionInterrupted(steps.recording(trajectory.events) if steps.count else None) from None
@@ -178,8 +178,8 @@ def recording_of(
         ),
         ImuStream(
             np.array([_imu_time(sample) for sample in imu]),
-            np.array([sample.angular_velocity for sample in imu]).reshape(-1, 3),
-            np.array([sample.acceleration for sample in imu]).reshape(-1, 3),
+            np.array([sample.angular_velocity_in_imu for sample in imu]).reshape(-1, 3),
+            np.array([sample.acceleration_in_imu for sample in imu]).reshape(-1, 3),
         ),
         CommandStream(np.array([state.time for state in states]) if sent is None else sent, targets),
         events,

@@ -57,16 +57,16 @@ class TiltTest:
             self._axis, self._joints = np.array(limit.axis_in_imu), np.array(limit.joints)
             self._past = np.zeros(max(1, round(limit.window / control_period)))
 
-    def reached(self, angular_velocity: FloatArray, joint_position: FloatArray) -> bool:
+    def reached(self, angular_velocity_in_imu: FloatArray, joint_position: FloatArray) -> bool:
         """Whether the limit is reached in any of the next samples.
 
         Args:
-            angular_velocity: (n, 3) in the IMU frame [rad/s].
+            angular_velocity_in_imu: (n, 3) in the IMU frame [rad/s].
             joint_position: (n, nj) [rad].
         """
         if self._limit is None:
             return False
-        turning = angular_velocity @ self._axis
+        turning = angular_velocity_in_imu @ self._axis
         lean = self._turned + np.cumsum(turning) * self._period
         self._turned = float(lean[-1])
         if self._joints.size:

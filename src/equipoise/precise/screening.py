@@ -62,7 +62,7 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     if not rests:
         return
     position = np.array([rest.joints.position.mean(axis=0) for rest in rests])
-    acceleration = np.array([rest.imu.acceleration.mean(axis=0) for rest in rests])
+    acceleration = np.array([rest.imu.acceleration_in_imu.mean(axis=0) for rest in rests])
     _check_gravity(acceleration)
     _check_radians(robot, position)
     for recording in recordings:
@@ -85,8 +85,8 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
     Raises:
         RecordingError: degrees instead of radians, g instead of m/s2, a dead gyroscope or encoder, wrong velocities.
     """
-    _check_gravity(log.imu.acceleration)
-    if not np.ptp(log.imu.angular_velocity, axis=0).any():
+    _check_gravity(log.imu.acceleration_in_imu)
+    if not np.ptp(log.imu.angular_velocity_in_imu, axis=0).any():
         raise RecordingError("the gyroscope reads the same throughout the log: it is dead, or was not logged")
     # Of a log most samples count: one that is far off is a glitch.
     _check_radians(robot, np.quantile(log.joints.position, (0.05, 0.5, 0.95), axis=0))
@@ -180,15 +180,15 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
     if not moves:
         return
     rests = [(move.phase(Phase.BEFORE).imu, move.phase(Phase.REST).imu) for move in moves]
-    bias = np.median([after.angular_velocity.mean(axis=0) for _, after in rests], axis=0)
+    bias = np.median([after.angular_velocity_in_imu.mean(axis=0) for _, after in rests], axis=0)
 
     def disagreement(factor: FloatArray) -> float:
         angles: list[float] = []
         for move, (before, after) in zip(moves, rests, strict=True):
             alive()
             imu = move.between(before.time[0], after.time[0]).imu
-            path = attitudes(imu.time, (imu.angular_velocity - bias) * factor)
-            up, then = before.acceleration.mean(axis=0), after.acceleration.mean(axis=0)
+            path = attitudes(imu.time, (imu.angular_velocity_in_imu - bias) * factor)
+            up, then = before.acceleration_in_imu.mean(axis=0), after.acceleration_in_imu.mean(axis=0)
             cosine = up @ path.as_matrix()[-1] @ then / np.linalg.norm(up) / np.linalg.norm(then)
             angles.append(float(np.arccos(np.clip(cosine, -1, 1))))
         return float(np.sqrt(np.mean(np.square(angles))))

@@ -164,7 +164,7 @@ class PreciseTrials:
         rotation = np.array(self.planted.robot.imu_in_base.rotation)
         for _ in range(_LONGEST_RECOVERY):
             end = landed.imu.time[-1] - _RECOVERY_LOOK * self.times.settle
-            gravity = rotation @ landed.between(end, np.inf).imu.acceleration.mean(axis=0)
+            gravity = rotation @ landed.between(end, np.inf).imu.acceleration_in_imu.mean(axis=0)
             lean = float(np.arccos(np.clip(gravity @ posture.rotation[2] / np.linalg.norm(gravity), -1, 1)))
             if lean < _RECOVERED:
                 return True

@@ -96,7 +96,7 @@ def command_messages(joint_names: tuple[str, ...], commands: CommandStream) -> l
 def imu_messages(stream: ImuStream) -> list[bytes]:
     """An IMU stream as Imu messages."""
     rows = imu().stamped(nanoseconds(stream.time))
-    rows["angular_velocity"], rows["acceleration"] = stream.angular_velocity, stream.acceleration
+    rows["angular_velocity"], rows["acceleration"] = stream.angular_velocity_in_imu, stream.acceleration_in_imu
     return bodies(rows)
 
 

@@ -49,17 +49,17 @@ class ImuStream:
 
     Attributes:
         time: (n,) increasing [s].
-        angular_velocity: (n, 3) [rad/s].
-        acceleration: (n, 3) specific force, +g upward at rest [m/s2].
+        angular_velocity_in_imu: (n, 3) [rad/s].
+        acceleration_in_imu: (n, 3) specific force, +g upward at rest [m/s2].
     """
 
     time: FloatArray
-    angular_velocity: FloatArray
-    acceleration: FloatArray
+    angular_velocity_in_imu: FloatArray
+    acceleration_in_imu: FloatArray
 
     def __post_init__(self) -> None:
         count = _validated_time(self, "IMU")
-        for name in ("angular_velocity", "acceleration"):
+        for name in ("angular_velocity_in_imu", "acceleration_in_imu"):
             _validate(self, "IMU", name, (count, 3), required=True)
 
 
@@ -131,7 +131,7 @@ class Recording:
     def _arrays(self) -> Iterator[FloatArray | None]:
         joints, imu, commands = self.joints, self.imu, self.commands
         yield from (joints.time, joints.position, joints.velocity, joints.torque)
-        yield from (imu.time, imu.angular_velocity, imu.acceleration)
+        yield from (imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu)
         yield from (None, None) if commands is None else (commands.time, commands.position)
 
     def event(self, name: str) -> Event:
@@ -210,7 +210,7 @@ class Recording:
         return Recording(
             self.joint_names,
             JointStream(joints.time[j], joints.position[j], _cut(joints.velocity, j), _cut(joints.torque, j)),
-            ImuStream(imu.time[i], imu.angular_velocity[i], imu.acceleration[i]),
+            ImuStream(imu.time[i], imu.angular_velocity_in_imu[i], imu.acceleration_in_imu[i]),
             cut_commands,
             tuple(event for event in self.events if start <= event.time < end),
         )
@@ -238,8 +238,8 @@ class Recording:
             ),
             ImuStream(
                 np.concatenate([part.imu.time for part in parts]),
-                np.concatenate([part.imu.angular_velocity for part in parts]),
-                np.concatenate([part.imu.acceleration for part in parts]),
+                np.concatenate([part.imu.angular_velocity_in_imu for part in parts]),
+                np.concatenate([part.imu.acceleration_in_imu for part in parts]),
             ),
             None
             if any(stream is None for stream in commands)

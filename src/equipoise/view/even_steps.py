@@ -47,7 +47,7 @@ class EvenSteps:
         joints, imu = piece.joints, piece.imu
         torque = np.zeros_like(joints.position) if joints.torque is None else joints.torque
         self._joints = _joined(self._joints, joints.time, np.hstack([joints.position, torque]))
-        sensed = np.hstack([imu.angular_velocity @ self._to_base, imu.acceleration @ self._to_base])
+        sensed = np.hstack([imu.angular_velocity_in_imu @ self._to_base, imu.acceleration_in_imu @ self._to_base])
         self._imu = _joined(self._imu, imu.time, sensed)
         (joint_time, values), (imu_time, sensed) = self._joints, self._imu
         if not (len(joint_time) > 1 and len(imu_time) > 1):

@@ -36,8 +36,8 @@ class ImuSample:
 
     time: float
     received: float
-    angular_velocity: FloatArray
-    acceleration: FloatArray
+    angular_velocity_in_imu: FloatArray
+    acceleration_in_imu: FloatArray
 
 
 class StampClock:
@@ -218,8 +218,8 @@ def together(joints: JointSample, imu: ImuSample, health: Health | None) -> Robo
         joints.position,
         joints.velocity,
         joints.torque,
-        imu.angular_velocity,
-        imu.acceleration,
+        imu.angular_velocity_in_imu,
+        imu.acceleration_in_imu,
         imu.time,
         min(joints.received, imu.received),
         health,

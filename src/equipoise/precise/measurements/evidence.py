@@ -65,7 +65,9 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
             "the recordings hold no rest before a lift or after a move; are they of the precise method?"
         )
     # The median over rests: one in which the robot still swayed does not count.
-    bias = np.median([recording.phase(Phase.REST).imu.angular_velocity.mean(axis=0) for recording in rested], axis=0)
+    bias = np.median(
+        [recording.phase(Phase.REST).imu.angular_velocity_in_imu.mean(axis=0) for recording in rested], axis=0
+    )
     legs = LegChains(robot)
     return RunEvidence(
         tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))

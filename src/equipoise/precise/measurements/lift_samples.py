@@ -89,8 +89,8 @@ def read_lift(
     rest = recording.phase(Phase.REST)
     moving = recording.phase(Phase.REST, until=Phase.LOWER)
     imu, joints = moving.imu, moving.joints
-    rest_acceleration = rest.imu.acceleration.mean(axis=0)
-    gyro = imu.angular_velocity - gyro_bias
+    rest_acceleration = rest.imu.acceleration_in_imu.mean(axis=0)
+    gyro = imu.angular_velocity_in_imu - gyro_bias
     path = attitudes(imu.time, gyro)
     up = path.inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
     up = at_times(joints.time, imu.time, up @ np.array(robot.imu_in_base.rotation).T)
@@ -116,7 +116,7 @@ def read_lift(
     if longest > _LONGEST_GAP * clock:
         return f"samples are missing for {longest * 1000:.0f} ms"
     encoder_noise = max(_white_noise(rest.joints.position), _LEAST_ENCODER_NOISE)
-    gyro_noise = max(_white_noise(rest.imu.angular_velocity), _LEAST_GYRO_NOISE)
+    gyro_noise = max(_white_noise(rest.imu.angular_velocity_in_imu), _LEAST_GYRO_NOISE)
     velocity = rest.joints.velocity
     velocity_noise = np.inf if velocity is None else max(_white_noise(velocity), _LEAST_VELOCITY_NOISE)
     position = fit_spline(
@@ -134,7 +134,7 @@ def read_lift(
         angular_velocity.spline.derivative()(time),
         Rotation.from_rotvec(at_times(time, imu.time, path.as_rotvec())).as_matrix(),
         rest_acceleration,
-        _unsteadiness(rest.imu.acceleration),
+        _unsteadiness(rest.imu.acceleration_in_imu),
         encoder_noise**2 * position.noise(time, derivative=1),
         gyro_noise**2 * angular_velocity.noise(time),
         gyro_noise * float(np.sqrt(np.mean(np.diff(imu.time)))),

@@ -35,7 +35,7 @@ class RestReading:
     @classmethod
     def of(cls, still: Recording) -> RestReading:
         """Of a recording in which nothing moves."""
-        return cls(still.joints.position.mean(axis=0), still.imu.acceleration.mean(axis=0))
+        return cls(still.joints.position.mean(axis=0), still.imu.acceleration_in_imu.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +59,14 @@ def read_move(
 ) -> PlantedMove:
     """A move and the rests on either side of it; the three recordings follow each other."""
     rotation = np.array(robot.imu_in_base.rotation)
-    attitude = attitudes(moving.imu.time, moving.imu.angular_velocity - gyro_bias)
+    attitude = attitudes(moving.imu.time, moving.imu.angular_velocity_in_imu - gyro_bias)
     first, last = RestReading.of(before), RestReading.of(after)
     up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
     joints = moving.joints
     up = at_times(joints.time, moving.imu.time, up)
     velocity = joints.velocity if joints.velocity is not None else np.gradient(joints.position, joints.time, axis=0)
     angular_velocity_in_base = at_times(
-        joints.time, moving.imu.time, (moving.imu.angular_velocity - gyro_bias) @ rotation.T
+        joints.time, moving.imu.time, (moving.imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
     )
     foot = legs.motion(joints.position, velocity, angular_velocity_in_base).foot_angular_velocity
     rolling = cross(foot, legs.foot_radius[:, None] * up[:, None])

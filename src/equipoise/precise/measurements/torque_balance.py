@@ -62,7 +62,7 @@ class TorqueSamples:
         none, still_base = np.zeros_like(position), np.zeros((1, 3))
         return cls(
             position, none, none, still.joints.torque.mean(axis=0)[None],
-            still_base, still_base, still.imu.acceleration.mean(axis=0)[None], np.zeros(1),
+            still_base, still_base, still.imu.acceleration_in_imu.mean(axis=0)[None], np.zeros(1),
         )  # fmt: skip
 
     @classmethod
@@ -84,8 +84,8 @@ class TorqueSamples:
         knot = _KNOT * time_scale
         position = fit_spline(joints.time, joints.position, knot).spline
         torque = fit_spline(joints.time, joints.torque, knot).spline
-        angular_velocity = fit_spline(imu.time, imu.angular_velocity - gyro_bias, knot).spline
-        acceleration = fit_spline(imu.time, imu.acceleration, knot).spline
+        angular_velocity = fit_spline(imu.time, imu.angular_velocity_in_imu - gyro_bias, knot).spline
+        acceleration = fit_spline(imu.time, imu.acceleration_in_imu, knot).spline
         return cls(
             position(time), position.derivative()(time), position.derivative(2)(time), torque(time),
             angular_velocity(time), angular_velocity.derivative()(time), acceleration(time),
