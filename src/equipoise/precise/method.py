@@ -199,7 +199,7 @@ def _trial(motion: MotionReading, posterior: Posterior) -> Trial:
     return Trial(
         "motion" if trial is None else trial.kind, _about(trial), None,
         trial.lift_height if isinstance(trial, CommandedLift) else None,
-        None, None, motion.duration, None if misfit is None else misfit.chi, note,
+        None, None, motion.duration, None if misfit is None else misfit.normalised_residual, note,
     )  # fmt: skip
 
 
