@@ -8,7 +8,7 @@ import pytest
 
 from equipoise import nominal_stance, simulate
 from equipoise.balance.belief import calibrated, displaced, error_along, model_file, with_composite
-from equipoise.balance.judge import felt_course, judge, seen_course
+from equipoise.balance.judge import felt_traces, judge, seen_traces
 from equipoise.balance.routine import BalanceSettings, balance
 from equipoise.balance.senses import Senses, SensorKnowledge, leveling
 from equipoise.errors import FallError, MotionError, SettingsError
@@ -76,7 +76,7 @@ def test_an_a1_with_the_true_model_balances(balanced):
 
 
 def test_what_the_robot_feels_of_itself_is_what_a_bystander_sees(balanced):
-    felt, seen = felt_course(balanced.run), seen_course(balanced.run, balanced.glimpses)
+    felt, seen = felt_traces(balanced.run), seen_traces(balanced.run, balanced.glimpses)
     at = np.searchsorted(felt.time, seen.time[:-1] - 1e-9)
     later = seen.time[:-1] > 0.2
     for name, tolerance in (("tilt", np.radians(0.3)), ("com_ahead", 0.5e-3), ("clearance", 3e-3)):

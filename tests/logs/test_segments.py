@@ -199,7 +199,7 @@ def test_a_robot_that_stands_still_rests_for_all_of_the_time(a1, stance):
     (rest,) = rests_of(a1, stance, still(a1, stance.joint_position, turning=(0.01, -0.02, 0.005)))
     assert rest.standing
     assert rest.end - rest.start == pytest.approx(2.0, abs=0.03)
-    np.testing.assert_allclose(rest.turning, (0.01, -0.02, 0.005), atol=1e-3)
+    np.testing.assert_allclose(rest.angular_velocity_in_base, (0.01, -0.02, 0.005), atol=1e-3)
     np.testing.assert_allclose(rest.up, (0, 0, 1), atol=1e-3)
 
 

@@ -201,7 +201,7 @@ def test_evidence_narrows_what_was_believed(posterior):
 def test_every_motion_that_was_read_is_judged(posterior, evidence):
     assert [misfit.motion for misfit in posterior.lifts] == [m.index for m in evidence.motions if m.lift is not None]
     assert [misfit.motion for misfit in posterior.moves] == [m.index for m in evidence.motions if m.move is not None]
-    assert all(misfit.used and 0 < misfit.chi < 4 for misfit in (*posterior.lifts, *posterior.moves))
+    assert all(misfit.used and 0 < misfit.normalised_residual < 4 for misfit in (*posterior.lifts, *posterior.moves))
     assert set(posterior.information) == set(posterior.gradient) <= {motion.index for motion in evidence.motions}
 
 
@@ -227,8 +227,8 @@ def test_without_torques_it_works_and_the_mass_is_less_sure(a1, precise_run, pos
     bare = read_evidence(a1, precise_run.stance, [without_torques(recording) for recording in precise_run.recordings])
     assert not any(motion.torques for motion in bare.motions)
     found = estimate_posterior(a1, precise_run.stance, bare)
-    assert found.torque_chi is None
-    assert posterior.torque_chi is not None
+    assert found.torque_misfit is None
+    assert posterior.torque_misfit is not None
     assert found.robot_covariance[0, 0] > 4 * posterior.robot_covariance[0, 0]
     off = found.robot_body.com - precise_run.truth.composite.com
     assert np.abs(off / np.sqrt(np.diag(found.robot_covariance))[1:4]).max() < SURE
@@ -251,7 +251,9 @@ def test_a_lift_that_was_disturbed_is_left_out(a1, precise_run, evidence, poster
 
 
 def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evidence, posterior):
-    fitting = min((misfit for misfit in posterior.lifts if misfit.used), key=lambda misfit: abs(misfit.chi - 1))
+    fitting = min(
+        (misfit for misfit in posterior.lifts if misfit.used), key=lambda misfit: abs(misfit.normalised_residual - 1)
+    )
     number = next(index for index, motion in enumerate(evidence.motions) if motion.index == fitting.motion)
     lift = evidence.motions[number].lift
     pushed = lift.angular_velocity_in_imu + 0.01 * np.sin(np.linspace(0, 9, len(lift.angular_velocity_in_imu)))[:, None]
@@ -263,7 +265,7 @@ def test_a_lift_that_was_hardly_disturbed_counts_for_less(a1, precise_run, evide
         for p in (posterior, found)
     )
     assert after.used
-    assert after.chi > 1.3 * before.chi
+    assert after.normalised_residual > 1.3 * before.normalised_residual
     assert np.trace(found.information[after.motion]) < 0.6 * np.trace(posterior.information[after.motion])
 
 

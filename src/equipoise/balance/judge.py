@@ -62,7 +62,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class BalanceTraces:
     """What is judged: from the lift on, by whichever eyes.
 
     Attributes:
@@ -82,13 +82,13 @@ class Course:
     travel: FloatArray | None = None
 
 
-def felt_course(run: BalanceRun) -> Course:
+def felt_traces(run: BalanceRun) -> BalanceTraces:
     """As the robot felt it."""
     felt = run.felt
-    return Course(felt.time, felt.clearance, felt.com_ahead, felt.tilt)
+    return BalanceTraces(felt.time, felt.clearance, felt.com_ahead, felt.tilt)
 
 
-def seen_course(run: BalanceRun, glimpses: Sequence[Glimpse]) -> Course:
+def seen_traces(run: BalanceRun, glimpses: Sequence[Glimpse]) -> BalanceTraces:
     """As a bystander saw it."""
     end = run.lift_off + float(run.felt.time[-1])
     seen = [glimpse for glimpse in glimpses if run.lift_off - 1e-9 <= glimpse.time <= end + 1e-9]
@@ -96,7 +96,7 @@ def seen_course(run: BalanceRun, glimpses: Sequence[Glimpse]) -> Course:
     lifted = [row for row in range(4) if row not in (right, left)]
     clearance = np.array([glimpse.clearance for glimpse in seen])
     feet = np.array([glimpse.feet for glimpse in seen])[:, [right, left], :2]
-    return Course(
+    return BalanceTraces(
         np.array([glimpse.time - run.lift_off for glimpse in seen]),
         clearance[:, lifted].min(axis=1),
         np.array([_ahead(glimpse, right, left) for glimpse in seen]),
@@ -108,37 +108,37 @@ def seen_course(run: BalanceRun, glimpses: Sequence[Glimpse]) -> Course:
 
 def judge(run: BalanceRun, glimpses: Sequence[Glimpse] = ()) -> Verdict:
     """Judge a trial; with glimpses, which begin before the lift, by them."""
-    course = seen_course(run, glimpses) if glimpses else felt_course(run)
+    traces = seen_traces(run, glimpses) if glimpses else felt_traces(run)
     failures = {
-        "a lifted foot touched the floor": course.clearance < (_CLEAR if glimpses else _FELT_CLEAR * run.swing_height),
-        "the base tilted over": course.tilt > _TILT,
+        "a lifted foot touched the floor": traces.clearance < (_CLEAR if glimpses else _FELT_CLEAR * run.swing_height),
+        "the base tilted over": traces.tilt > _TILT,
     }
-    if course.planted is not None and course.travel is not None:
-        failures["a standing foot left the floor"] = course.planted > _PLANTED
-        failures["a standing foot slipped away"] = course.travel > _TRAVEL
-    counted = course.time >= LIFT_GRACE
-    first, failure = float(course.time[-1]), None if run.ending == "balanced" else ENDINGS[run.ending]
+    if traces.planted is not None and traces.travel is not None:
+        failures["a standing foot left the floor"] = traces.planted > _PLANTED
+        failures["a standing foot slipped away"] = traces.travel > _TRAVEL
+    counted = traces.time >= LIFT_GRACE
+    first, failure = float(traces.time[-1]), None if run.ending == "balanced" else ENDINGS[run.ending]
     for sentence, failed in failures.items():
         if (failed & counted).any():
-            moment = float(course.time[np.argmax(failed & counted)])
+            moment = float(traces.time[np.argmax(failed & counted)])
             if moment < first or failure is None:
                 first, failure = moment, sentence
     stood = run.duration if failure is None else min(first, run.duration)
     return Verdict(
-        failure is None, stood, failure, "truth" if glimpses else "senses", *_sway(course, first), *_tilts(course, first),
-        *_torques(run), None if course.travel is None else float(course.travel[course.time <= first].max()),
+        failure is None, stood, failure, "truth" if glimpses else "senses", *_sway(traces, first), *_tilts(traces, first),
+        *_torques(run), None if traces.travel is None else float(traces.travel[traces.time <= first].max()),
         _observed_error(run),
     )  # fmt: skip
 
 
-def _sway(course: Course, end: float) -> tuple[float | None, float | None]:
-    settled = course.com_ahead[(course.time > _SETTLING) & (course.time <= end)]
+def _sway(traces: BalanceTraces, end: float) -> tuple[float | None, float | None]:
+    settled = traces.com_ahead[(traces.time > _SETTLING) & (traces.time <= end)]
     return (float(settled.std()), float(settled.mean())) if settled.size else (None, None)
 
 
-def _tilts(course: Course, end: float) -> tuple[float, float]:
-    until = course.time <= end
-    return float(course.tilt[until & (course.time >= end - 1)].mean()), float(course.tilt[until].max())
+def _tilts(traces: BalanceTraces, end: float) -> tuple[float, float]:
+    until = traces.time <= end
+    return float(traces.tilt[until & (traces.time >= end - 1)].mean()), float(traces.tilt[until].max())
 
 
 def _torques(run: BalanceRun) -> tuple[float | None, float | None]:

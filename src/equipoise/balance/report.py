@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from equipoise.balance.judge import Course, Verdict
+from equipoise.balance.judge import BalanceTraces, Verdict
 from equipoise.balance.routine import BalanceSettings
 from equipoise.balance.run import BalanceRun
 from equipoise.errors import OutputError
@@ -26,7 +26,7 @@ class BalanceTrial:
     Attributes:
         run: what happened.
         verdict: how it went.
-        course: what it was judged by.
+        traces: what it was judged by.
         believed_error: how far the believed centre of mass is in front of the true one, along the horizontal normal of the
             support line at the stance [m]; None where the truth is not known.
         source: where the law's model comes from.
@@ -34,7 +34,7 @@ class BalanceTrial:
 
     run: BalanceRun
     verdict: Verdict
-    course: Course
+    traces: BalanceTraces
     believed_error: float | None
     source: str
 

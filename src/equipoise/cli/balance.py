@@ -186,7 +186,7 @@ def _trial(
     settings: BalanceSettings,
 ) -> BalanceTrial:
     from equipoise.balance.belief import error_along
-    from equipoise.balance.judge import judge, seen_course
+    from equipoise.balance.judge import judge, seen_traces
     from equipoise.balance.report import BalanceTrial
     from equipoise.balance.routine import balance as run
     from equipoise.simulation.glimpse import Bystander
@@ -195,4 +195,4 @@ def _trial(
     done = run(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)
     off = error_along(stance, diagonal, belief.model, simulation.truth)
     verdict = judge(done, bystander.glimpses)
-    return BalanceTrial(done, verdict, seen_course(done, bystander.glimpses), off, belief.source)
+    return BalanceTrial(done, verdict, seen_traces(done, bystander.glimpses), off, belief.source)

@@ -21,7 +21,7 @@ from equipoise.cli.flags import (
     PlatformName,
     RobotFlags,
     RobotOrNone,
-    Setting,
+    SettingsGiven,
     Verbose,
     load,
 )
@@ -82,7 +82,7 @@ class PlatformFlags:
     """
 
     platform: PlatformName = "mujoco"
-    set: Setting = ()
+    set: SettingsGiven = ()
     settings: File = None
     yes: Flag = False
 

@@ -38,7 +38,7 @@ _PLATFORMS = (
     "this folder. 'equipoise platforms' lists what packages add too, and all settings."
 )
 PlatformName = Annotated[str, arg(metavar="PLATFORM", help=_PLATFORMS)]
-Setting = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
+SettingsGiven = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdout.", help_behavior_hint="")]
 

@@ -19,7 +19,7 @@ from equipoise.cli.flags import (
     PlatformName,
     Robot,
     RobotFlags,
-    Setting,
+    SettingsGiven,
     connected,
     load,
 )
@@ -37,7 +37,7 @@ def doctor(
     robot: Robot = "unitree_a1",
     *,
     platform: PlatformName = "mujoco",
-    set: Setting = (),
+    set: SettingsGiven = (),
     settings: File = None,
     duration: Duration = None,
     description: Described = RobotFlags(),  # noqa: B008
@@ -76,7 +76,7 @@ def record(
     robot: Robot = "unitree_a1",
     *,
     platform: PlatformName = "mujoco",
-    set: Setting = (),
+    set: SettingsGiven = (),
     settings: File = None,
     duration: Duration = None,
     out: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")] = None,

@@ -22,7 +22,7 @@ _METAVARS = {"m": "METRES", "s": "TIME", "kg": "KG", "Hz": "HERTZ", "rad": "RADI
 
 
 @dataclass(frozen=True)
-class Setting:
+class SettingFlag:
     """A setting as a flag.
 
     Attributes:
@@ -44,7 +44,7 @@ class Setting:
         """Whether it is given as 60s or 2min."""
         return _plain(self.kind) is float and _unit(self.words) == "s"
 
-    def or_none(self) -> Setting:
+    def or_none(self) -> SettingFlag:
         """The same, None where the flag is not given."""
         return dataclasses.replace(self, kind=self.kind | None, default=None)
 
@@ -60,12 +60,12 @@ class Setting:
         return Annotated[kind, arg(help=words, metavar=_metavar(plain, self.words), help_behavior_hint=hint)]
 
 
-def settings_of(kind: type[Any], only: Sequence[str] | None = None) -> list[Setting]:
+def settings_of(kind: type[Any], only: Sequence[str] | None = None) -> list[SettingFlag]:
     """All settings in a dataclass and in those that it holds; `only` those of these names."""
     return [setting for setting in _settings_in(kind, "", ()) if only is None or setting.name in only]
 
 
-def _settings_in(kind: type[Any], prefix: str, path: tuple[str, ...]) -> Iterator[Setting]:
+def _settings_in(kind: type[Any], prefix: str, path: tuple[str, ...]) -> Iterator[SettingFlag]:
     hints, words = typing.get_type_hints(kind), attribute_words(kind)
     for field in dataclasses.fields(kind):
         below = field.metadata.get("prefix", f"{field.name}_")
@@ -75,7 +75,7 @@ def _settings_in(kind: type[Any], prefix: str, path: tuple[str, ...]) -> Iterato
             continue
         default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
         told = words.get(field.name, "")
-        yield Setting(prefix + field.name, (*path, field.name), hints[field.name], default, told)
+        yield SettingFlag(prefix + field.name, (*path, field.name), hints[field.name], default, told)
 
 
 def attribute_words(kind: type[Any]) -> dict[str, str]:
@@ -94,7 +94,7 @@ def attribute_words(kind: type[Any]) -> dict[str, str]:
 
 
 def flags_class(
-    title: str, words: str, settings: Sequence[Setting], others: Sequence[tuple[str, Any, Any]] = ()
+    title: str, words: str, settings: Sequence[SettingFlag], others: Sequence[tuple[str, Any, Any]] = ()
 ) -> type[Any]:
     """A class whose fields are flags.
 
@@ -125,7 +125,7 @@ def given_flags(flags: Any) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _value_of(setting: Setting, flags: Any) -> Any:
+def _value_of(setting: SettingFlag, flags: Any) -> Any:
     """A setting's value; raises SettingsError for a time that is none."""
     value = getattr(flags, setting.name)
     return seconds(value) if setting.is_time else value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from equipoise.platform.tilt_limit import TiltLimit
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
+from equipoise.robot.stance import Stance
 
 _STEP_RATIO = 0.6  # height of a replanting step over that of a lift
 _STILL_PARTS = 5
@@ -60,6 +61,22 @@ class LiftSettings:
     reached_tolerance: float = 0.25
     still_speed: float = 0.006
     max_settling: int = 10
+
+    @classmethod
+    def of(cls, stance: Stance, height: float) -> LiftSettings:
+        """A lift by a height [m], with times that fit the robot's size."""
+        usual = cls(height)
+        times = (
+            "move_time",
+            "settle_time",
+            "rest_time",
+            "unload_time",
+            "lift_time",
+            "watch_time",
+            "lower_time",
+            "step_time",
+        )
+        return replace(usual, **{name: getattr(usual, name) * stance.scale.time for name in times})
 
 
 def tipping_from(planted: PlantedRobot, still: Recording, diagonal: str) -> Pendulum:

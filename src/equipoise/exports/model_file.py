@@ -27,7 +27,7 @@ _CLOSE = 1e-9  # how well the file that is written must give the composite that 
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class EditedLink:
     """A link that moves with the base: its own part alone.
 
     Attributes:
@@ -100,30 +100,30 @@ def composite_of(subject: Subject, robot: RobotModel) -> InertialParameters:
     return composite_parameters(robot, stance)
 
 
-def edited_place(robot: RobotModel) -> Place:
+def edited_link(robot: RobotModel) -> EditedLink:
     """The link whose inertial is edited: the base link, or, where it has no mass, the heaviest link fixed to it."""
     model = robot.full_pinocchio
     names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
     own = np.array(model.inertias[1].toDynamicParameters())
-    fixed: list[Place] = []
+    fixed: list[EditedLink] = []
     for index, frame in enumerate(model.frames):
         if frame.parentJoint == 1 and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
             vector = np.array(frame.placement.act(frame.inertia).toDynamicParameters())
-            fixed.append(Place(names.get(index, str(frame.name)), frame.placement, vector))
+            fixed.append(EditedLink(names.get(index, str(frame.name)), frame.placement, vector))
             own -= vector
     if own[0] > NEGLIGIBLE_MASS_FRACTION * robot.mass or not fixed:
-        return Place(robot.base_link, pin.SE3.Identity(), own)
-    return max(fixed, key=lambda place: place.vector[0])
+        return EditedLink(robot.base_link, pin.SE3.Identity(), own)
+    return max(fixed, key=lambda link: link.vector[0])
 
 
-def new_inertial(subject: Subject, robot: RobotModel, place: Place) -> InertialParameters:
-    """What the place's own link gets, in its own frame.
+def new_inertial(subject: Subject, robot: RobotModel, link: EditedLink) -> InertialParameters:
+    """What the edited link gets, in its own frame.
 
     Raises:
         NotPhysicalError: no body can have it.
     """
-    what = f"link {place.name!r} of {robot.source.path.name}"
-    vector = place.vector + subject.added_to(composite_of(subject, robot))
+    what = f"link {link.name!r} of {robot.source.path.name}"
+    vector = link.vector + subject.added_to(composite_of(subject, robot))
     try:
         body = body_of(vector, what)
         defect = body.physical_defect()
@@ -134,7 +134,7 @@ def new_inertial(subject: Subject, robot: RobotModel, place: Place) -> InertialP
             f"{what} cannot hold what was found, for no body can have what would be left for it ({defect}); what the file "
             "has besides, legs and links that are fixed or held, takes more than there is: see 'equipoise audit'"
         )
-    return seen_from(body, place.placement)
+    return seen_from(body, link.placement)
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:

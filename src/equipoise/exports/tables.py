@@ -51,10 +51,10 @@ def _table(subject: Subject, about: str) -> dict[str, Any]:
 
 def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
     table = parameters_to_dict(written)
-    sure = [quantity for quantity in found if quantity.deviation is not None]
-    if sure:
-        table["deviation"] = {quantity.name: quantity.deviation for quantity in sure}
-        table["verdict"] = {quantity.name: quantity.verdict for quantity in sure}
+    told = [quantity for quantity in found if quantity.deviation is not None]
+    if told:
+        table["deviation"] = {quantity.name: quantity.deviation for quantity in told}
+        table["verdict"] = {quantity.name: quantity.verdict for quantity in told}
     return table
 
 

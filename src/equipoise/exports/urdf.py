@@ -5,7 +5,7 @@ from __future__ import annotations
 from equipoise.errors import ModelError, SettingsError
 from equipoise.exports.model_file import (
     composite_of,
-    edited_place,
+    edited_link,
     new_inertial,
     payload,
     read_robot,
@@ -34,13 +34,13 @@ def write(subject: Subject) -> Written:
         content = document.edited(_payload_edits(document, robot.base_link, body, subject.header(about, *notes)))
         require_composite(subject, content, before.vector + body.vector)
         return Written(content, about, notes)
-    place = edited_place(robot)
+    link = edited_link(robot)
     about = (
-        f"the <inertial> of link {place.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
+        f"the <inertial> of link {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
         "the composite that was found; nothing else was changed"
     )
-    body = new_inertial(subject, robot, place)
-    content = document.edited(_inertial_edits(document, _link(document, place.name), body, subject.header(about)))
+    body = new_inertial(subject, robot, link)
+    content = document.edited(_inertial_edits(document, _link(document, link.name), body, subject.header(about)))
     require_composite(subject, content, subject.composite.vector)
     return Written(content, about)
 

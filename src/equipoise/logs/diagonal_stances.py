@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from equipoise.logs.foot_paths import FootPaths
-from equipoise.logs.rests import Rest
+from equipoise.logs.rests import LoggedRest
 from equipoise.logs.track import true_runs
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
@@ -42,7 +42,7 @@ def diagonal_stances(paths: FootPaths, stance: Stance) -> list[DiagonalStance]:
     return sorted(found, key=lambda one: one.start)
 
 
-def why_no_lift(paths: FootPaths, stances: Sequence[DiagonalStance], rest: Rest, stance: Stance) -> str | None:
+def why_no_lift(paths: FootPaths, stances: Sequence[DiagonalStance], rest: LoggedRest, stance: Stance) -> str | None:
     """What speaks against the first diagonal stance after a rest being a lift, or None.
 
     Args:

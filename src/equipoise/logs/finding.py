@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Finding:
+class LogFinding:
     """Something that was seen in a log, harmless or not, in a sentence about one of its parts."""
 
     about: str

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.logs.rests import Rest
+from equipoise.logs.rests import LoggedRest
 from equipoise.logs.track import Track, true_runs
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import attitudes
@@ -41,21 +41,25 @@ class FootPaths:
     turned: FloatArray
 
     @classmethod
-    def after(cls, legs: LegChains, track: Track, rest: Rest, end: float) -> FootPaths:
+    def after(cls, legs: LegChains, track: Track, rest: LoggedRest, end: float) -> FootPaths:
         """From a rest's end to a time [s].
 
         Args:
             track: with the gyroscope's bias taken off.
         """
         part = track.indices(rest.end, end)
-        time, position, turning = track.time[part], track.joint_position[part], track.turning[part]
+        time, position, angular_velocity_in_base = (
+            track.time[part],
+            track.joint_position[part],
+            track.angular_velocity_in_base[part],
+        )
         if len(time) < 2:
             none = np.zeros((len(time), 4))
             return cls(time, np.zeros((len(time), 4, 3)), none, none, np.zeros(len(time)))
-        attitude = attitudes(time, turning)
+        attitude = attitudes(time, angular_velocity_in_base)
         to_rest = attitude.as_matrix()
         up = attitude.inv().apply(rest.up)
-        motion = legs.motion(position, np.gradient(position, time, axis=0), turning)
+        motion = legs.motion(position, np.gradient(position, time, axis=0), angular_velocity_in_base)
         rolling = cross(motion.foot_angular_velocity, legs.foot_radius[:, None] * up[:, None])
         velocity = np.einsum("nij,nlj->nli", to_rest, rolling)
         rolled = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(time)[:, None, None], axis=0)

@@ -26,7 +26,7 @@ Unexplained = Callable[[float, FloatArray], float]
 _FARTHEST = 0.5  # [s] that clocks may differ by: more is no delay, and rests and motions no longer meet
 _COARSE, _FINE = 0.01, 0.0025  # [s]
 _SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay below
-_TURNING = 0.05  # [rad/s]: slower motion tells nothing
+_SLOWEST = 0.05  # [rad/s]: slower motion tells nothing
 _ENOUGH = 1.0  # [s] of such motion
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
 _CURED = 0.25
@@ -58,7 +58,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     track = Track.of(robot, recording, stance.scale.time)
     if len(track.time) < 8:
         return None
-    turning, planted = turning_by_legs(LegChains(robot), stance, track)
+    angular_velocity_in_base, planted = angular_velocity_by_legs(LegChains(robot), stance, track)
     if planted.sum() * track.step < _ENOUGH * stance.scale.time:
         return None
     gyroscope = recording.imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T
@@ -68,7 +68,7 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
         edges = np.append(track.time - track.step / 2, track.time[-1] + track.step / 2) - offset
         felt = factor * angle.means(edges)
         inside = planted & (edges[:-1] >= recording.imu.time[0]) & (edges[1:] <= recording.imu.time[-1])
-        difference, reference = (felt - turning)[inside], turning[inside]
+        difference, reference = (felt - angular_velocity_in_base)[inside], angular_velocity_in_base[inside]
         spread = ((reference - reference.mean(axis=0)) ** 2).sum()
         return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
 
@@ -78,14 +78,14 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     return GyroscopeComparison(offset, left, left <= _WRONG, float(planted.sum() * track.step))
 
 
-def turning_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
+def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
     """(n, 3) angular velocity of the base by the encoders, in base axes, and where it can be believed.
 
     A planted foot's velocity in the base frame is J dq = rolling - v - omega x p: least squares over the four feet. Where
     that leaves much, a foot moves over the floor.
     """
     velocity = np.gradient(track.joint_position, track.time, axis=0)
-    motion = legs.motion(track.joint_position, velocity, np.zeros_like(track.turning))
+    motion = legs.motion(track.joint_position, velocity, np.zeros_like(track.angular_velocity_in_base))
     # A foot that rolls moves its centre by its angular velocity x radius: omega's part is in the design, the legs' here.
     up = np.median(track.acceleration, axis=0)
     up = up / np.linalg.norm(up)
@@ -97,9 +97,9 @@ def turning_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[Floa
     transposed = np.swapaxes(design, 1, 2)
     solution = np.linalg.solve(transposed @ design, transposed @ target)
     slip = np.sqrt(((target - design @ solution) ** 2).mean(axis=(1, 2)) * 3)
-    turning = np.asarray(solution[:, 3:, 0], dtype=float)
-    return turning, (slip < _SLIP * stance.scale.length / stance.scale.time) & (
-        np.linalg.norm(turning, axis=1) > _TURNING
+    angular_velocity_in_base = np.asarray(solution[:, 3:, 0], dtype=float)
+    return angular_velocity_in_base, (slip < _SLIP * stance.scale.length / stance.scale.time) & (
+        np.linalg.norm(angular_velocity_in_base, axis=1) > _SLOWEST
     )
 
 

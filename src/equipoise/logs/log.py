@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.logs.finding import Finding
+from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
@@ -68,7 +68,7 @@ class RawLog:
     imu: RawImu
     commands: RawJoints | None = None
     about: Mapping[str, str] = field(default_factory=dict[str, str])
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[LogFinding, ...] = ()
     joint_map: JointMap | None = None
 
 
@@ -86,7 +86,7 @@ class Log:
     recording: Recording
     joint_map: JointMap
     about: Mapping[str, str]
-    findings: tuple[Finding, ...]
+    findings: tuple[LogFinding, ...]
 
 
 def assemble(
@@ -133,7 +133,7 @@ def _first(time: FloatArray) -> float:
 
 
 def _joint_stream(
-    raw: RawJoints, columns: NDArray[np.intp], origin: float, span: tuple[float, float], findings: list[Finding]
+    raw: RawJoints, columns: NDArray[np.intp], origin: float, span: tuple[float, float], findings: list[LogFinding]
 ) -> JointStream:
     rows = _rows_of_legs(raw, columns, findings)
     time, position = raw.time[rows], raw.position[rows[:, None], columns]
@@ -149,7 +149,7 @@ def _joint_stream(
     )
 
 
-def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[Finding]) -> NDArray[np.intp]:
+def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[LogFinding]) -> NDArray[np.intp]:
     """Samples with any of the legs' joints: an arm may share the topic."""
     there = ~np.isnan(raw.position[:, columns])
     rows = np.flatnonzero(there.any(axis=1))
@@ -164,29 +164,31 @@ def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[Find
             f"{', '.join(absent)}): a sample must hold all of them"
         )
     if len(rows) < len(there):
-        findings.append(Finding("joints", f"{len(there) - len(rows)} samples are of other joints: left out"))
+        findings.append(LogFinding("joints", f"{len(there) - len(rows)} samples are of other joints: left out"))
     return rows
 
 
 def _measured(
-    values: FloatArray | None, rows: NDArray[np.intp], columns: NDArray[np.intp], what: str, findings: list[Finding]
+    values: FloatArray | None, rows: NDArray[np.intp], columns: NDArray[np.intp], what: str, findings: list[LogFinding]
 ) -> FloatArray | None:
     """A quantity that not every driver reports: None if it is missing, not a number, or zero throughout."""
     if values is None:
-        findings.append(Finding("joints", f"the log has no joint {what}"))
+        findings.append(LogFinding("joints", f"the log has no joint {what}"))
         return None
     chosen = values[rows[:, None], columns]
     bad = ~np.isfinite(chosen).all(axis=1)
     if bad.mean() > _MOST_BAD:
-        findings.append(Finding("joints", f"joint {what} are not numbers in {bad.mean():.0%} of the samples: not used"))
+        findings.append(
+            LogFinding("joints", f"joint {what} are not numbers in {bad.mean():.0%} of the samples: not used")
+        )
         return None
     if not np.nan_to_num(chosen).any():
-        findings.append(Finding("joints", f"joint {what} are zero throughout: taken as not measured"))
+        findings.append(LogFinding("joints", f"joint {what} are zero throughout: taken as not measured"))
         return None
     return chosen
 
 
-def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[Finding]) -> ImuStream:
+def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[LogFinding]) -> ImuStream:
     values = np.hstack([raw.angular_velocity_in_imu, raw.acceleration_in_imu])
     kept = _kept("IMU", raw.time, values, span, findings)
     if len(kept) > 1:
@@ -195,32 +197,32 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
         if repeated.mean() > _HELD and longest <= _LONGEST_HELD:
             # Held values would look like a sensor with half the noise that lags by half its period.
             message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
-            findings.append(Finding("IMU", message))
+            findings.append(LogFinding("IMU", message))
             kept = kept[~repeated]
     return ImuStream(raw.time[kept] - origin, raw.angular_velocity_in_imu[kept], raw.acceleration_in_imu[kept])
 
 
 def _commands(
-    raw: RawJoints | None, joint_map: JointMap, origin: float, span: tuple[float, float], findings: list[Finding]
+    raw: RawJoints | None, joint_map: JointMap, origin: float, span: tuple[float, float], findings: list[LogFinding]
 ) -> CommandStream | None:
     """Commands only help to notice frozen encoders: what does not fit is left out and noted."""
     if raw is None:
         return None
     names = [match.log_joint for match in joint_map.matches]
     if not set(names) <= set(raw.names):
-        findings.append(Finding("commands", "they name other joints than the joint states: not used"))
+        findings.append(LogFinding("commands", "they name other joints than the joint states: not used"))
         return None
     position = raw.position[:, [raw.names.index(name) for name in names]]
     try:
         kept = _kept("command", raw.time, position, span, findings)
     except RecordingError as error:
-        findings.append(Finding("commands", f"not used: {error}"))
+        findings.append(LogFinding("commands", f"not used: {error}"))
         return None
     return CommandStream(raw.time[kept] - origin, position[kept])
 
 
 def _kept(
-    name: str, time: FloatArray, values: FloatArray, span: tuple[float, float], findings: list[Finding]
+    name: str, time: FloatArray, values: FloatArray, span: tuple[float, float], findings: list[LogFinding]
 ) -> NDArray[np.intp]:
     """Indices of the samples that can be used: numbers, with stamps that increase.
 
@@ -233,7 +235,7 @@ def _kept(
     broken = ~np.isfinite(time[index]) | ~np.isfinite(values[index]).all(axis=1)
     _refuse_many(name, broken, "are not numbers")
     if broken.any():
-        findings.append(Finding(name, f"{broken.sum()} of {len(index)} {name} samples are not numbers: left out"))
+        findings.append(LogFinding(name, f"{broken.sum()} of {len(index)} {name} samples are not numbers: left out"))
     index = index[~broken]
     latest = np.maximum.accumulate(time[index])
     late = np.concatenate([[False], time[index][1:] <= latest[:-1]])
@@ -246,7 +248,7 @@ def _kept(
         )
     if late.any():
         message = f"{late.sum()} of {len(index)} {name} samples have stamps that repeat or go back: left out"
-        findings.append(Finding(name, message))
+        findings.append(LogFinding(name, message))
     return index[~late]
 
 

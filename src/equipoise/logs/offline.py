@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from equipoise.errors import LogError, RecordingError
-from equipoise.logs.finding import Finding
+from equipoise.logs.finding import LogFinding
 from equipoise.logs.gyroscope import compare_gyroscope
 from equipoise.logs.log import Log, rate
-from equipoise.logs.segments import Segment, find_segments, usable
+from equipoise.logs.segments import LogSegment, find_segments, usable
 from equipoise.precise.method import Precise
 from equipoise.precise.screening import screen_log
 from equipoise.recording.recording import Recording
@@ -36,8 +36,8 @@ class LogReport:
     """
 
     log: Log
-    segments: tuple[Segment, ...]
-    findings: tuple[Finding, ...]
+    segments: tuple[LogSegment, ...]
+    findings: tuple[LogFinding, ...]
     not_told: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -85,19 +85,19 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
     return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, method))))
 
 
-def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[Finding]) -> Recording:
+def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[LogFinding]) -> Recording:
     """With the IMU's stamps moved so that gyroscope and legs turn together."""
     compared = compare_gyroscope(robot, stance, recording)
     if compared is None:
         message = "too little motion over planted feet to hold the clocks of joints and IMU against each other"
-        findings.append(Finding("clocks", message))
+        findings.append(LogFinding("clocks", message))
         return recording
     if not compared.agrees:
         message = (
             f"over planted feet the gyroscope does not turn as the legs say ({compared.unexplained:.0%} of it differs): are "
             "the joints, the IMU's axes and the robot the right ones?"
         )
-        findings.append(Finding("gyroscope", message))
+        findings.append(LogFinding("gyroscope", message))
         return recording
     if abs(compared.offset) < _CLOCK_KNOWN:
         return recording
@@ -106,28 +106,28 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
         f"the IMU's stamps are {abs(compared.offset) * 1000:.0f} ms {later} against the joints', by {compared.time:.0f} s of "
         "motion over planted feet: they are moved by as much"
     )
-    findings.append(Finding("clocks", message))
+    findings.append(LogFinding("clocks", message))
     return replace(recording, imu=replace(recording.imu, time=recording.imu.time + compared.offset))
 
 
-def _rates(recording: Recording, stance: Stance) -> list[Finding]:
+def _rates(recording: Recording, stance: Stance) -> list[LogFinding]:
     slow = [
         (name, rate(stream.time), least / stance.scale.time)
         for name, stream, least in (("joint", recording.joints, _SLOW_JOINTS), ("IMU", recording.imu, _SLOW_IMU))
         if rate(stream.time) < least / stance.scale.time
     ]
     return [
-        Finding(
+        LogFinding(
             "rates", f"{name} samples come at {found:.0f} Hz; a lift is over in half a second and wants {wanted:.0f} Hz"
         )
         for name, found, wanted in slow
     ]
 
 
-def _judged(segments: list[Segment], result: Calibration) -> tuple[Segment, ...]:
+def _judged(segments: list[LogSegment], result: Calibration) -> tuple[LogSegment, ...]:
     """Segments with what the estimate found: trials are in the order of their recordings."""
     notes = iter([trial.note for trial in result.trials])
-    judged: list[Segment] = []
+    judged: list[LogSegment] = []
     for segment in segments:
         note = next(notes) if segment.recording is not None else None
         judged.append(segment if note is None else replace(segment, why_not=note))
@@ -177,7 +177,7 @@ def _nothing_usable(report: LogReport) -> LogError:
     )
 
 
-def _segment_to_dict(segment: Segment) -> Mapping[str, Any]:
+def _segment_to_dict(segment: LogSegment) -> Mapping[str, Any]:
     return {
         "start": segment.start, "end": segment.end, "kind": segment.kind, "what": segment.what, "used": segment.used,
         "why_not": segment.why_not,

@@ -39,34 +39,34 @@ class Oscillation:
         return ", ".join([*axes, f"{self.end - self.start:.1f} s"])
 
 
-def find_oscillation(time: FloatArray, turning: FloatArray, time_scale: float) -> Oscillation | None:
+def find_oscillation(time: FloatArray, angular_velocity_in_base: FloatArray, time_scale: float) -> Oscillation | None:
     """The longest steady part, if a sinusoid dominates it about one axis at least.
 
     Args:
         time: (n,) evenly spaced [s].
-        turning: (n, 3) angular velocity in base axes [rad/s].
+        angular_velocity_in_base: (n, 3) angular velocity in base axes [rad/s].
         time_scale: factor on times, of the robot's scale; one on an A1.
     """
     if len(time) < 8 or time[-1] - time[0] < _SHORTEST * time_scale:
         return None
     step = float(np.diff(time).mean())
     window = np.ones(max(1, round(_ENVELOPE * time_scale / step)))
-    strength = np.convolve((turning**2).sum(axis=1), window / len(window), mode="same") ** 0.5
+    strength = np.convolve((angular_velocity_in_base**2).sum(axis=1), window / len(window), mode="same") ** 0.5
     steady = true_runs(strength > _STEADY * strength.max())
     if not steady:
         return None
     first, last = max(steady, key=lambda run: run[1] - run[0])
     if (last - first) * step < _SHORTEST * time_scale:
         return None
-    found = _dominant(turning[first:last], step)
+    found = _dominant(angular_velocity_in_base[first:last], step)
     if not found:
         return None
     return Oscillation(float(time[first]), float(time[last - 1]), found)
 
 
-def _dominant(turning: FloatArray, step: float) -> dict[Axis, float]:
+def _dominant(angular_velocity_in_base: FloatArray, step: float) -> dict[Axis, float]:
     """Frequencies of the axes that a sinusoid dominates [Hz]."""
-    centred = turning - turning.mean(axis=0)
+    centred = angular_velocity_in_base - angular_velocity_in_base.mean(axis=0)
     size = centred.std(axis=0)
     power = np.abs(np.fft.rfft(centred * np.hanning(len(centred))[:, None], axis=0)) ** 2
     frequency = np.fft.rfftfreq(len(centred), step)

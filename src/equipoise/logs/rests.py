@@ -32,14 +32,14 @@ _CARRIED = 0.4  # of the model's mass, by the joint torques
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class LoggedRest:
     """A piece of time in which nothing moves.
 
     Attributes:
         start, end: [s].
         joint_position: (nj,) mean [rad].
         up: (3,) against gravity, in base axes, by the accelerometer.
-        turning: (3,) mean angular velocity, in base axes: the gyroscope's bias [rad/s].
+        angular_velocity_in_base: (3,) mean angular velocity, in base axes: the gyroscope's bias [rad/s].
         acceleration: (3,) mean, in base axes [m/s2].
         folded: whether the legs are folded, as those of a robot that lies.
         why_not: why the robot does not stand on four feet here, or None if it does.
@@ -49,7 +49,7 @@ class Rest:
     end: float
     joint_position: FloatArray
     up: FloatArray
-    turning: FloatArray
+    angular_velocity_in_base: FloatArray
     acceleration: FloatArray
     folded: bool
     why_not: str | None
@@ -65,9 +65,9 @@ class Rest:
         return (self.start + self.end) / 2
 
 
-def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[Rest]:
+def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRest]:
     """All rests of a track, in order of time."""
-    rests: list[Rest] = []
+    rests: list[LoggedRest] = []
     legs = LegChains(robot)
     for first, last in _still_runs(track, max(_WINDOW, round(_SHORTEST / STEP))):
         part = slice(first, last)
@@ -81,7 +81,18 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[Rest]:
         if why_not is None and torque is not None:
             why_not = _why_not_carried(robot, position, torque)
         start, end = float(track.time[first] - track.step / 2), float(track.time[last - 1] + track.step / 2)
-        rests.append(Rest(start, end, position, up, track.turning[part].mean(axis=0), acceleration, folded, why_not))
+        rests.append(
+            LoggedRest(
+                start,
+                end,
+                position,
+                up,
+                track.angular_velocity_in_base[part].mean(axis=0),
+                acceleration,
+                folded,
+                why_not,
+            )
+        )
     return rests
 
 
@@ -91,7 +102,7 @@ def _still_runs(track: Track, shortest: int) -> list[tuple[int, int]]:
         return []
     part_noise = np.sqrt(_PARTS / _WINDOW)
     still = _spread(track.joint_position) < _STILL_JOINTS + _NOISE_FACTOR * part_noise * track.encoder_noise
-    still &= _spread(track.turning) < _STILL_BASE + _NOISE_FACTOR * part_noise * track.gyro_noise
+    still &= _spread(track.angular_velocity_in_base) < _STILL_BASE + _NOISE_FACTOR * part_noise * track.gyro_noise
     covered = np.zeros(len(track.time) + 1, dtype=int)  # by windows that are still
     starts = np.flatnonzero(still)
     np.add.at(covered, starts, 1)

@@ -17,7 +17,7 @@ from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import EquipoiseError, RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
-from equipoise.logs.finding import Finding
+from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_by_order
 from equipoise.logs.log import RawImu, RawJoints, RawLog
 from equipoise.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE, MOTOR_NAMES, known_types
@@ -77,7 +77,7 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
         raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {_METADATA} nor .mcap or .db3 files")
     found: dict[str, tuple[str, int]] = {}
     gathered: dict[str, _Gathered] = {}
-    findings: list[Finding] = []
+    findings: list[LogFinding] = []
     chosen: list[str | None] = []
     types = dict(known_types())
     for part in parts:
@@ -205,7 +205,7 @@ _TAKE: dict[str, Callable[[str, _Gathered, Sequence[Messages]], _Stream]] = {
 
 
 def _raw_log(
-    robot: RobotModel, streams: Mapping[str, _Stream], topics: tuple[str, str, str | None], findings: list[Finding]
+    robot: RobotModel, streams: Mapping[str, _Stream], topics: tuple[str, str, str | None], findings: list[LogFinding]
 ) -> RawLog:
     joint_topic, imu_topic, command_topic = topics
     times, kind = common_times([stream.clock for stream in streams.values()], (joint_topic, imu_topic), findings)

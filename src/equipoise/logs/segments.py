@@ -1,6 +1,6 @@
 """What a long recording without events holds: rests, moves and sways over planted feet, lifts of two diagonal feet.
 
-Every piece of it ends up in a `Segment`: what it is, and whether it can be used or why not. What can be used comes with a
+Every piece of it ends up in a `LogSegment`: what it is, and whether it can be used or why not. What can be used comes with a
 `Recording` that says what it is in the words that the estimators know, as if we had commanded it ourselves.
 
 No contact sensors: encoders and gyroscope say where the feet go (foot_paths.py), encoders and accelerometer where the robot
@@ -18,7 +18,7 @@ import numpy as np
 from equipoise.logs.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
 from equipoise.logs.foot_paths import FootPaths
 from equipoise.logs.oscillation import Oscillation, find_oscillation
-from equipoise.logs.rests import Rest, find_rests
+from equipoise.logs.rests import LoggedRest, find_rests
 from equipoise.logs.track import Track
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.screening import screen
@@ -47,7 +47,7 @@ _SHORTEST_SWAY = 1.5  # [s] of planted motion that torques are worth reading of
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class LogSegment:
     """A piece of a recording.
 
     Attributes:
@@ -71,7 +71,7 @@ class Segment:
         return self.why_not is None
 
 
-def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> list[Segment]:
+def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> list[LogSegment]:
     """All segments of a recording, in order of time.
 
     Raises:
@@ -83,24 +83,24 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
     rests = [find_rests(robot, stance, track) for track in tracks]
     all_rests = [rest for of_piece in rests for rest in of_piece]
     _screen_rests(robot, recording, all_rests)
-    bias = np.median([rest.turning for rest in all_rests], axis=0) if all_rests else np.zeros(3)
-    segments: list[Segment] = []
+    bias = np.median([rest.angular_velocity_in_base for rest in all_rests], axis=0) if all_rests else np.zeros(3)
+    segments: list[LogSegment] = []
     for piece, track, of_piece in zip(pieces, tracks, rests, strict=True):
         if piece.gap is not None and segments:
             start, end = piece.gap
             what = f"no {piece.missing} samples for {end - start:.2f} s"
-            segments.append(Segment(start, end, "gap", what, "nothing was recorded"))
+            segments.append(LogSegment(start, end, "gap", what, "nothing was recorded"))
         reader = _PieceReader(robot, stance, piece.recording, track.without_bias(bias), of_piece)
         segments += reader.segments()
     return segments
 
 
-def usable(segments: Sequence[Segment]) -> list[Recording]:
+def usable(segments: Sequence[LogSegment]) -> list[Recording]:
     """The recordings of all segments that can be used."""
     return [segment.recording for segment in segments if segment.recording is not None]
 
 
-def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[Rest]) -> None:
+def _screen_rests(robot: RobotModel, recording: Recording, rests: Sequence[LoggedRest]) -> None:
     """Screen the sensors at the rests, if the robot does not seem to stand in most of them: one of them may lie."""
     standing = sum(rest.standing for rest in rests)
     if standing * 2 > len(rests):
@@ -113,20 +113,22 @@ class _PieceReader:
     """Reads one piece without gaps."""
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, recording: Recording, track: Track, rests: list[Rest]
+        self, robot: RobotModel, stance: Stance, recording: Recording, track: Track, rests: list[LoggedRest]
     ) -> None:
         self.robot, self.stance, self.recording, self.track, self.rests = robot, stance, recording, track, rests
         self.legs = LegChains(robot)
         self._weighed: set[int] = set()  # rests by index whose torques a motion has: none counts twice
 
-    def segments(self) -> list[Segment]:
+    def segments(self) -> list[LogSegment]:
         """Rests and what lies between them, in order."""
         start, end = self.recording.joints.time[0], self.recording.joints.time[-1]
         if not self.rests:
-            return [Segment(start, end, "motion", "motion", "no rest in it: the robot never stands still on four feet")]
-        found: list[Segment] = []
+            return [
+                LogSegment(start, end, "motion", "motion", "no rest in it: the robot never stands still on four feet")
+            ]
+        found: list[LogSegment] = []
         if self.rests[0].start > start + self.track.step:
-            found.append(Segment(start, self.rests[0].start, "motion", "motion", "no rest before it"))
+            found.append(LogSegment(start, self.rests[0].start, "motion", "motion", "no rest before it"))
         for index, rest in enumerate(self.rests):
             after = self.rests[index + 1] if index + 1 < len(self.rests) else None
             until = after.start if after is not None else end
@@ -135,22 +137,22 @@ class _PieceReader:
         found += [self._rest(index) for index in range(len(self.rests))]
         return sorted(found, key=lambda segment: segment.start)
 
-    def _rest(self, index: int) -> Segment:
+    def _rest(self, index: int) -> LogSegment:
         """A rest; torques of one that serves no motion tell something on their own."""
         rest = self.rests[index]
         if not rest.standing:
-            return Segment(rest.start, rest.end, "rest", "still", rest.why_not)
+            return LogSegment(rest.start, rest.end, "rest", "still", rest.why_not)
         recording = None
         if index not in self._weighed and self.recording.joints.torque is not None:
             start, end = self._before(index)
             recording = _marked(self.recording, [(Phase.REST, start)], start, end, trial=StandTrial(found_at=start))
-        return Segment(rest.start, rest.end, "rest", "rest on four feet", None, recording)
+        return LogSegment(rest.start, rest.end, "rest", "rest on four feet", None, recording)
 
-    def _motion(self, index: int, until: float, after: Rest | None) -> list[Segment]:
+    def _motion(self, index: int, until: float, after: LoggedRest | None) -> list[LogSegment]:
         """What follows a rest."""
         rest = self.rests[index]
         if not rest.standing:
-            return [Segment(rest.end, until, "motion", "motion", "no rest on four feet before it")]
+            return [LogSegment(rest.end, until, "motion", "motion", "no rest on four feet before it")]
         paths = FootPaths.after(self.legs, self.track, rest, until)
         if len(paths.time) < 2:
             return []
@@ -163,7 +165,7 @@ class _PieceReader:
 
     # --- lifts
 
-    def _lift(self, index: int, paths: FootPaths, until: float) -> Segment | None:
+    def _lift(self, index: int, paths: FootPaths, until: float) -> LogSegment | None:
         """The first time that two diagonal feet are up; None if they never are."""
         scale, rest = self.stance.scale, self.rests[index]
         stances = diagonal_stances(paths, self.stance)
@@ -175,7 +177,7 @@ class _PieceReader:
         if why_not is None and felt.size and felt.min() < _FALLING:
             why_not = "it jumps: no foot is on the floor for a moment"
         if why_not is not None:
-            return Segment(rest.end, until, "steps", f"steps, the first on {first.diagonal}", why_not)
+            return LogSegment(rest.end, until, "steps", f"steps, the first on {first.diagonal}", why_not)
         what = f"lift on {first.diagonal}, {first.end - first.start:.2f} s on two feet"
         begin, leaves = self._before(index)
         phases = [(Phase.REST, begin), (Phase.UNLOAD, leaves), (Phase.LOWER, first.end)]
@@ -183,11 +185,11 @@ class _PieceReader:
         whole = self.recording if index not in self._weighed else _without_torques(self.recording)
         self._weighed.add(index)
         recording = _marked(whole, phases, begin, landed, LiftTrial(diagonal=first.diagonal, found_at=begin))
-        return Segment(rest.end, until, "lift", what, None, recording)
+        return LogSegment(rest.end, until, "lift", what, None, recording)
 
     # --- planted feet
 
-    def _planted(self, index: int, paths: FootPaths, until: float, after: Rest | None) -> Segment:
+    def _planted(self, index: int, paths: FootPaths, until: float, after: LoggedRest | None) -> LogSegment:
         """A move or a sway over planted feet."""
         rest = self.rests[index]
         sway = self._sway(rest.end, until)
@@ -197,10 +199,10 @@ class _PieceReader:
         if why_not is None:
             return self._move(index, paths, until)
         kind: Kind = "nudge" if after is not None and _moved(rest, after) < _MOVED else "motion"
-        motion = Segment(rest.end, until, kind, "motion over planted feet", why_not)
+        motion = LogSegment(rest.end, until, kind, "motion over planted feet", why_not)
         return self._weighable(rest.end, until, after) or motion
 
-    def _why_no_move(self, rest: Rest, until: float, after: Rest | None) -> str | None:
+    def _why_no_move(self, rest: LoggedRest, until: float, after: LoggedRest | None) -> str | None:
         if after is None or not after.standing:
             return "no rest on four feet after it"
         if until - rest.end > _LONGEST_MOVE * self.stance.scale.time:
@@ -210,29 +212,31 @@ class _PieceReader:
             return f"it ends within {np.degrees(moved):.0f} deg of where it began: too little to tell joint zeros by"
         return None
 
-    def _move(self, index: int, paths: FootPaths, until: float) -> Segment:
+    def _move(self, index: int, paths: FootPaths, until: float) -> LogSegment:
         start, what = self.rests[index].end, f"move over planted feet, {np.degrees(paths.turned[-1]):.0f} deg"
         slid = float(paths.slid()[-1])
         if slid > _SLID * self.stance.scale.length:
-            return Segment(start, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
+            return LogSegment(start, until, "slip", what, f"feet slipped by {slid * 1000:.0f} mm")
         (begin, leaves), (arrives, end) = self._before(index), self._after(index + 1)
         phases = [(Phase.BEFORE, begin), (Phase.MOVE, leaves), (Phase.REST, arrives)]
         trial = PostureTrial(posture=None, found_at=begin)
         self._weighed.add(index + 1)
-        return Segment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, trial))
+        return LogSegment(start, until, "move", what, None, _marked(self.recording, phases, begin, end, trial))
 
-    def _sway(self, start: float, end: float) -> Segment | None:
+    def _sway(self, start: float, end: float) -> LogSegment | None:
         """An oscillation over planted feet: torques tell of it, and the paper's I and C follow."""
         part = self.track.indices(start, end)
-        found = find_oscillation(self.track.time[part], self.track.turning[part], self.stance.scale.time)
+        found = find_oscillation(
+            self.track.time[part], self.track.angular_velocity_in_base[part], self.stance.scale.time
+        )
         if found is None:
             return None
         what = f"sway over planted feet, {found.words}"
         if self.recording.joints.torque is None:
-            return Segment(start, end, "sway", what, "no joint torques: a sway tells nothing without them")
-        return Segment(start, end, "sway", what, None, self._swaying(start, end, found))
+            return LogSegment(start, end, "sway", what, "no joint torques: a sway tells nothing without them")
+        return LogSegment(start, end, "sway", what, None, self._swaying(start, end, found))
 
-    def _weighable(self, start: float, end: float, after: Rest | None) -> Segment | None:
+    def _weighable(self, start: float, end: float, after: LoggedRest | None) -> LogSegment | None:
         """Any other motion over planted feet that is long enough for its torques to tell something.
 
         After it the robot must stand: one that lies down touches the floor with more than its feet before it is still.
@@ -241,14 +245,16 @@ class _PieceReader:
         if self.recording.joints.torque is None or short or after is None or not after.standing:
             return None
         recording = self._swaying(start, end, Oscillation(start, end, {}))
-        return Segment(start, end, "sway", f"motion over planted feet, {end - start:.1f} s", None, recording)
+        return LogSegment(start, end, "sway", f"motion over planted feet, {end - start:.1f} s", None, recording)
 
     def _swaying(self, start: float, end: float, steady: Oscillation) -> Recording:
         phases = [(Phase.RAMP, start), (Phase.SWAY, steady.start), (Phase.END, steady.end)]
         trial = SwayTrial(frequencies=steady.frequencies, found_at=start)
         return _marked(self.recording, phases, start, end, trial)
 
-    def _not_planted(self, rest: Rest, paths: FootPaths, until: float, after: Rest | None) -> list[Segment]:
+    def _not_planted(
+        self, rest: LoggedRest, paths: FootPaths, until: float, after: LoggedRest | None
+    ) -> list[LogSegment]:
         """Walking, or sliding; with a sway in it, if the feet stay for long enough somewhere."""
         stretch = paths.longest_planted(self.stance, _SHORTEST_SWAY * self.stance.scale.time)
         sway = None if stretch is None else self._sway(*stretch) or self._weighable(*stretch, after)
@@ -258,14 +264,14 @@ class _PieceReader:
             return sorted([sway, *around], key=lambda segment: segment.start)
         return [self._moving_feet(paths, rest.end, until)]
 
-    def _moving_feet(self, paths: FootPaths, start: float, end: float) -> Segment:
+    def _moving_feet(self, paths: FootPaths, start: float, end: float) -> LogSegment:
         part = paths.between(start, end)
         feet = part.off_the_floor(_OFF_FLOOR * self.stance.scale.length, SHORTEST_STANCE * self.stance.scale.time)
         if feet:
             why_not = f"feet leave the floor ({', '.join(feet)}), but no diagonal pair alone"
-            return Segment(start, end, "steps", "steps", why_not)
+            return LogSegment(start, end, "steps", "steps", why_not)
         slid = float(part.slid().max(initial=0.0))
-        return Segment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
+        return LogSegment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")
 
     # --- rests serve the motions on either side of them
 
@@ -286,7 +292,7 @@ class _PieceReader:
         return rest.start + min(_SETTLING * scale.time, length / 3), rest.end - min(_LEAVING * scale.time, length / 4)
 
 
-def _moved(rest: Rest, after: Rest) -> float:
+def _moved(rest: LoggedRest, after: LoggedRest) -> float:
     """By how much the joint that moved most is elsewhere [rad]."""
     return float(np.abs(after.joint_position - rest.joint_position).max())
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.logs.finding import Finding
+from equipoise.logs.finding import LogFinding
 
 IntArray = NDArray[np.int64]
 
@@ -62,7 +62,7 @@ class Stamps:
 
 
 def common_times(
-    streams: Sequence[Stamps], needed: Sequence[str], findings: list[Finding]
+    streams: Sequence[Stamps], needed: Sequence[str], findings: list[LogFinding]
 ) -> tuple[dict[str, FloatArray], str]:
     """Times of all streams after the earliest sample [s], and which clock they are by.
 
@@ -79,7 +79,7 @@ def common_times(
         return {topic: _seconds(clock, origin) for topic, clock in clocks.items()}, "the messages' own stamps"
     if any(stream.header.size for stream in sensed):
         message = f"{'; '.join(reasons)}: receive times are used, which wander by the delays of the link"
-        findings.append(Finding("stamps", message))
+        findings.append(LogFinding("stamps", message))
     return _by_receipt(streams, min(int(stream.received[0]) for stream in sensed))
 
 

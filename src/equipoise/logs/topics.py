@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from equipoise.errors import RecordingError
-from equipoise.logs.finding import Finding
+from equipoise.logs.finding import LogFinding
 from equipoise.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE
 
 Found = Mapping[str, tuple[str, int]]
@@ -26,7 +26,9 @@ class Topics:
     commands: str | None = None
 
 
-def choose_topics(found: Found, wanted: Topics, findings: list[Finding]) -> tuple[str | None, str | None, str | None]:
+def choose_topics(
+    found: Found, wanted: Topics, findings: list[LogFinding]
+) -> tuple[str | None, str | None, str | None]:
     """Topics of joints, IMU and commands; None where there is none.
 
     Raises:
@@ -69,7 +71,7 @@ def _given(found: Found, topic: str | None, flag: str, types: Sequence[str]) -> 
     return topic
 
 
-def _one(found: Found, candidates: Sequence[str], what: str, flag: str, findings: list[Finding]) -> str | None:
+def _one(found: Found, candidates: Sequence[str], what: str, flag: str, findings: list[LogFinding]) -> str | None:
     """The only candidate, the one of the usual name, or the one with by far the most messages."""
     if len(candidates) <= 1:
         return candidates[0] if candidates else None
@@ -84,7 +86,7 @@ def _one(found: Found, candidates: Sequence[str], what: str, flag: str, findings
             f"several topics hold {what}: {', '.join(candidates)}. Say which with {flag}; the bag has {_listed(found)}"
         )
     others = ", ".join(topic for topic in candidates if topic != choice)
-    findings.append(Finding("topics", f"{choice} is taken for {what}, not {others}: {why}"))
+    findings.append(LogFinding("topics", f"{choice} is taken for {what}, not {others}: {why}"))
     return choice
 
 

@@ -28,7 +28,7 @@ class Track:
         time: (n,) middles of the steps [s].
         step: [s].
         joint_position: (n, nj) [rad].
-        turning: (n, 3) angular velocity in base axes, as sensed [rad/s].
+        angular_velocity_in_base: (n, 3) angular velocity in base axes, as sensed [rad/s].
         acceleration: (n, 3) specific force in base axes, at the IMU [m/s2].
         joint_torque: (n, nj) [Nm], or None.
         gyro_noise: white noise of the steps' angular velocity, per axis [rad/s].
@@ -38,7 +38,7 @@ class Track:
     time: FloatArray
     step: float
     joint_position: FloatArray
-    turning: FloatArray
+    angular_velocity_in_base: FloatArray
     acceleration: FloatArray
     joint_torque: FloatArray | None
     gyro_noise: float
@@ -70,7 +70,7 @@ class Track:
 
     def without_bias(self, gyro_bias: FloatArray) -> Track:
         """With a (3,) bias in base axes taken off the angular velocity [rad/s]."""
-        return replace(self, turning=self.turning - gyro_bias)
+        return replace(self, angular_velocity_in_base=self.angular_velocity_in_base - gyro_bias)
 
     def indices(self, start: float, end: float) -> slice:
         """Steps whose middles are within start <= time < end [s]."""

@@ -86,24 +86,19 @@ class ComSearchSettings:
 
     def lift(self, stance: Stance) -> LiftSettings:
         """The lift trial for a robot of this size."""
-        clock = stance.scale.time
-        usual = LiftSettings(height=0.0)
         height = self.lift_height or _LIFT_RATIO * stance.hip_height
         if not _SMALLEST_LIFT_RATIO <= height / stance.hip_height <= _LARGEST_LIFT_RATIO:
             raise SettingsError(
                 f"lift_height is {height} m; for hips {stance.hip_height:.3f} m high it must be from "
                 f"{_SMALLEST_LIFT_RATIO * stance.hip_height:.4f} to {_LARGEST_LIFT_RATIO * stance.hip_height:.3f} m"
             )
-        return LiftSettings(
-            height=height,
-            move_time=usual.move_time * clock / self.speed,
-            settle_time=usual.settle_time * clock / self.speed,
-            rest_time=usual.rest_time * clock,
-            unload_time=usual.unload_time * clock,
-            lift_time=usual.lift_time * clock,
-            watch_time=self.t_thres or usual.watch_time * clock,
-            lower_time=usual.lower_time * clock / self.speed,
-            step_time=usual.step_time * clock,
+        usual = LiftSettings.of(stance, height)
+        return replace(
+            usual,
+            move_time=usual.move_time / self.speed,
+            settle_time=usual.settle_time / self.speed,
+            watch_time=self.t_thres or usual.watch_time,
+            lower_time=usual.lower_time / self.speed,
         )
 
 

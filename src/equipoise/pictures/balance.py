@@ -69,7 +69,7 @@ def _draw_tilt(axes: Axes, trial: BalanceTrial) -> None:
     felt = trial.run.felt
     axes.plot(felt.time, np.degrees(felt.tilt), color=BLUE, linewidth=2.0)
     if trial.verdict.judged_by == "truth":
-        axes.plot(trial.course.time, np.degrees(trial.course.tilt), "--", color=VERMILLION, linewidth=1.2)
+        axes.plot(trial.traces.time, np.degrees(trial.traces.tilt), "--", color=VERMILLION, linewidth=1.2)
 
 
 def _draw_com(axes: Axes, trial: BalanceTrial) -> None:
@@ -77,7 +77,7 @@ def _draw_com(axes: Axes, trial: BalanceTrial) -> None:
     axes.axhline(0, color=GREY, linewidth=1)
     axes.plot(felt.time, 1000 * felt.com_ahead, color=BLUE, label="as the robot feels it: its CoM is the believed one")
     if trial.verdict.judged_by == "truth":
-        axes.plot(trial.course.time, 1000 * trial.course.com_ahead, color=VERMILLION, label="as it is")
+        axes.plot(trial.traces.time, 1000 * trial.traces.com_ahead, color=VERMILLION, label="as it is")
     if trial.run.observing:
         axes.plot(felt.time, -1000 * felt.offset, color=PURPLE, label="error of the belief, as observed")
 
@@ -85,8 +85,8 @@ def _draw_com(axes: Axes, trial: BalanceTrial) -> None:
 def _largest_distance(trial: BalanceTrial) -> float:
     """Of believed and true centre of mass from the line, until it fell [mm]; what a falling robot does is no scale."""
     until = max(trial.verdict.time_balanced, 0.3)
-    felt, course = trial.run.felt, trial.course
-    distances = [felt.com_ahead[felt.time <= until], course.com_ahead[course.time <= until]]
+    felt, traces = trial.run.felt, trial.traces
+    distances = [felt.com_ahead[felt.time <= until], traces.com_ahead[traces.time <= until]]
     return max(5.0, 1000 * float(np.abs(np.concatenate(distances)).max()))
 
 

@@ -113,8 +113,8 @@ def _feet_stay(evidence: RunEvidence, moves: tuple[Misfit, ...]) -> Check:
 
 
 def _fit(misfits: tuple[Misfit, ...]) -> bool:
-    chi = np.array([misfit.chi for misfit in misfits])
-    return bool(np.mean(chi > _LARGE_MISFIT) < _OUTLIERS and np.median(chi) < _LARGE_MEDIAN)
+    residuals = np.array([misfit.normalised_residual for misfit in misfits])
+    return bool(np.mean(residuals > _LARGE_MISFIT) < _OUTLIERS and np.median(residuals) < _LARGE_MEDIAN)
 
 
 def _converged(posterior: Posterior) -> Check:
@@ -127,15 +127,15 @@ def _converged(posterior: Posterior) -> Check:
 
 
 def _misfits(evidence: RunEvidence, misfits: tuple[Misfit, ...], kind: str) -> str:
-    chi = np.array([misfit.chi for misfit in misfits])
-    worst = misfits[int(np.argmax(chi))]
+    residuals = np.array([misfit.normalised_residual for misfit in misfits])
+    worst = misfits[int(np.argmax(residuals))]
     trial = evidence.motions[worst.motion].trial
     words = trial.diagonal if isinstance(trial, LiftTrial) else ""
     if isinstance(trial, DesignedLift) and trial.turn is not None:
         words += f", {trial.turn}"
     message = (
-        f"{kind}s fit with {np.median(chi):.1f} times their noise (median); worst: motion {worst.motion}"
-        f"{f' ({words})' if words else ''} with {worst.chi:.1f}"
+        f"{kind}s fit with {np.median(residuals):.1f} times their noise (median); worst: motion {worst.motion}"
+        f"{f' ({words})' if words else ''} with {worst.normalised_residual:.1f}"
     )
     out = [str(misfit.motion) for misfit in misfits if not misfit.used]
     return message + (f"; left out: {', '.join(out)}" if out else "")
@@ -209,7 +209,7 @@ def _sensors_plausible(posterior: Posterior) -> Check:
 
 def _torques_carry_the_mass(posterior: Posterior) -> Check:
     """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
-    if posterior.torque_chi is None:
+    if posterior.torque_misfit is None:
         return Check("mass", True, "no joint torques to compare a scale with")
     unknowns = posterior.unknowns
     gains = unknowns["torque_gain"]
@@ -221,9 +221,9 @@ def _torques_carry_the_mass(posterior: Posterior) -> Check:
     off = common / told * unknowns.priors.torque_gain
     message = (
         f"joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
-        f"({size:.1f} standard deviations), and balance to {posterior.torque_chi:.1f} times their noise"
+        f"({size:.1f} standard deviations), and balance to {posterior.torque_misfit:.1f} times their noise"
     )
-    passed = size < _IMPLAUSIBLE and posterior.torque_chi < _TORQUE_MISFIT
+    passed = size < _IMPLAUSIBLE and posterior.torque_misfit < _TORQUE_MISFIT
     if not passed:
         message += ". Is the mass from the scale right, and are the reported torques those of the joints in Nm?"
     return Check("mass", passed, message)

@@ -12,7 +12,6 @@ from equipoise.errors import ReachError
 from equipoise.experiments.lift import LiftSettings
 from equipoise.experiments.posture import check_posture, feet_in_posture
 from equipoise.experiments.tipping import Pendulum
-from equipoise.paper.trial_runner import ComSearchSettings
 from equipoise.precise.safe_lift import found_doubt, safe_stop
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.posture import BodyPosture
@@ -66,8 +65,7 @@ def lift_settings(stance: Stance) -> LiftSettings:
     """Heights and times of the precise method's lifts."""
     times, clock = Times.of(stance), stance.scale.time
     return replace(
-        ComSearchSettings().lift(stance),
-        height=_LIFT * stance.scale.length,
+        LiftSettings.of(stance, _LIFT * stance.scale.length),
         settle_time=times.settle,
         rest_time=0.3 * clock,
         unload_time=0.12 * clock,

@@ -168,7 +168,7 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-            evidence=PosteriorEvidence(stance.feet_in_base, tuple(recordings), {}, evidence.motions, posterior),
+            evidence=PosteriorEvidence(stance.feet_in_base, tuple(recordings), evidence.motions, posterior),
             timings=timings,
         )
 
@@ -199,7 +199,7 @@ def _trial(motion: MotionReading, posterior: Posterior) -> Trial:
     return Trial(
         "motion" if trial is None else trial.kind, _about(trial), None,
         trial.lift_height if isinstance(trial, CommandedLift) else None,
-        None, None, motion.duration, None if misfit is None else misfit.chi, note,
+        None, None, motion.duration, None if misfit is None else misfit.normalised_residual, note,
     )  # fmt: skip
 
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from equipoise.errors import ReachError
-from equipoise.paper.com_search import find_support_vector
-from equipoise.paper.trial_runner import ComSearchSettings, TrialRunner
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.measurements.support_planes import CentreShift, centre_shift
@@ -89,6 +87,9 @@ def loaded_robot(model: RobotModel, trials: PreciseTrials, mass: float) -> Robot
 
 def _bisect(trials: PreciseTrials, diagonal: str) -> None:
     """Algorithm 1 on one diagonal; the CoM moves to the plane that it finds."""
+    from equipoise.paper.com_search import find_support_vector  # noqa: PLC0415 - few robots need it
+    from equipoise.paper.trial_runner import ComSearchSettings, TrialRunner  # noqa: PLC0415
+
     settings = ComSearchSettings()
     runner = TrialRunner(trials.planted, trials.stance, settings)
     lower, upper = settings.bounds(trials.stance)

@@ -49,7 +49,7 @@ class Posterior:
             before any motion (a scale's mass not counted).
         informed: names of the unknowns that some evidence depends on.
         lifts, moves: misfits of the lifts and of the planted moves.
-        torque_chi: misfit of the torque rows; None without torques.
+        torque_misfit: misfit of the torque rows; None without torques.
         converged: whether the last step was small; if not, something does not fit at all.
     """
 
@@ -69,7 +69,7 @@ class Posterior:
     informed: frozenset[str]
     lifts: tuple[Misfit, ...]
     moves: tuple[Misfit, ...]
-    torque_chi: float | None
+    torque_misfit: float | None
     converged: bool
 
     def deviation(self, name: str) -> FloatArray:
@@ -204,7 +204,9 @@ class MapProblem:
             moves=tuple(
                 misfit for block in self.blocks if isinstance(block, PlantedBlock) for misfit in block.misfits(x)
             ),
-            torque_chi=next((block.chi for block in self.blocks if isinstance(block, TorqueBlock)), None),
+            torque_misfit=next(
+                (block.normalised_residual for block in self.blocks if isinstance(block, TorqueBlock)), None
+            ),
             converged=converged,
         )
 

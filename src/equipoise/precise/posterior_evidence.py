@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from equipoise.paper.evidence import SwayEvidence
 from equipoise.precise.measurements.evidence import MotionReading
 from equipoise.precise.posterior import Posterior
+from equipoise.result.calibration import Evidence
 
 
 @dataclass(frozen=True, eq=False)
-class PosteriorEvidence(SwayEvidence):
+class PosteriorEvidence(Evidence):
     """Of a run of this method.
 
     Attributes:

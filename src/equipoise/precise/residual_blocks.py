@@ -46,12 +46,12 @@ class Misfit:
 
     Attributes:
         motion: index of the recording.
-        chi: root mean square of the residual over what its noise explains.
+        normalised_residual: root mean square of the residual over what its noise explains.
         used: False for an outlier that was left out.
     """
 
     motion: int
-    chi: float
+    normalised_residual: float
     used: bool
 
 
@@ -119,7 +119,7 @@ class _MotionBlock(ResidualBlock):
         self._differences = np.zeros((0, 0))
 
     @abstractmethod
-    def chi(self, x: FloatArray) -> FloatArray:
+    def normalised_residual(self, x: FloatArray) -> FloatArray:
         """(motions,) misfit of each, over what its sensors' noise explains."""
 
     def differentiate(self, x: FloatArray) -> None:
@@ -132,14 +132,14 @@ class _MotionBlock(ResidualBlock):
             self._differences[:, number] = (self.residual(ahead) - here) / _DIFFERENCE
 
     def renew_noise(self, x: FloatArray) -> None:
-        chi = self.chi(x)
-        median = float(np.median(chi))
-        self.scale = np.where(chi > _OUTLIER * max(median, 1.0), _MANY, np.maximum(chi, max(0.7 * median, 1.0)))
+        misfit = self.normalised_residual(x)
+        median = float(np.median(misfit))
+        self.scale = np.where(misfit > _OUTLIER * max(median, 1.0), _MANY, np.maximum(misfit, max(0.7 * median, 1.0)))
 
     def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
         return tuple(
-            Misfit(index, float(chi), bool(scale < _MANY))
-            for (index, _), chi, scale in zip(self.motions, self.chi(x), self.scale, strict=True)
+            Misfit(index, float(misfit), bool(scale < _MANY))
+            for (index, _), misfit, scale in zip(self.motions, self.normalised_residual(x), self.scale, strict=True)
         )
 
 
@@ -200,7 +200,7 @@ class TiltBlock(_MotionBlock):
         inertial_columns = self.unknowns.inertial_jacobian(x)[:, self.unknowns.columns(*_INERTIAL)]
         return np.hstack([np.concatenate(parts) @ inertial_columns, self._differences])
 
-    def chi(self, x: FloatArray) -> FloatArray:
+    def normalised_residual(self, x: FloatArray) -> FloatArray:
         residual = self.residual(x)
         return self.scale * np.array(
             [np.sqrt(residual[rows] @ residual[rows] / (rows.stop - rows.start - 1)) for rows in self.equation.trials]
@@ -274,7 +274,7 @@ class PlantedBlock(_MotionBlock):
     def jacobian(self, x: FloatArray) -> FloatArray:
         return self._differences
 
-    def chi(self, x: FloatArray) -> FloatArray:
+    def normalised_residual(self, x: FloatArray) -> FloatArray:
         # Of a move's 20 rows 15 say something: means are taken off.
         return np.sqrt((self._unscaled(x) ** 2).sum(axis=1) / 15)
 
@@ -283,7 +283,7 @@ class TorqueBlock(ResidualBlock):
     """Rows of the torque balance, at the last round's values of all that it is not linear in. Whitened.
 
     Attributes:
-        chi: misfit of all rows.
+        normalised_residual: misfit of all rows.
     """
 
     actuators = ("torque_gain", "coulomb", "viscous", "armature")
@@ -295,7 +295,7 @@ class TorqueBlock(ResidualBlock):
         counts = [len(sample.joint_position) for _, sample in torques]
         self._correlation = np.repeat([1.0 if count == 1 else _TORQUE_CORRELATION for count in counts], counts)
         self._owner = np.repeat([index for index, _ in torques], counts)
-        self.chi = 1.0
+        self.normalised_residual = 1.0
         self._matrix, self._target = np.zeros((0, 0)), np.zeros(0)
         self._per_sample = 0
 
@@ -319,7 +319,7 @@ class TorqueBlock(ResidualBlock):
         # The accelerometer's noise acts through the mass: a hundredth of a metre per second squared on all of it.
         weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
         noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
-        level = self.chi * np.sqrt(self._correlation)
+        level = self.normalised_residual * np.sqrt(self._correlation)
         whitening = _whitening(noise) / level[:, None, None]
         terms = {
             "torque_gain": -rows.torque * rows.reported[:, None],
@@ -359,9 +359,9 @@ class TorqueBlock(ResidualBlock):
         return jacobian / gain
 
     def renew_noise(self, x: FloatArray) -> None:
-        residual = self.residual(x) * self.chi
+        residual = self.residual(x) * self.normalised_residual
         residual = residual * np.repeat(np.sqrt(self._correlation), self._per_sample)
-        self.chi = max(1.0, float(np.sqrt(np.mean(residual**2))))
+        self.normalised_residual = max(1.0, float(np.sqrt(np.mean(residual**2))))
 
 
 def _summed(torque: FloatArray, signal: FloatArray) -> FloatArray:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal
 
 from equipoise.errors import ModelError
-from equipoise.robot.mjcf import clean_mjcf
 from equipoise.robot.urdf import clean_urdf
 
 ModelFormat = Literal["urdf", "mjcf"]
@@ -84,6 +83,8 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
         repairs = list(clean_urdf(root, path, base_link))
         return ModelSource(path, "urdf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), {})
     if root.tag == "mujoco":
+        from equipoise.robot.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
+
         try:
             root, repairs, effort_limits = clean_mjcf(root, path)
         except ModelError:

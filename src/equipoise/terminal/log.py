@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.logs.offline import LogReport
-from equipoise.logs.segments import Segment
+from equipoise.logs.segments import LogSegment
 
 _COUNTED = {"lift": "lift", "move": "move over planted feet", "sway": "sway over planted feet", "rest": "rest"}
 
@@ -59,7 +59,7 @@ def _print_joints(console: Console, report: LogReport, verbose: bool) -> None:
         console.print(escape(f"other joints, not used: {', '.join(joint_map.ignored)}"))
 
 
-def _rows(segments: Sequence[Segment], verbose: bool) -> Iterable[tuple[str, str, str, str]]:
+def _rows(segments: Sequence[LogSegment], verbose: bool) -> Iterable[tuple[str, str, str, str]]:
     """Cells; pieces that are used, or left out for the same reason, one after the other, share a row unless verbose."""
     if verbose:
         for segment in segments:
@@ -74,12 +74,12 @@ def _rows(segments: Sequence[Segment], verbose: bool) -> Iterable[tuple[str, str
             yield _row(parts, parts[0].what if len(parts) == 1 else f"{len(parts)} times {parts[0].what}", why_not)
 
 
-def _row(segments: Sequence[Segment], what: str, why_not: str | None) -> tuple[str, str, str, str]:
+def _row(segments: Sequence[LogSegment], what: str, why_not: str | None) -> tuple[str, str, str, str]:
     verdict = "used" if why_not is None else f"not used: {why_not}"
     return f"{segments[0].start:.1f}", f"{segments[-1].end:.1f}", what, verdict
 
 
-def _counted(segments: Sequence[Segment]) -> str:
+def _counted(segments: Sequence[LogSegment]) -> str:
     """As "3 lifts, 1 move over planted feet"."""
     counts = Counter(segment.kind for segment in segments)
     words: list[str] = []
