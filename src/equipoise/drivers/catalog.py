@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equipoise.drivers.settings import Setting, read_settings, settings_of_class, settings_of_constructor
+from equipoise.drivers.settings import PlatformSetting, read_settings, settings_of_class, settings_of_constructor
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, PluginError, SettingsError
 from equipoise.plugins import Table, import_users, resolve
 
@@ -34,10 +34,10 @@ class Driver:
     """A real robot's way in. Texts say where its parts are: to list it imports none of them.
 
     Attributes:
-        name: of the platform.
+        name: name of the platform.
         what: robot or bus that it is for, in a line.
-        start: how the robot starts, in a line or two.
-        page: of the documents, or an address.
+        start: posture in which the robot starts, in a line or two.
+        page: page of the documents, or an address.
         module: module with `open_link(robot, settings)`, which gives a `Link`, and perhaps `open_beside` (see `open_beside`).
         settings: dataclass of its settings, as "my_package.settings:MySettings"; each has a default.
         preset: settings that belong to the name.
@@ -59,7 +59,7 @@ class Engine:
     """A simulator.
 
     Attributes:
-        name: of the platform.
+        name: name of the platform.
     """
 
     name: str
@@ -155,8 +155,8 @@ class PlatformRow:
     """A platform as it is on this machine.
 
     Attributes:
-        name, what, start, page: as a driver's.
-        settings: name, type in words and default of each; in place of them, why it cannot be used here.
+        name, what, start, page: texts of its row, as a driver's.
+        settings: name, type in words and default of each setting; in place of them, why it cannot be used here.
     """
 
     name: str
@@ -196,7 +196,10 @@ def settings_of(name: str) -> list[tuple[str, str, Any]]:
     if row.needs:
         _imported(row, row.needs)
     settings = settings_of_class(_imported(row, row.settings))
-    return [Setting(setting.kind, row.preset.get(key, setting.default)).row(key) for key, setting in settings.items()]
+    return [
+        PlatformSetting(setting.kind, row.preset.get(key, setting.default)).row(key)
+        for key, setting in settings.items()
+    ]
 
 
 def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from equipoise.guard.watchdog import Watchdog
 from equipoise.platform.interruptions import Interruptions
 from equipoise.platform.piece_log import MotionLog, PieceLog
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
-from equipoise.platform.stepping import Steps, following
+from equipoise.platform.stepping import StepLog, following
 from equipoise.platform.tilt_limit import TiltLimit, TiltTest
 from equipoise.recording.recording import PHASE, Recording
 from equipoise.robot.model import RobotModel
@@ -42,14 +42,16 @@ class Guard:
     """A guarded robot. Use it as a context manager, in the main thread; leaving it, in whatever way, is the safe ending.
 
     Args:
-        platform: to be guarded; the guard closes it.
-        robot: what is known about it.
-        limits: how far it may go.
-        log: is told of every motion when it begins, and takes pieces of it every quarter of a second while it goes on.
-        watchdog: starts what lets the robot down if this process dies or hangs; called when the robot is looked at first.
+        platform: platform to be guarded; the guard closes it.
+        robot: model of the robot.
+        limits: limits that a motion must keep.
+        log: log of motions; it is told of each when it begins, and takes pieces of it every quarter of a second while
+            it goes on.
+        watchdog: function that starts what lets the robot down if this process dies or hangs; called when the robot is
+            looked at first.
 
     Attributes:
-        phase: of the motion that is played, as its events name it.
+        phase: name of the phase of the motion that is played, as its events have it.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class Guard:
             lambda: self._interruptions.asked,
         )
         self._motion_log, self._log = log, PieceLog(log, platform.control_period)
-        self._steps: Steps | None = None
+        self._steps: StepLog | None = None
         self.phase = ""
         self._stepped = 0.0
         self._ended = False
@@ -119,11 +121,11 @@ class Guard:
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         """As a platform's; raises what `step` raises, with what was recorded so far, OverrunError and OutputError."""
-        steps: Steps | None = None
+        steps: StepLog | None = None
         try:
             with self._ending_on_trouble(), self._interruptions.held():
                 self._begin(trajectory.command(0))
-                steps = self._steps = Steps(self, self._present(), self._steps)
+                steps = self._steps = StepLog(self, self._present(), self._steps)
                 self._play(trajectory, stop, steps)
         except KeyboardInterrupt as interrupt:
             recorded = steps.recording(trajectory.events) if steps is not None and steps.count else None
@@ -182,7 +184,7 @@ class Guard:
             self._watchdog = self._start_watchdog()
             self._watchdog.wait()
 
-    def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: Steps) -> None:
+    def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: StepLog) -> None:
         test = TiltTest(stop, self.control_period)
         phases = [event for event in trajectory.events if event.name == PHASE]
         self._log.begin(steps, len(trajectory.position), trajectory.events)
@@ -276,7 +278,7 @@ class Guard:
     def _put_down(self, error: BaseException | None) -> None:
         found = self._loop.known_after(error)
         if found is not None:
-            steps = None if self._steps is None else Steps(self, self._steps.state, self._steps)
+            steps = None if self._steps is None else StepLog(self, self._steps.state, self._steps)
             self._ending.put_down(found, steps)
 
     def _release(self) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from equipoise.errors import ReachError
-from equipoise.robot.bodies import Body, bodies_of, links_of
-from equipoise.robot.findings import Finding, find
+from equipoise.robot.bodies import RigidBody, bodies_of, links_of
+from equipoise.robot.findings import ModelFinding, find
 from equipoise.robot.inertial import InertialParameters, base_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -18,16 +18,17 @@ class Audit:
     """What a model file says, and what speaks against it.
 
     Attributes:
-        robot: its name.
-        mass: of the whole robot [kg].
+        robot: name of the robot.
+        mass: mass of the whole robot [kg].
         base_link: name of the base link.
-        base: with everything fixed to it, in the base frame.
-        composite: the whole robot frozen at the nominal stance, in the base frame; None without a stance.
-        stance_effective: base, hips and thighs at the nominal stance; None without a stance.
+        base: inertial parameters of the base link with everything fixed to it, in the base frame.
+        composite: inertial parameters of the whole robot frozen at the nominal stance, in the base frame; None without
+            a stance.
+        stance_effective: inertial parameters of base, hips and thighs at the nominal stance; None without a stance.
         stance: the nominal stance, or None; a finding says why.
-        joint_names: (nj) of the stance's joint positions.
+        joint_names: (nj) names of the stance's joint positions.
         bodies: the base, then the leg links in joint order.
-        findings: errors first.
+        findings: findings about the model, errors first.
     """
 
     robot: str
@@ -38,8 +39,8 @@ class Audit:
     stance_effective: InertialParameters | None
     stance: Stance | None
     joint_names: tuple[str, ...]
-    bodies: tuple[Body, ...]
-    findings: tuple[Finding, ...]
+    bodies: tuple[RigidBody, ...]
+    findings: tuple[ModelFinding, ...]
 
     @property
     def ratio_composite_over_base(self) -> tuple[float, float, float] | None:
@@ -102,11 +103,13 @@ def audit(robot: RobotModel) -> Audit:
     )
 
 
-def _find_stance(robot: RobotModel) -> tuple[Stance | None, list[Finding]]:
+def _find_stance(robot: RobotModel) -> tuple[Stance | None, list[ModelFinding]]:
     try:
         return nominal_stance(robot), []
     except ReachError as error:
-        return None, [Finding("error", "", f"it has no nominal stance, so its composite inertia is unknown: {error}")]
+        return None, [
+            ModelFinding("error", "", f"it has no nominal stance, so its composite inertia is unknown: {error}")
+        ]
 
 
 def _parameters_to_dict(parameters: InertialParameters) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from equipoise.errors import ModelError
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.simulation.dart_links import Axis, Link, moved_by, pose_of, read_links
+from equipoise.simulation.dart_links import Axis, KinematicLink, moved_by, pose_of, read_links
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.sensors import DrawnErrors
 
@@ -31,12 +31,12 @@ class SimulatedDartRobot:
     """A DART world and where the robot's joints are in it.
 
     Attributes:
-        world: with the robot and the floor.
-        skeleton: the robot; its base is at the root, and nothing but leg joints moves.
-        errors: the drawn sensor and actuator errors that it was made with.
+        world: world with the robot and the floor.
+        skeleton: skeleton of the robot; its base is at the root, and nothing but leg joints moves.
+        errors: drawn sensor and actuator errors that it was made with.
         dofs: (nj,) indices of the leg joints in the skeleton's vectors, in the robot's joint order.
-        kp, kd: (nj,) gains that the joint PD is commanded with.
-        torque_limit: (nj,) of the motors, as they count it [Nm].
+        kp, kd: (nj,) gains that the joint PD is commanded with [Nm/rad], [Nm s/rad].
+        torque_limit: (nj,) torque limits of the motors, as they count it [Nm].
         feet: shapes of the feet FL FR RL RR.
     """
 
@@ -63,9 +63,9 @@ def build_dart_robot(
     floor.
 
     Args:
-        stance: gains scale with its hip height.
+        stance: stance whose hip height gains scale with.
         errors: actuator errors, floor and leg masses are built in; sensor errors are the platform's.
-        timestep: of the engine [s]; default: 0.5 ms, less where damping would not be stable.
+        timestep: time step of the engine [s]; default: 0.5 ms, less where damping would not be stable.
 
     Raises:
         ModelError: DART cannot make a model of the file.
@@ -95,7 +95,7 @@ Places = dict[str, tuple[dynamics.BodyNode, FloatArray]]
 """For each link the body that it is part of, and its pose (4, 4) in that body."""
 
 
-def _skeleton(robot: RobotModel, links: list[Link]) -> tuple[dynamics.Skeleton, Places]:
+def _skeleton(robot: RobotModel, links: list[KinematicLink]) -> tuple[dynamics.Skeleton, Places]:
     """Bodies without mass, joined by the leg joints; all else is welded where it is held."""
     skeleton = dynamics.Skeleton(robot.name)
     places: Places = {}
@@ -139,7 +139,7 @@ def _add_body(
 def _set_inertias(
     robot: RobotModel,
     skeleton: dynamics.Skeleton,
-    links: list[Link],
+    links: list[KinematicLink],
     places: Places,
     errors: DrawnErrors,
     payload: Payload | None,

@@ -117,14 +117,14 @@ LOW_STATE = np.dtype(
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class RecordLayout:
     """Of one message.
 
     Attributes:
-        memory: as a record.
-        motors: its field with one record a motor.
-        first_motor: where that begins in memory [bytes].
-        first_mode: where the first motor's mode is on the wire, after the header [bytes].
+        memory: structured type of the message in memory.
+        motors: name of its field with one record a motor.
+        first_motor: place where that begins in memory [bytes].
+        first_mode: place of the first motor's mode on the wire, after the header [bytes].
     """
 
     memory: np.dtype[Any]
@@ -146,18 +146,18 @@ class Layout:
         return b"".join((body[:end], _PAD[end:begin], body[end : end + 1], _PAD[:3], body[begin:]))
 
 
-COMMAND = Layout(LOW_CMD, "motor_cmd", first_motor=24, first_mode=22)
-STATE = Layout(LOW_STATE, "motor_state", first_motor=80, first_mode=77)
+COMMAND = RecordLayout(LOW_CMD, "motor_cmd", first_motor=24, first_mode=22)
+STATE = RecordLayout(LOW_STATE, "motor_state", first_motor=80, first_mode=77)
 
 
 class Message:
     """A message that is filled in again and again.
 
     Attributes:
-        record: its fields; write into them.
+        record: fields of the message; write into them.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: RecordLayout) -> None:
         self._layout = layout
         self.record = np.zeros((), layout.memory)
         self.record["head"] = _BEGINS
@@ -170,12 +170,12 @@ class Message:
         return self._layout.to_wire(covered + crc32_words(covered).to_bytes(4, "little"))
 
 
-def read_message(layout: Layout, data: bytes, check: bool = True) -> NDArray[Any] | None:
+def read_message(layout: RecordLayout, data: bytes, check: bool = True) -> NDArray[Any] | None:
     """A record with a message's fields, or None if it is damaged.
 
     Args:
-        data: as it came over the wire.
-        check: the checksum, where there is one: public simulators leave it zero.
+        data: bytes as they came over the wire.
+        check: whether to look at the checksum, where there is one: public simulators leave it zero.
     """
     memory = layout.to_memory(data)
     if memory is None:
