@@ -28,6 +28,7 @@ FLOORS = [
     ["logs", "study", "balance"],
     ["exports"],
     ["terminal"],
+    ["figures"],
     ["pictures"],
     ["report", "view"],
     ["cli", "__init__"],

@@ -176,7 +176,7 @@ def test_the_notebook_runs(workspace):
     notebook = nbformat.read(ROOT / "examples" / "calibrate.ipynb", as_version=4)
     nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": workspace}}).execute()
     pictures = [o for cell in notebook.cells for o in cell.get("outputs", []) if "image/png" in o.get("data", {})]
-    assert len(pictures) == 2
+    assert len(pictures) == 1
     assert not any("outputs" in cell and cell.outputs for cell in nbformat.read(
         ROOT / "examples" / "calibrate.ipynb", as_version=4).cells)  # fmt: skip
 

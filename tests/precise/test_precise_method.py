@@ -9,7 +9,6 @@ from equipoise import Calibration, Precise, calibrate, estimate, simulate
 from equipoise.cli import main
 from equipoise.cli.settings import seconds
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.pictures.precise import draw_precise
 from equipoise.precise import routine as precise_routine
 from equipoise.precise.plan import make_plan
 from equipoise.precise.routine import PreciseRoutine
@@ -84,14 +83,6 @@ def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
     shown = capsys.readouterr().out
     for words in ("95 % +-", "truth", "identified", "estimate: ", "Base link alone"):
         assert words in shown
-
-
-def test_the_picture_shows_every_motion_and_the_truth(precise_run):
-    figure = draw_precise(precise_run.result.with_truth(precise_run.truth))
-    intervals, misfits = figure.axes[:3], figure.axes[3]
-    assert all("truth" in axes.get_legend_handles_labels()[1] for axes in intervals)
-    read = [trial for trial in precise_run.result.trials if trial.misfit is not None]
-    assert len(misfits.patches) == len(read)
 
 
 @pytest.mark.parametrize(("text", "expected"), [("60", 60), ("60s", 60), ("1.5min", 90), ("2m", 120), (None, None)])

@@ -23,7 +23,8 @@ from equipoise import (
     simulate,
 )
 from equipoise.errors import OutputError, SettingsError
-from equipoise.experiments.tilt import SupportPlane, tilt_curve
+from equipoise.experiments.tilt import tilt_curve
+from equipoise.figures.plan_view import Ellipse
 from equipoise.paper.iterations import tried_offsets
 from equipoise.recording.trials import LiftTrial
 from equipoise.report.advice import outlook
@@ -32,10 +33,9 @@ from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
 from equipoise.report.numbers import bar, numbers, tell
 from equipoise.report.page import page, save_comparison, save_report
-from equipoise.report.planes import support_planes
 from equipoise.report.progress import deviations_by_motion
-from equipoise.report.top_view import cut, ellipse
 from equipoise.report.trials import narrowing
+from equipoise.result.calibration import SwayEstimate
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 8_000_000  # [B]
@@ -109,7 +109,7 @@ def test_the_static_method_leaves_out_what_it_does_not_know(static):
     contents = run_contents(static)
     assert titles(contents) == ["Trials", "In space", "What would help", "Provenance"]
     assert [row[0] for row in contents["numbers"]["rows"]] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]
-    assert len(contents["top_view"]["feet"]) == 4
+    assert len(contents["plan_view"]["feet"]) == 4
 
 
 def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
@@ -117,7 +117,7 @@ def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
     contents = run_contents(Calibration.load(tmp_path / "result.json"))
     assert titles(contents) == ["Trials", "Residuals", "Sensors", "Other bodies", "Checks", "Provenance"]
     assert contents["numbers"] == run_contents(precise)["numbers"]
-    assert "feet" not in contents["top_view"]
+    assert "feet" not in contents["plan_view"]
 
 
 def test_the_lead_says_the_change_against_the_model(precise):
@@ -174,36 +174,6 @@ def test_curves_are_rounded_and_gaps_are_none():
     assert short([1.234567, np.nan, np.inf, 0.0]) == [1.235, None, None, 0.0]
 
 
-# --- geometry
-
-
-def test_the_ellipse_holds_95_percent():
-    covariance = np.array([[2.0, 1.2], [1.2, 1.5]])
-    drawn = ellipse(covariance)
-    points = np.random.default_rng(1).multivariate_normal([0, 0], covariance, 40_000)
-    angle = np.radians(drawn["angle"])
-    along = points @ [np.cos(angle), np.sin(angle)]
-    across = points @ [-np.sin(angle), np.cos(angle)]
-    inside = (along / drawn["major"]) ** 2 + (across / drawn["minor"]) ** 2 <= 1
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.005)
-
-
-def test_a_cut_lies_in_its_plane():
-    normal = np.array([0.8, 0.5, 0.3]) / np.linalg.norm([0.8, 0.5, 0.3])
-    plane = SupportPlane(np.array([0.01, -0.02, -0.3]), normal)
-    line = cut(plane, 0.02)
-    for reach in (-100, 0, 100):
-        x, y = (np.array(line["at"]) + reach * np.array(line["along"])) / 1000
-        assert plane.distance_to(np.array([x, y, 0.02])) == pytest.approx(0, abs=1e-5)
-
-
-def test_the_planes_of_the_lifts_pass_near_the_com(precise):
-    planes = support_planes(precise)
-    assert len(planes) == sum(motion.lift is not None for motion in precise.evidence.motions)
-    com = precise.composite.com_in_base.values
-    assert np.median([abs(plane.distance_to(com)) for _, plane in planes]) < 3e-3
-
-
 # --- trials
 
 
@@ -230,6 +200,40 @@ def test_intervals_narrow_motion_by_motion_to_what_was_found(precise):
     path = deviations_by_motion(posterior, [motion.index for motion in precise.evidence.motions])
     assert np.all(np.diff(path, axis=0) <= 1e-9 * path[0])
     np.testing.assert_allclose(path[-1], np.sqrt(np.diag(posterior.robot_covariance)), rtol=1e-6)
+
+
+def test_sways_are_shown_as_measured_and_as_fitted(paper):
+    figures = {figure["title"]: figure for figure in blocks(run_contents(paper), "figure")}
+    for axis, fit in paper.evidence.fits.items():
+        velocity, torque = (figures[f"Sway about {axis}: {name}"] for name in ("gyroscope", "joint torques"))
+        for figure, curves in (
+            (velocity, (fit.angular_velocity, fit.sinusoid.value(fit.time))),
+            (torque, (fit.torque, fit.fitted_torque)),
+        ):
+            assert [trace["y"] for trace in figure["data"]] == [short(curve) for curve in curves]
+        assert f"{fit.sinusoid.frequency:.2f} Hz" in velocity["caption"]
+        assert f"I = {fit.inertia:.4g} kg m2, C = {fit.damping:.3g} Nm s/rad" in torque["caption"]
+
+
+def test_a_sway_without_an_estimate_says_why_and_a_doubt_is_told(paper):
+    fits = {axis: fit for axis, fit in paper.evidence.fits.items() if axis != "roll"}
+    skipped, doubt = "skipped, planted feet do not allow it", "a foot carries only 0.3 N of 30.5 N at the lightest"
+    sways = {
+        **paper.sways,
+        "roll": SwayEstimate(None, None, note=skipped),
+        "pitch": dataclasses.replace(paper.sways["pitch"], note=doubt),
+    }
+    evidence = dataclasses.replace(paper.evidence, fits=fits)
+    contents = run_contents(dataclasses.replace(paper, sways=sways, evidence=evidence))
+    assert not any(figure["title"].startswith("Sway about roll") for figure in blocks(contents, "figure"))
+    told = [item for block in blocks(contents, "items") for item in block["items"]]
+    assert {f"roll: {skipped}", f"pitch: {doubt}"} <= set(told)
+
+
+def test_every_motion_that_was_read_has_its_misfit(precise):
+    (misfits,) = (f for f in blocks(run_contents(precise), "figure") if f["title"] == "Misfit of each motion")
+    read = [number for number, trial in enumerate(precise.trials, start=1) if trial.misfit is not None]
+    assert sorted(number for bars in misfits["data"] for number in bars["x"]) == read
 
 
 # --- what would help
@@ -304,11 +308,11 @@ def test_the_package_that_is_built_has_the_page(tmp_path):
 def test_ellipses_beside_each_other_are_seen_whole(precise):
     wide = dataclasses.replace(precise.composite, covariance=16 * precise.composite.covariance)
     com = wide.com_in_base
-    there = com.x.value + 2e-3 * ellipse(1e6 * wide.covariance[1:3, 1:3])["major"]
+    there = com.x.value + 2 * Ellipse.of(wide.covariance[1:3, 1:3]).major
     moved = dataclasses.replace(com, x=dataclasses.replace(com.x, value=there))
     before = dataclasses.replace(precise, composite=wide)
     after = dataclasses.replace(precise, composite=dataclasses.replace(wide, com_in_base=moved))
-    seen = comparison_contents({"before": before, "after": after})["top_view"]
+    seen = comparison_contents({"before": before, "after": after})["plan_view"]
     for mark in seen["marks"]:
         away = np.abs(np.array(mark["at"]) - seen["zoom"]["centre"]).max()
         assert away + mark["ellipse"]["major"] < seen["zoom"]["half"]
@@ -322,7 +326,7 @@ def test_a_difference_has_the_combined_interval(precise, static):
     assert table["rows"][0] == [
         "mass [kg]", {"text": "+0.000", "tone": ""}, f"± {np.sqrt(2) * half:.3f}", "within the interval",
     ]  # fmt: skip
-    assert len(contents["top_view"]["marks"]) == 2
+    assert len(contents["plan_view"]["marks"]) == 2
     mixed = comparison_contents({"precise": precise, "static": static})
     table = next(block for block in blocks(mixed, "table") if block["caption"] == "static less precise")
     assert [row[0] for row in table["rows"]] == ["mass [kg]", "CoM x [mm]", "CoM y [mm]"]

@@ -67,13 +67,13 @@ def test_every_figure_is_drawn(visit, pages, kind):
     drawn = page.evaluate(DRAWN)
     assert len(drawn) >= FIGURES[kind]
     assert all(drawn)
-    assert page.locator("#top-view svg ellipse").count() == {"precise": 1, "paper": 0, "comparison": 1}[kind]
+    assert page.locator("#plan-view svg ellipse").count() == {"precise": 1, "paper": 0, "comparison": 1}[kind]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_first_screen_holds_the_numbers_and_the_picture(visit, pages, kind):
     page = visit(pages[kind])
-    for part in ("#numbers tbody tr >> nth=0", "#numbers tbody tr >> nth=-1", "#top-view .panels"):
+    for part in ("#numbers tbody tr >> nth=0", "#numbers tbody tr >> nth=-1", "#plan-view .panels"):
         box = page.locator(part).bounding_box()
         assert box["y"] >= 0
         assert box["y"] + box["height"] <= 800, part

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 import equipoise
-from equipoise.result.statistics import NORMAL, NORMAL_95, PLANAR_95, SPATIAL_95, verdict_of
+from equipoise.result.statistics import NORMAL, NORMAL_95, PLANAR_95, SPATIAL_95, ellipsoid_95, verdict_of
 
 
 @pytest.mark.parametrize(("dimensions", "half"), [(1, NORMAL_95), (2, PLANAR_95), (3, SPATIAL_95)])
@@ -16,6 +16,17 @@ def test_an_interval_an_ellipse_and_an_ellipsoid_hold_95_percent(dimensions, hal
     assert chi2.cdf(half**2, dimensions) == pytest.approx(0.95, abs=5e-5)
     drawn = np.random.default_rng(dimensions).standard_normal((200_000, dimensions))
     assert (np.linalg.norm(drawn, axis=1) <= half).mean() == pytest.approx(0.95, abs=2e-3)
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_an_ellipsoid_of_a_covariance_holds_95_percent(dimensions):
+    generator = np.random.default_rng(dimensions)
+    root = generator.standard_normal((dimensions, dimensions))
+    directions, half_axes = ellipsoid_95(root @ root.T)
+    drawn = generator.standard_normal((200_000, dimensions)) @ root.T
+    assert (np.linalg.norm(drawn @ directions / half_axes, axis=1) <= 1).mean() == pytest.approx(0.95, abs=2e-3)
+    assert np.linalg.det(directions) == pytest.approx(1.0)
+    assert np.all(np.diff(half_axes) > 0)
 
 
 @pytest.mark.parametrize(("percent", "half"), list(NORMAL.items()))

@@ -87,7 +87,7 @@ def test_frames_show_the_trial_its_line_and_its_tilt(viewing, paper_run):
     lifts = [trial for trial in film.trials if trial.diagonal is not None]
     first, result = lifts[0], paper_run[1]
     before = camera.frame(first.time - 0.1)
-    assert (before.trial, before.tilt, before.support_line, before.complete) == (None, None, None, 0)
+    assert (before.trial, before.tilt, before.support_line_in_world, before.complete) == (None, None, None, 0)
     verdicts = [trial for trial in result.trials if trial.kind == "lift"]
     for trial, known in zip(lifts, verdicts, strict=True):
         down = film.phase_start("lower", trial, 1e6) + STEP
@@ -99,10 +99,10 @@ def test_frames_show_the_trial_its_line_and_its_tilt(viewing, paper_run):
             assert np.sign(frame.tilt) == {"forward": 1, "backward": -1}[known.verdict] or abs(frame.tilt) < 0.04
         stands = {"FL_RR": [True, False, False, True], "FR_RL": [False, True, True, False]}[trial.diagonal]
         assert frame.standing[stands].all()
-        right, left = frame.support_line
+        right, left = frame.support_line_in_world
         feet = {"FL_RR": (3, 0), "FR_RL": (1, 2)}[trial.diagonal]
-        assert np.allclose([right, left], frame.contacts[list(feet)])
-        assert np.abs(frame.support_line[:, 2]).max() < 5e-3, "it lies on the floor"
+        assert np.allclose([right, left], frame.contacts_in_world[list(feet)])
+        assert np.abs(frame.support_line_in_world[:, 2]).max() < 5e-3, "it lies on the floor"
     assert film.method.expected_trials(film.stance) >= len(film.trials)
 
 
@@ -112,7 +112,7 @@ def test_the_com_of_a_frame_is_the_model_s_moved_by_what_was_found(viewing, a1):
         a1.pinocchio, a1.pinocchio.createData(), a1.configuration(viewing.film.stance.joint_position)
     )
     here = pin.centerOfMass(a1.pinocchio, a1.pinocchio.createData(), a1.configuration(frame.joint_position))
-    in_base = frame.rotation.T @ (frame.com - frame.position)
+    in_base = frame.rotation_base_to_world.T @ (frame.com_in_world - frame.position_in_world)
     assert np.allclose(in_base, here + frame.estimate.com - nominal)
     poses = joint_poses(viewing.film, frame.joint_position)
     assert np.allclose(poses[0][1], 0)
@@ -194,7 +194,7 @@ def test_logs_that_are_not_ours_show_the_trials_that_are_found_in_them(paper_run
         assert sum(trial.diagonal is not None for trial in viewing.film.trials) >= 4
         assert viewing.film.span[1] > 10
         frame = viewing.camera.frame(viewing.film.trials[0].time + 2)
-        assert abs(frame.position[2] - viewing.film.stance.base_height) < 0.05
+        assert abs(frame.position_in_world[2] - viewing.film.stance.base_height) < 0.05
 
 
 def test_recordings_without_trials_can_be_looked_at(a1, ideal_motions):

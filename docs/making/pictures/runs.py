@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
 from equipoise import Precise, calibrate, find_delta, load_robot, nominal_stance, simulate
+from equipoise.figures.plan_view import plan_view
 from equipoise.method.table import method_named
 from equipoise.precise.routine import plan_ahead
 from equipoise.robot.model import DIAGONALS
@@ -38,7 +39,7 @@ def draw_bisection() -> Figure:
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     for diagonal, colour in _COLOURS.items():
         chosen = [trial for trial in lifts if trial.about == diagonal]
-        bounds = [-60.0 * nominal_stance(_robot()).size, 60.0 * nominal_stance(_robot()).size]
+        bounds = [-60.0 * nominal_stance(_robot()).scale.length, 60.0 * nominal_stance(_robot()).scale.length]
         for number, trial in enumerate(chosen, 1):
             offset = 1000 * trial.offset
             forward = trial.verdict == "forward"
@@ -59,20 +60,18 @@ def draw_bisection() -> Figure:
 
 
 def _draw_crossing(axes, result) -> None:
-    found = 1000 * result.composite.com_in_base.values[:2]
-    height = result.nominal.composite.com[2]  # support planes lean a little: this is where they are cut
-    for diagonal, colour in _COLOURS.items():
-        line = result.support_lines[diagonal]
-        flat, lean = np.array(line.normal[:2]), line.normal[2] * (height - line.point[2])
-        point = 1000 * (np.array(line.point[:2]) - flat * lean / float(flat @ flat))
-        along = np.array([-flat[1], flat[0]]) / np.linalg.norm(flat)
-        ends = point + along * float((found - point) @ along) + np.outer([-30, 30], along)
-        axes.plot(ends[:, 1], ends[:, 0], color=colour)
-    truth, model = 1000 * result.truth.composite.com[:2], 1000 * result.nominal.composite.com[:2]
-    for at, word, colour, shift in ((truth, "truth", INK, (-9, 0)), (model, "model file", MUTED, (9, 0))):
-        axes.plot(at[1], at[0], "x", color=colour, markersize=8, mew=2, zorder=10)
-        axes.annotate(word, (at[1], at[0]), shift, textcoords="offset points", color=colour, fontsize=9, va="center",
-                      ha="right" if shift[0] < 0 else "left")  # fmt: skip
+    view = plan_view({result.robot: result})
+    (found,) = (1000 * mark.position for mark in view.found)
+    for line in view.support_lines:
+        ends = 1000 * line.piece(view.centre, 0.030)
+        axes.plot(ends[:, 1], ends[:, 0], color=_COLOURS[line.diagonal])
+    looks = {"truth": (INK, -9), "model": (MUTED, 9)}
+    for mark in view.marks:
+        if mark.kind in looks:
+            at, (colour, shift) = 1000 * mark.position, looks[mark.kind]
+            axes.plot(at[1], at[0], "x", color=colour, markersize=8, mew=2, zorder=10)
+            axes.annotate(mark.label, (at[1], at[0]), (shift, 0), textcoords="offset points", color=colour, fontsize=9,
+                          va="center", ha="right" if shift < 0 else "left")  # fmt: skip
     draw_com(axes, found[1], found[0], 0.55)
     axes.set_aspect("equal")
     half = 9.0

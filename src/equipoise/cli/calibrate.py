@@ -103,7 +103,7 @@ class ShownFlags(Output):
         view_port: Of the page, which is for this computer alone: docs/view.md says how to look from another one.
         rerun: Write the same for Rerun when the run is over.
         report: Leave out the page report.html in the run folder.
-        pictures: Leave out the PNG pictures.
+        pictures: Leave out the PNG picture.
         verbose: Show how long each stage of the estimate took.
     """
 
@@ -125,9 +125,9 @@ class ShownFlags(Output):
 
         files = [folder.path / "calibration.json"]
         if self.pictures:
-            from equipoise.pictures.files import save_pictures
+            from equipoise.pictures.files import save_plan_view
 
-            files += save_pictures(result, folder.path)
+            files += save_plan_view(result, folder.path)
         if self.report:
             from equipoise.report.page import save_report
 

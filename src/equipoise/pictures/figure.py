@@ -1,19 +1,13 @@
-"""What the pictures share: figures without pyplot, colours that everybody can tell apart, and the evidence drawn."""
+"""What the pictures share: figures without pyplot, and colours that everybody can tell apart."""
 
 # pyright: reportUnknownMemberType=false
 # Matplotlib's own stubs leave **kwargs without a type, which makes every method that takes them partially unknown.
 
 from __future__ import annotations
 
-from typing import TypeVar
-
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from equipoise.errors import NotEstimatedError
-from equipoise.result.calibration import Calibration, Evidence
-
-Kind = TypeVar("Kind", bound=Evidence)
 DPI = 150
 # Okabe and Ito's palette, which readers with any colour vision can tell apart.
 BLACK, BLUE, VERMILLION, GREEN, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -26,10 +20,3 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     return figure
-
-
-def evidence_of(calibration: Calibration, kind: type[Kind]) -> Kind:
-    """What there is to draw; raises NotEstimatedError for a result that came from a JSON file."""
-    if not isinstance(calibration.evidence, kind):
-        raise NotEstimatedError("the recordings are not at hand to draw: open the run folder instead of its JSON file")
-    return calibration.evidence

@@ -1,4 +1,4 @@
-"""Pictures of a calibration, as files.
+"""Pictures as files.
 
 Only Matplotlib's objects are used, never pyplot, so that drawing changes nothing in the user's own session.
 """
@@ -16,28 +16,19 @@ from matplotlib.figure import Figure
 
 from equipoise.errors import OutputError
 from equipoise.pictures.figure import DPI
-from equipoise.pictures.precise import draw_precise
-from equipoise.pictures.search import draw_search
-from equipoise.pictures.sway import draw_sways
+from equipoise.pictures.plan_view import draw_plan_view
 from equipoise.result.calibration import Calibration
 from equipoise.user_file import write_file
 
 
-def save_pictures(calibration: Calibration, folder: str | Path) -> list[Path]:
-    """Write precise.png, or search.png, and sway.png, whatever belongs to the method; the folder is made if need be.
+def save_plan_view(calibration: Calibration, folder: str | Path) -> list[Path]:
+    """Write plan_view.png, unless the CoM is not known in the plane; the folder is made if need be.
 
     Raises:
-        OutputError: they cannot be written.
-        NotEstimatedError: the calibration came from a JSON file, which does not hold what the pictures show.
+        OutputError: it cannot be written.
     """
-    figures: dict[str, Figure] = {}
-    if calibration.has_intervals:
-        figures["precise.png"] = draw_precise(calibration)
-    elif calibration.support_lines:
-        figures["search.png"] = draw_search(calibration)
-    if any(sway.moment is not None for sway in calibration.sways.values()) or calibration.support_lines:
-        figures["sway.png"] = draw_sways(calibration)
-    return save_figures(figures, folder)
+    figure = draw_plan_view(calibration)
+    return save_figures({} if figure is None else {"plan_view.png": figure}, folder)
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path) -> list[Path]:

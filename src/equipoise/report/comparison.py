@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.errors import SettingsError
+from equipoise.figures.plan_view import plan_view
 from equipoise.report.blocks import SERIES, Block, Cell, axes, figure, plain, section, short, table, text
 from equipoise.report.contents import SCHEMA, alerts
 from equipoise.report.numbers import Number, numbers, tell
+from equipoise.report.plan_view import plan_view_block
 from equipoise.report.provenance import facts
-from equipoise.report.top_view import top_view
 from equipoise.result.calibration import Calibration
 
 _SYMBOLS = ("circle", "diamond", "square", "triangle-up")
@@ -50,7 +51,7 @@ def comparison_contents(results: dict[str, Calibration]) -> Block:
             for name, result in results.items() for alert in alerts(result)
         ],
         "numbers": _side_by_side(labels, shown),
-        "top_view": top_view(results),
+        "plan_view": plan_view_block(plan_view(results)),
         "sections": [one for one in sections if one is not None],
     }  # fmt: skip
 

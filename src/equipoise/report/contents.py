@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from equipoise.figures.lift_planes import lift_planes
+from equipoise.figures.plan_view import plan_view
 from equipoise.report.advice import advice_blocks
 from equipoise.report.blocks import Block, section, table
 from equipoise.report.numbers import BODIES, numbers, numbers_table, tell
-from equipoise.report.planes import support_planes
+from equipoise.report.plan_view import plan_view_block
 from equipoise.report.progress import progress_figures
 from equipoise.report.provenance import provenance_blocks
 from equipoise.report.residuals import residual_figures
 from equipoise.report.scene import scene
 from equipoise.report.sensors import sensor_blocks
 from equipoise.report.sway import sway_blocks
-from equipoise.report.top_view import top_view
 from equipoise.report.trials import bracket_figure, error_figure, tilt_figures, trial_table
 from equipoise.result.calibration import Calibration
 from equipoise.terminal.calibration import ROWS
@@ -24,7 +25,7 @@ SCHEMA = "equipoise.report/1"
 
 def run_contents(result: Calibration) -> Block:
     """The page as JSON values; what the result does not know is left out."""
-    planes = support_planes(result)
+    planes = lift_planes(result)
     closing = [one for one in (bracket_figure(result), error_figure(result)) if one is not None]
     sections = [
         section("trials", "Trials", [
@@ -47,7 +48,7 @@ def run_contents(result: Calibration) -> Block:
         "lead": _lead(result),
         "alerts": alerts(result),
         "numbers": numbers_table(numbers(result), _heading("composite")),
-        "top_view": top_view({result.robot: result}, planes),
+        "plan_view": plan_view_block(plan_view({result.robot: result}, planes)),
         "sections": [one for one in sections if one is not None],
     }
 

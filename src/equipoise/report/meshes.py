@@ -1,45 +1,14 @@
-"""Meshes as traces of Plotly's mesh3d, in millimetres, and the robot's own."""
+"""Meshes as traces of Plotly's mesh3d, in millimetres."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.pictures.geometry import Mesh, at_posture, robot_shapes, sphere
+from equipoise.figures.geometry import Mesh, sphere
 from equipoise.report.blocks import Block
-from equipoise.result.calibration import Calibration
-from equipoise.robot.model import RobotModel
-
-_MOST_FACES = 1200  # of one mesh: a page is sent by mail
-
-
-@dataclass(frozen=True, eq=False)
-class Body:
-    """The robot at its stance.
-
-    Attributes:
-        base, legs: meshes in the base frame.
-        own: whether the model file says what all links look like.
-    """
-
-    base: tuple[Mesh, ...]
-    legs: tuple[Mesh, ...]
-    own: bool
-
-
-def body(result: Calibration, robot: RobotModel) -> Body:
-    """What the robot looks like."""
-    position = np.array([result.joint_position[name] for name in robot.joint_names])
-    shapes = robot_shapes(robot, _MOST_FACES)
-    meshes = list(zip(shapes, at_posture(robot, shapes, position), strict=True))
-    return Body(
-        tuple(mesh for shape, mesh in meshes if shape.part == "base"),
-        tuple(mesh for shape, mesh in meshes if shape.part != "base"),
-        not any(shape.stands_in for shape in shapes),
-    )
 
 
 def ellipsoid(middle: FloatArray, half_axes: FloatArray, directions: FloatArray) -> Block:

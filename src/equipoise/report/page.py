@@ -18,7 +18,7 @@ from equipoise.result.calibration import Calibration
 from equipoise.user_file import write_file
 
 REPORT = "report.html"
-_SCRIPTS = ("tables.js", "top_view.js", "figures.js", "page.js")
+_SCRIPTS = ("tables.js", "plan_view.js", "figures.js", "page.js")
 
 
 def save_report(result: Calibration, path: str | Path) -> Path:

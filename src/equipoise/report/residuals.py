@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from equipoise.figures.lift_planes import LiftPlanes
 from equipoise.report.blocks import SERIES, Block, axes, figure, plain, short
-from equipoise.report.planes import Planes
 from equipoise.result.calibration import Calibration
 
 _KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"))
 _OUT = "x"
 
 
-def residual_figures(result: Calibration, planes: Planes) -> Block | None:
+def residual_figures(result: Calibration, planes: LiftPlanes) -> Block | None:
     """What there is of them for the method."""
     figures = [*_misfits(result), *_plane_misses(result, planes), *_tilt_by_offset(result)]
     return {"type": "figures", "figures": figures} if figures else None
@@ -53,12 +53,12 @@ def _misfits(result: Calibration) -> list[Block]:
     ]  # fmt: skip
 
 
-def _plane_misses(result: Calibration, planes: Planes) -> list[Block]:
+def _plane_misses(result: Calibration, planes: LiftPlanes) -> list[Block]:
     """How far each lift's support plane passes by the CoM found, without any sensor bias taken into account."""
     com = result.composite.com_in_base.values
     if not np.isfinite(com).all():
         return []
-    misses = [1000 * plane.distance_to(com) for _, plane in planes]
+    misses = [1000 * lift.plane.distance_to(com) for lift in planes]
     if not misses:
         return []
     caption = (

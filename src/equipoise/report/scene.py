@@ -7,19 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.pictures.geometry import Mesh
+from equipoise.figures.geometry import Mesh, robot_meshes
+from equipoise.figures.lift_planes import LiftPlanes
 from equipoise.report.blocks import SERIES, Block, figure
-from equipoise.report.meshes import body, ellipsoid, merged
-from equipoise.report.planes import Planes
+from equipoise.report.meshes import ellipsoid, merged
 from equipoise.report.scene_planes import outlines, surfaces
 from equipoise.result.calibration import Calibration
-from equipoise.result.statistics import SPATIAL_95
+from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.kinematics import foot_positions
 
 _SEEN = 0.12  # size at which the ellipsoid is drawn beside the robot, over the hip height
 
 
-def scene(result: Calibration, found: Planes) -> Block | None:
+def scene(result: Calibration, found: LiftPlanes) -> Block | None:
     """The interactive scene, with the planes of all lifts; None without the robot's model."""
     robot = result.robot_model
     if robot is None:
@@ -27,7 +27,7 @@ def scene(result: Calibration, found: Planes) -> Block | None:
     position = np.array([result.joint_position[name] for name in robot.joint_names])
     feet = foot_positions(robot, position)
     size = float(-feet[:, 2].mean())
-    looks_like = body(result, robot)
+    looks_like = robot_meshes(robot, position)
     com = _com(result)
     near, far, said = _ellipsoids(result, com, size)
     reach = _reach(result, com)
@@ -100,12 +100,15 @@ def _ellipsoids(result: Calibration, com: FloatArray, size: float) -> tuple[list
     covariance = result.composite.covariance
     if covariance is None:
         return [], [], ""
-    values, vectors = np.linalg.eigh(covariance[1:4, 1:4])
-    half_axes = SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
+    directions, half_axes = ellipsoid_95(covariance[1:4, 1:4])
     times = max(1.0, 10.0 * round(_SEEN * size / float(half_axes.max()) / 10))
     look = {"color": SERIES[0], "opacity": 0.45, "showlegend": True, "hoverinfo": "name", "flatshading": False}
-    near = {**ellipsoid(com, half_axes, vectors), "name": "95 % of the CoM", **look}
-    far = {**ellipsoid(com, times * half_axes, vectors), "name": f"95 % of the CoM, {times:.0f} times as large", **look}
+    near = {**ellipsoid(com, half_axes, directions), "name": "95 % of the CoM", **look}
+    far = {
+        **ellipsoid(com, times * half_axes, directions),
+        "name": f"95 % of the CoM, {times:.0f} times as large",
+        **look,
+    }
     axes = " x ".join(f"{1000 * half:.2f}" for half in half_axes[::-1])
     return (
         [near],

@@ -6,17 +6,17 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.experiments.tilt import SupportPlane
-from equipoise.pictures.geometry import Mesh
+from equipoise.figures.geometry import Mesh
+from equipoise.figures.lift_planes import LiftPlanes
 from equipoise.report.blocks import DASHES, SERIES, Block
 from equipoise.report.meshes import merged
-from equipoise.report.planes import Planes
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS
 
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
-def surfaces(result: Calibration, found: Planes, com: FloatArray, half: tuple[float, float, float]) -> list[Block]:
+def surfaces(result: Calibration, found: LiftPlanes, com: FloatArray, half: tuple[float, float, float]) -> list[Block]:
     """One plane of each diagonal: as the search found it, or of the first lift on it.
 
     Args:
@@ -28,7 +28,7 @@ def surfaces(result: Calibration, found: Planes, com: FloatArray, half: tuple[fl
             for name, line in result.support_lines.items()
         }
     else:
-        chosen = dict(reversed(found))  # the first one stays
+        chosen = {lift.diagonal: lift.plane for lift in reversed(found)}  # the first one stays
     word = "found" if result.support_lines else "first lift"
     return [
         {
@@ -40,11 +40,11 @@ def surfaces(result: Calibration, found: Planes, com: FloatArray, half: tuple[fl
     ]  # fmt: skip
 
 
-def outlines(found: Planes, com: FloatArray, reach: float) -> list[Block]:
+def outlines(found: LiftPlanes, com: FloatArray, reach: float) -> list[Block]:
     """The planes of all lifts on each diagonal, as squares about the points of them nearest to the CoM."""
     traces: list[Block] = []
     for index, diagonal in enumerate(DIAGONALS):
-        planes = [plane for name, plane in found if name == diagonal]
+        planes = [lift.plane for lift in found if lift.diagonal == diagonal]
         paths = [_square(plane, com, reach, reach, reach)[[0, 1, 2, 3, 0]] for plane in planes]
         if paths:
             places = {

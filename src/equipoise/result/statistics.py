@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from equipoise.conventions import FloatArray
+
 NORMAL_95 = 1.96
 """Standard deviations to either side that hold 95 % of a normal distribution: the root of chi-squared's 95 %, one degree."""
 PLANAR_95 = 2.4477
@@ -24,3 +28,18 @@ def verdict_of(deviation: float, compared_with: float) -> str:
     if deviation <= IDENTIFIED * compared_with:
         return "identified"
     return "weak" if deviation <= WEAK * compared_with else "not identified"
+
+
+def ellipsoid_95(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What holds 95 % of a normal distribution around its mean: an ellipse in the plane, an ellipsoid in space.
+
+    Args:
+        covariance: (2, 2) or (3, 3), in a unit squared.
+
+    Returns:
+        (n, n) directions of its axes as columns, right-handed, and (n,) half their lengths in that unit, ascending.
+    """
+    values, directions = np.linalg.eigh(covariance)
+    directions[:, 0] *= np.sign(np.linalg.det(directions))
+    factor = PLANAR_95 if len(values) == 2 else SPATIAL_95
+    return directions, factor * np.sqrt(np.maximum(values, 0.0))

@@ -17,7 +17,7 @@ from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.view.even_steps import Steps
+from equipoise.view.even_steps import SensedSteps
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _STANDING = 4e-3  # [m] above the lowest foot at which a foot hardly stands any more
@@ -35,15 +35,15 @@ class BaseMotion:
     """The base of n samples. The world's z is up, the floor at zero; x is where the base first looked.
 
     Attributes:
-        rotation: (n, 3, 3) from base to world axes.
-        position: (n, 3) of the base's origin [m].
-        feet: (n, 4, 3) centres of the feet [m].
+        rotation_base_to_world: (n, 3, 3) of the base.
+        position_in_world: (n, 3) the base's origin [m].
+        feet_in_world: (n, 4, 3) centres of the feet [m].
         standing: (n, 4) from 0 to 1: whether each foot stands.
     """
 
-    rotation: FloatArray
-    position: FloatArray
-    feet: FloatArray
+    rotation_base_to_world: FloatArray
+    position_in_world: FloatArray
+    feet_in_world: FloatArray
     standing: FloatArray
 
 
@@ -60,10 +60,10 @@ class BaseTracker:
         self._bias, self._rested = np.zeros(3), 0.0
         self._memory: list[tuple[float, FloatArray]] = []  # times and joints of the last window
 
-    def follow(self, steps: Steps) -> BaseMotion:
+    def follow(self, steps: SensedSteps) -> BaseMotion:
         """The next n steps."""
         time, joint_position, turning, acceleration = (
-            steps.time, steps.joint_position, steps.turning, steps.acceleration,
+            steps.time, steps.joint_position, steps.angular_velocity_in_base, steps.specific_force_in_base,
         )  # fmt: skip
         feet, spin = self._feet(time, joint_position, turning)
         load = self._loads(steps)
@@ -85,10 +85,12 @@ class BaseTracker:
         motion = self._legs.motion(position, velocity[-len(time) :], np.zeros_like(turning))
         return motion.foot, motion.foot_angular_velocity
 
-    def _loads(self, steps: Steps) -> FloatArray:
+    def _loads(self, steps: SensedSteps) -> FloatArray:
         """(n, 4) from a little to one: how much each foot carries, where torques tell."""
         force = feet_and_forces(self._robot, steps.joint_position, steps.joint_torque)[1]
-        up = steps.acceleration / np.maximum(np.linalg.norm(steps.acceleration, axis=1, keepdims=True), 1e-9)
+        up = steps.specific_force_in_base / np.maximum(
+            np.linalg.norm(steps.specific_force_in_base, axis=1, keepdims=True), 1e-9
+        )
         carried = np.einsum("nli,ni->nl", force, up)
         total = np.maximum(carried.sum(axis=1, keepdims=True), 1e-9)
         known = np.abs(steps.joint_torque).max(axis=1, keepdims=True) > 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from equipoise.pictures.geometry import Part
+from equipoise.figures.geometry import Part
 
 Colour = tuple[int, int, int]
 

@@ -16,21 +16,21 @@ STEP = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class SensedSteps:
     """n even steps.
 
     Attributes:
-        time: (n,) their ends [s].
-        joint_position, joint_torque: (n, nj) then [rad], [Nm]; a torque that is not known is zero.
-        turning: (n, 3) mean angular velocity over the step, in base axes [rad/s].
-        acceleration: (n, 3) mean specific force likewise [m/s2].
+        time: (n,) ends of the steps [s].
+        joint_position, joint_torque: (n, nj) values at those times [rad], [Nm]; a torque that is not known is zero.
+        angular_velocity_in_base: (n, 3) mean over the step [rad/s].
+        specific_force_in_base: (n, 3) mean over the step [m/s2].
     """
 
     time: FloatArray
     joint_position: FloatArray
     joint_torque: FloatArray
-    turning: FloatArray
-    acceleration: FloatArray
+    angular_velocity_in_base: FloatArray
+    specific_force_in_base: FloatArray
 
 
 class EvenSteps:
@@ -42,7 +42,7 @@ class EvenSteps:
         self._imu: tuple[FloatArray, FloatArray] | None = None  # times, and both sensors beside each other
         self._edge: float | None = None
 
-    def take(self, piece: Recording) -> Steps | None:
+    def take(self, piece: Recording) -> SensedSteps | None:
         """The steps that are complete now; None if none is."""
         joints, imu = piece.joints, piece.imu
         torque = np.zeros_like(joints.position) if joints.torque is None else joints.torque
@@ -63,7 +63,7 @@ class EvenSteps:
         position, torque = np.hsplit(_at(edges[1:], joint_time, values), 2)
         self._edge = float(edges[-1])
         self._joints, self._imu = _since(self._edge, self._joints), _since(self._edge, self._imu)
-        return Steps(edges[1:], position, torque, means[:, :3], means[:, 3:])
+        return SensedSteps(edges[1:], position, torque, means[:, :3], means[:, 3:])
 
 
 def _joined(

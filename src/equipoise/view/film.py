@@ -15,7 +15,7 @@ from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial, R
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.view.base_motion import BaseMotion, BaseTracker
-from equipoise.view.even_steps import EvenSteps, Steps
+from equipoise.view.even_steps import EvenSteps, SensedSteps
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class TrialMark:
     """Where a trial begins.
 
     Attributes:
-        number: from one on.
-        time: [s].
+        number: its place among all trials, from one on.
+        time: moment [s].
         what: what it is; None if it is of a kind that is not ours.
     """
 
@@ -52,21 +52,27 @@ class TrialMark:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """n even steps: what was sensed, and where the base was. See `Steps` and `BaseMotion`."""
+    """n even steps: what was sensed, and where the base was. See `SensedSteps` and `BaseMotion`."""
 
     time: FloatArray
     joint_position: FloatArray
     joint_torque: FloatArray
-    rotation: FloatArray
-    position: FloatArray
-    feet: FloatArray
+    rotation_base_to_world: FloatArray
+    position_in_world: FloatArray
+    feet_in_world: FloatArray
     standing: FloatArray
 
     @classmethod
-    def of(cls, steps: Steps, base: BaseMotion) -> Moments:
+    def of(cls, steps: SensedSteps, base: BaseMotion) -> Moments:
         """Both together."""
         return cls(
-            steps.time, steps.joint_position, steps.joint_torque, base.rotation, base.position, base.feet, base.standing
+            steps.time,
+            steps.joint_position,
+            steps.joint_torque,
+            base.rotation_base_to_world,
+            base.position_in_world,
+            base.feet_in_world,
+            base.standing,
         )
 
     @classmethod

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import FloatArray
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.recording.phases import Phase
-from equipoise.result.statistics import SPATIAL_95
+from equipoise.result.statistics import ellipsoid_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
@@ -28,30 +28,31 @@ class Frame:
     """A moment.
 
     Attributes:
-        time: [s].
-        joint_position, joint_torque: (nj,) [rad], [Nm].
-        rotation, position: of the base in the world: (3, 3), and (3,) [m].
-        contacts: (4, 3) lowest points of the feet in the world [m].
+        time: moment of it [s].
+        joint_position, joint_torque: (nj,) values then [rad], [Nm].
+        rotation_base_to_world: (3, 3) of the base.
+        position_in_world: (3,) the base's origin [m].
+        contacts_in_world: (4, 3) lowest points of the feet [m].
         standing: (4,) whether each foot stands.
-        com: (3,) of the whole robot in the world, by the newest estimate or else by the model [m].
-        support_line: (2, 3) from the right to the left contact point in the world, during a lift trial [m]; or None.
-        tilt: of the base about it since the rest before, positive forward [rad]; or None.
-        trial: that is running or was last.
-        phase: of it.
+        com_in_world: (3,) CoM of the whole robot, by the newest estimate or else by the model [m].
+        support_line_in_world: (2, 3) right and left contact point during a lift trial [m]; or None.
+        tilt: turn of the base about that line since the rest before, positive forward [rad]; or None.
+        trial: trial that is running or was last.
+        phase: phase of that trial.
         complete: number of trials that are complete.
-        estimate: of the CoM, from those; or None.
-        planes: of those.
+        estimate: estimate of the CoM from those; or None.
+        planes: support planes of those.
     """
 
     time: float
     joint_position: FloatArray
     joint_torque: FloatArray
-    rotation: FloatArray
-    position: FloatArray
-    contacts: FloatArray
+    rotation_base_to_world: FloatArray
+    position_in_world: FloatArray
+    contacts_in_world: FloatArray
     standing: NDArray[np.bool_]
-    com: FloatArray
-    support_line: FloatArray | None
+    com_in_world: FloatArray
+    support_line_in_world: FloatArray | None
     tilt: float | None
     trial: TrialMark | None
     phase: str | None
@@ -78,7 +79,7 @@ class Camera:
         film, moments = self.film, self.film.moments
         index = self._index(time)
         now = float(moments.time[index])
-        contacts = moments.feet[index] - self._radius[:, None] * [0, 0, 1]
+        contacts = moments.feet_in_world[index] - self._radius[:, None] * [0, 0, 1]
         trial, phase, complete = film.trial_at(now), film.phase_at(now), film.complete_at(now)
         estimate = self.closing_in.after(complete)
         line = _support_line(trial, contacts)
@@ -87,8 +88,8 @@ class Camera:
             now,
             moments.joint_position[index],
             moments.joint_torque[index],
-            moments.rotation[index],
-            moments.position[index],
+            moments.rotation_base_to_world[index],
+            moments.position_in_world[index],
             contacts,
             moments.standing[index] > _STANDS,
             self._com(index, estimate),
@@ -111,11 +112,13 @@ class Camera:
             return None
         moments = self.film.moments
         first, last = self._index(start), self._index(until) + 1
-        contacts = moments.feet[first] - self._radius[:, None] * [0, 0, 1]
+        contacts = moments.feet_in_world[first] - self._radius[:, None] * [0, 0, 1]
         line = _support_line(trial, contacts)
         if line is None or last <= first:
             return None
-        turned = Rotation.from_matrix(moments.rotation[first:last] @ moments.rotation[first].T).as_rotvec()
+        turned = Rotation.from_matrix(
+            moments.rotation_base_to_world[first:last] @ moments.rotation_base_to_world[first].T
+        ).as_rotvec()
         direction = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
         return moments.time[first:last] - start, turned @ direction
 
@@ -129,7 +132,7 @@ class Camera:
         in_base = Kinematics(robot).com(moments.joint_position[index])
         if estimate is not None:
             in_base = in_base + estimate.com - self._nominal_com
-        return moments.position[index] + moments.rotation[index] @ in_base
+        return moments.position_in_world[index] + moments.rotation_base_to_world[index] @ in_base
 
 
 def joint_poses(film: Film, joint_position: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
@@ -142,9 +145,7 @@ def ellipsoid(estimate: ComEstimate | None) -> tuple[FloatArray, FloatArray] | N
     """(3, 3) axes in the base frame and (3,) half lengths [m] of where the CoM is with 95 %; None if that is unknown."""
     if estimate is None or estimate.covariance is None:
         return None
-    values, vectors = np.linalg.eigh(estimate.covariance)
-    vectors[:, 0] *= np.sign(np.linalg.det(vectors))
-    return vectors, SPATIAL_95 * np.sqrt(np.maximum(values, 0.0))
+    return ellipsoid_95(estimate.covariance)
 
 
 def plane_lines(frame: Frame, stance: Stance) -> FloatArray:

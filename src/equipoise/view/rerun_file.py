@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, OutputError
-from equipoise.pictures.geometry import robot_shapes
+from equipoise.figures.geometry import robot_shapes
 from equipoise.robot.model import LEG_NAMES
 from equipoise.view.colours import COLOURS, COM, CONTACT, IN_AIR, LINE, MAGNIFIED, VERDICTS
 from equipoise.view.frames import Camera, Frame, ellipsoid, joint_poses, plane_lines
@@ -112,13 +112,17 @@ class _Writer:
             )  # fmt: skip
             self._log(f"world/robot/{names[shape.joint - 1]}/{number}", drawn, static=True)
         frames = self._frames
-        self._move("world/robot", np.array([f.position for f in frames]), np.array([f.rotation for f in frames]))
+        self._move(
+            "world/robot",
+            np.array([f.position_in_world for f in frames]),
+            np.array([f.rotation_base_to_world for f in frames]),
+        )
         poses = [joint_poses(film, frame.joint_position) for frame in frames]
         for joint, name in enumerate(names):
             places = np.array([pose[joint][1] for pose in poses])
             self._move(f"world/robot/{name}", places, np.array([pose[joint][0] for pose in poses]))
-        com = np.array([frame.com for frame in frames])
-        self._move("world/com", com, np.array([frame.rotation for frame in frames]))
+        com = np.array([frame.com_in_world for frame in frames])
+        self._move("world/com", com, np.array([frame.rotation_base_to_world for frame in frames]))
         size = film.stance.scale.length
         centre = self._rr.Points3D([[0, 0, 0]], radii=_COM_RADIUS * size, colors=COM)
         self._log("world/com/centre", centre, static=True)
@@ -147,14 +151,14 @@ class _Writer:
         colours = [CONTACT if standing else IN_AIR for standing in frame.standing.tolist()]
         self._log(
             "world/contacts",
-            rr.Points3D(frame.contacts, radii=_CONTACT_RADIUS * size, colors=colours, labels=LEG_NAMES),
+            rr.Points3D(frame.contacts_in_world, radii=_CONTACT_RADIUS * size, colors=colours, labels=LEG_NAMES),
         )
-        plumb = [[frame.com, frame.com * [1, 1, 0]]]
+        plumb = [[frame.com_in_world, frame.com_in_world * [1, 1, 0]]]
         self._log("world/plumb_line", rr.LineStrips3D(plumb, radii=0.25 * _LINE_RADIUS * size, colors=COM))
-        if frame.support_line is not None:
-            line = rr.LineStrips3D([frame.support_line], radii=_LINE_RADIUS * size, colors=LINE)
+        if frame.support_line_in_world is not None:
+            line = rr.LineStrips3D([frame.support_line_in_world], radii=_LINE_RADIUS * size, colors=LINE)
             self._log("world/support_line", line)
-        elif before is not None and before.support_line is not None:
+        elif before is not None and before.support_line_in_world is not None:
             self._log("world/support_line", rr.Clear(recursive=False))
 
     def _write_trial(self, frame: Frame) -> None:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, SettingsError
-from equipoise.pictures.geometry import Mesh, cylinder, robot_shapes, sphere
+from equipoise.figures.geometry import Mesh, cylinder, robot_shapes, sphere
 from equipoise.robot.model import LEG_NAMES
 from equipoise.view.colours import COLOURS, COM, CONTACT, IN_AIR, LINE, MAGNIFIED, VERDICTS, Colour
 from equipoise.view.frames import Camera, Frame, ellipsoid, joint_poses, plane_lines
@@ -169,11 +169,11 @@ class Page:
             _mesh(self._server.scene, f"/robot/{joint}/{number}", shape.mesh(), COLOURS[shape.part], opacity, flat)
 
     def _draw_robot(self, frame: Frame) -> None:
-        self._base.position, self._base.wxyz = frame.position, _wxyz(frame.rotation)
+        self._base.position, self._base.wxyz = frame.position_in_world, _wxyz(frame.rotation_base_to_world)
         poses = joint_poses(self._camera.film, frame.joint_position)
         for handle, (rotation, place) in zip(self._joints, poses, strict=True):
             handle.position, handle.wxyz = place, _wxyz(rotation)
-        places = frame.contacts * [1, 1, 0] + _ABOVE_FLOOR
+        places = frame.contacts_in_world * [1, 1, 0] + _ABOVE_FLOOR
         for green, grey, place, stands in zip(
             self._contacts, self._in_air, places, frame.standing.tolist(), strict=True
         ):
@@ -182,7 +182,7 @@ class Page:
             _set_visible(grey, not stands)
 
     def _draw_line(self, frame: Frame) -> None:
-        line = frame.support_line
+        line = frame.support_line_in_world
         _set_visible(self._line, line is not None)
         if line is not None:
             beyond = 0.15 * (line[1] - line[0])
@@ -190,10 +190,10 @@ class Page:
             self._line.opacity = 1.0 if frame.tilt is not None else 0.35
 
     def _draw_com(self, frame: Frame) -> None:
-        on_floor = frame.com * [1, 1, 0] + _ABOVE_FLOOR
-        self._com.position, self._com.wxyz = frame.com, _wxyz(frame.rotation)
+        on_floor = frame.com_in_world * [1, 1, 0] + _ABOVE_FLOOR
+        self._com.position, self._com.wxyz = frame.com_in_world, _wxyz(frame.rotation_base_to_world)
         self._shadow.position = on_floor
-        _stretch(self._plumb, on_floor, frame.com)
+        _stretch(self._plumb, on_floor, frame.com_in_world)
         known = (len(frame.planes), None if frame.estimate is None else frame.estimate.trials)
         if known == self._drawn:
             return

@@ -47,7 +47,7 @@ function show() {
   for (const name of ["title", "subtitle", "lead"]) document.getElementById(name).textContent = contents[name];
   document.getElementById("alerts").append(...contents.alerts.map(alertOf));
   document.getElementById("numbers").append(tableOf(contents.numbers), barKey(contents.numbers));
-  if (contents.top_view) document.getElementById("top-view").append(topView(contents.top_view));
+  if (contents.plan_view) document.getElementById("plan-view").append(planView(contents.plan_view));
   else document.getElementById("first").classList.add("alone");
   document.getElementById("sections").append(...contents.sections.map(sectionOf));
 }

@@ -1,5 +1,5 @@
 "use strict";
-// The picture from above: the robot with its support lines, and beside it the millimetres around the centre of mass.
+// The plan view: the robot with its support lines, and beside it the millimetres around the centre of mass.
 
 const DIAGONAL_COLOURS = { FL_RR: "var(--series-3)", FR_RL: "var(--series-4)" };
 const DIAGONAL_DASHES = { FL_RR: "none", FR_RL: "7 4" };
@@ -80,7 +80,7 @@ function closeUp(data) {
       if (axis === 1 && place > edge + 8 && place < size - 12) svg.append(words(place, inner + 13, label, { "text-anchor": "middle" }));
     }
   }
-  for (const plane of data.planes) inside.append(lineIn(view, plane, { "stroke-width": 1, opacity: 0.35 }));
+  for (const lift of data.lifts) inside.append(lineIn(view, lift, { "stroke-width": 1, opacity: 0.4 * lift.weight }));
   for (const line of data.lines) if (!line.feet) inside.append(lineIn(view, line, { "stroke-width": 2.4 }));
   const found = data.marks.filter((one) => one.kind === "found"), model = data.marks.find((one) => one.kind === "model");
   if (model && found.length === 1) {
@@ -106,7 +106,7 @@ function millimetres([x, y]) {
   return `x ${x.toFixed(2)}, y ${y.toFixed(2)} mm`.replaceAll("-", "\u2212");
 }
 
-function topView(data) {
+function planView(data) {
   const key = element("ul");
   const add = (symbol, label, place) => key.append(element("li", {}, symbol, element("span", {}, label), element("span", {}, place)));
   const sample = (...children) => drawn("svg", { viewBox: "0 0 18 14", "aria-hidden": "true" }, ...children);
@@ -116,7 +116,7 @@ function topView(data) {
   for (const line of data.lines) {
     const stroke = { x1: 0, x2: 18, y1: 7, y2: 7, stroke: DIAGONAL_COLOURS[line.diagonal], "stroke-width": 2, "stroke-dasharray": DIAGONAL_DASHES[line.diagonal] };
     const told = line.feet ? "line through the feet" : "support line found";
-    add(sample(drawn("line", stroke)), `${told} ${line.diagonal}`, data.planes.length ? "thin: its lifts" : "");
+    add(sample(drawn("line", stroke)), `${told} ${line.diagonal}`, data.lifts.length ? "thin: its lifts" : "");
   }
   const pictures = data.feet ? [overview(data), closeUp(data)] : [closeUp(data)];
   pictures[0].setAttribute("aria-label", data.caption);

@@ -32,6 +32,7 @@ BASE_JOINT = 1
 _LIMB_RADIUS_RATIO = 0.09  # of the leg length: what a link without any shape is drawn with
 _AROUND = 24  # edges around a round body
 _MOST_FACES = 20_000  # of one mesh, before it is made coarser: some models' meshes are made for printing
+_MOST_FACES_ON_PAGE = 1200
 _FACES_OF_GRID = 3.0  # times the square of the cells along its longest side has a mesh that is made coarser
 
 
@@ -109,6 +110,31 @@ def at_posture(robot: RobotModel, shapes: Iterable[Shape], joint_position: Float
     """
     poses = Kinematics(robot).joint_poses(joint_position)
     return [shape.mesh().moved(poses[shape.joint]) for shape in shapes]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotMeshes:
+    """A robot in a posture.
+
+    Attributes:
+        base, legs: meshes in the base frame [m].
+        own: whether the model file says what all links look like.
+    """
+
+    base: tuple[Mesh, ...]
+    legs: tuple[Mesh, ...]
+    own: bool
+
+
+def robot_meshes(robot: RobotModel, joint_position: FloatArray) -> RobotMeshes:
+    """What a robot looks like at (nj,) joint positions [rad], coarse enough for a page that is sent by mail."""
+    shapes = robot_shapes(robot, _MOST_FACES_ON_PAGE)
+    meshes = list(zip(shapes, at_posture(robot, shapes, joint_position), strict=True))
+    return RobotMeshes(
+        tuple(mesh for shape, mesh in meshes if shape.part == "base"),
+        tuple(mesh for shape, mesh in meshes if shape.part != "base"),
+        not any(shape.stands_in for shape in shapes),
+    )
 
 
 def box(x: float, y: float, z: float) -> Mesh:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import nominal_stance
-from equipoise.pictures.geometry import (
+from equipoise.figures.geometry import (
     BASE_JOINT,
     Mesh,
     _coarser,
