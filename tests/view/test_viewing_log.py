@@ -190,7 +190,7 @@ def test_even_steps_do_not_depend_on_how_a_recording_is_cut(a1, ideal_motions):
     for start, end in itertools.pairwise(edges):
         if (steps := even.take(recording.between(start, end))) is not None:
             parts.append(steps)
-    for name in ("time", "joint_position", "joint_torque", "turning", "acceleration"):
+    for name in ("time", "joint_position", "joint_torque", "angular_velocity_in_base", "specific_force_in_base"):
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert np.allclose(joined, getattr(whole, name), atol=1e-9), name
     assert np.allclose(np.diff(whole.time), STEP)
