@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 from logs import bits
-from test_platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
+from platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
 
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.errors import ResumeError
