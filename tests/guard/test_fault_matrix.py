@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from faults import Fault, Faulty, grease
+from guarded import SLOW, simulated
 
-from equipoise import Precise, RunFolder, calibrate, nominal_stance, simulate
+from equipoise import Precise, RunFolder, calibrate, nominal_stance
 from equipoise.errors import (
     CommunicationError,
     EquipoiseError,
@@ -18,6 +19,7 @@ from equipoise.errors import (
     SensorError,
     TrackingError,
 )
+from equipoise.guard import safe_ending
 from equipoise.guard.guard import Guard
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.run_log_reader import read_log
@@ -94,14 +96,15 @@ class Seen(PlatformWrapper):
 def run(robot, case, folder, duration=None):
     """A guarded calibration with a fault: its result or error, what the robot saw, and the guard's report."""
     stance = nominal_stance(robot)
-    with simulate(robot, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
-        peer, act = Seen(simulation.platform), None
+    platform, disturbance, truth = simulated(robot, payload="1,0.05,0.02,0.08")
+    with platform:
+        peer, act = Seen(platform), None
         if case.push:
             force = np.array([0.0, case.push, 0.0])
-            act = lambda begins: simulation.disturbance.push(force * begins)  # noqa: E731
+            act = lambda begins: disturbance.push(force * begins)  # noqa: E731
             duration = 0.3
         elif case.kind == "outside":
-            act = lambda begins: grease(simulation.disturbance, "FL", 0.05 if begins else 0.8)  # noqa: E731
+            act = lambda begins: grease(disturbance, "FL", 0.05 if begins else 0.8)  # noqa: E731
         fault = Fault(case.kind, case.phase, 0.02, duration, case.joint, SIZES.get(case.kind, 0.0), act)
         guard = None
         faulty = Faulty(peer, fault, lambda: guard.phase if guard else "", robot.gains(stance.hip_height))
@@ -113,7 +116,7 @@ def run(robot, case, folder, duration=None):
             except EquipoiseError as error:
                 outcome = error
         assert faulty.begun
-        return outcome, simulation.truth.composite, peer, guard.report()
+        return outcome, truth.composite, peer, guard.report()
 
 
 def assert_put_down(robot, case, peer, report):
@@ -130,7 +133,13 @@ def assert_put_down(robot, case, peer, report):
     assert last.kd[sound].all()
     targets = np.array([command.position[sound] for command in peer.commands])
     assert np.isfinite(targets).all()
-    assert (np.abs(np.diff(targets, axis=0)) <= 1.01 * robot.velocity_limit[sound] * 2e-3).all()
+    assert (np.abs(np.diff(targets, axis=0)) <= 1.01 * robot.velocity_limit[sound] * SLOW).all()
+
+
+@pytest.fixture(autouse=True)
+def _briefly_damped(monkeypatch):
+    """A robot that nobody can see is damped for seconds, which test_guard.py counts."""
+    monkeypatch.setattr(safe_ending, "_LONGEST", 0.3)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
