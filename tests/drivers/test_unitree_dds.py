@@ -1,6 +1,5 @@
 """A Go2's link against a simulated robot in a process of its own, over DDS on loopback."""
 
-import itertools
 import json
 import os
 import signal
@@ -11,6 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from peer_processes import unused_domain
 from scipy.interpolate import interp1d
 
 pytest.importorskip("cyclonedds")
@@ -24,9 +24,7 @@ from equipoise.drivers.unitree.samples import STATE, Message
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
 
-DOMAINS = itertools.count(
-    1 + 10 * (os.getpid() % 22)
-)  # others for every process that runs these tests at the same time
+pytestmark = pytest.mark.realtime
 PATIENCE = 60.0  # [s] for a peer to start on a busy machine
 
 
@@ -52,7 +50,7 @@ class Peer:
 
 @contextmanager
 def running(tmp_path_factory, *flags):
-    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", next(DOMAINS)
+    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", unused_domain()
     command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--domain", str(domain), "--noise", "ideal"]
     with path.open("w") as log:
         process = subprocess.Popen(
@@ -222,7 +220,7 @@ def test_commands_for_another_number_of_joints_are_refused(linked, target):
 
 
 def test_a_robot_that_is_not_there_is_noticed(a1):
-    elsewhere = UnitreeB2Settings(interface="lo", domain=next(DOMAINS))
+    elsewhere = UnitreeB2Settings(interface="lo", domain=unused_domain())
     with (
         HardwarePlatform(open_link(a1, elsewhere), patience=0.2) as platform,
         pytest.raises(CommunicationError, match=r"unitree-b2 on lo sent nothing for 0\.2 s"),
@@ -344,7 +342,7 @@ def test_samples_that_are_all_damaged_are_told_apart_from_none(tmp_path_factory,
 
 
 def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
-    link = open_link(a1, UnitreeDdsSettings(interface="lo", domain=next(DOMAINS)))
+    link = open_link(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
     try:
         message = Message(STATE)
         lost = message.record["motor_state"]["lost"]

@@ -266,6 +266,7 @@ def test_over_a_bad_network_every_sample_is_recorded_once_and_in_order(a1):
     assert peer.end()[-1]["damaged"] == 0
 
 
+@pytest.mark.realtime
 def test_a_robot_that_is_switched_off_is_noticed(a1):
     with connected(a1, "a1", silence=0.5) as (platform, peer):
         home = np.array(nominal_stance(a1).joint_position)

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from peer_processes import StalledError, free_port, in_real_time, running_peer
+from peer_processes import StalledError, free_port, in_real_time, running_peer, unused_domain
 
 SCRIPT = Path(__file__).parents[1].joinpath("watched_script.py")
 PATIENCE = 90.0  # [s], on a machine that has other things to do
@@ -55,7 +55,7 @@ def over_udp():
 
 def over_dds():
     """The same; a service has to be found and asked who holds the motors before the first command."""
-    domain = 1 + os.getpid() % 200
+    domain = unused_domain()
     peer = "unitree_dds", "--domain", domain, "--noise", "ideal", "--start", "standing", "--no-sport-mode"
     return peer, ("unitree-go2", "interface=lo", f"domain={domain}", "silence=5")
 
