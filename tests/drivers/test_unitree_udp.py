@@ -180,7 +180,7 @@ def test_each_command_reaches_its_own_joint(a1):
             assert felt[at, joint] > 5.0  # 0.1 rad times kp, less what the delay takes
 
 
-@EACH_ROBOT
+@pytest.mark.parametrize(("protocol", "form"), [("a1", "compressed"), ("go1", "scrambled")])
 @in_real_time
 def test_gains_and_feed_forward_arrive_and_the_end_is_a_release(a1, protocol, form):
     home = np.array(nominal_stance(a1).joint_position)

@@ -37,6 +37,8 @@ from equipoise.report.progress import deviations_by_motion
 from equipoise.report.top_view import cut, ellipse
 from equipoise.report.trials import narrowing
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 ROOT = Path(__file__).parents[2]
 LARGEST = 8_000_000  # [B]
 
