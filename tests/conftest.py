@@ -18,6 +18,7 @@ from equipoise.precise.trials import PreciseTrials
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
+from equipoise.simulation import mujoco_model
 
 # A loaded machine is slow now and then, and the same commit passes or fails always.
 settings.register_profile("equipoise", deadline=None, derandomize=True)
@@ -93,6 +94,14 @@ def precise_run(a1):
             truth=simulation.truth,
             seed=4,
         )
+
+
+@pytest.fixture(scope="module")
+def coarse_engine():
+    """MuJoCo takes steps of 1 ms, which half the computing goes into, in tests of what hangs on no step of the engine."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
+        yield
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
+from equipoise import Precise, RunFolder
 from equipoise.errors import ModelWarning
 from equipoise.exports.subject import body_of, seen_from
 from equipoise.result.body import Body
@@ -18,6 +19,30 @@ from equipoise.robot.stance import nominal_stance
 # 4 % of a robot's mass, off centre, with an inertia that is not diagonal.
 _SHARE, _COM = 0.04, np.array([0.07, -0.03, 0.11])
 _GYRATION = np.array([[0.005, 0.0004, -0.0002], [0.0004, 0.006, 0.0003], [-0.0002, 0.0003, 0.004]])
+
+# Files that a user may have: a const.xacro as legged_control's, an SDF as Gazebo's and the <inertial> of its trunk.
+CONST = """<?xml version="1.0"?>
+<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a1">
+    <!-- trunk -->
+    <xacro:property name="trunk_mass" value="6.0"/>
+    <xacro:property name='trunk_com_x'   value='0.0'/>  <!-- measured -->
+    <xacro:property name="trunk_com_y" value="${0.002 * 2}"/><xacro:property name="trunk_com_z" value="0"/>
+    <xacro:property name="trunk_ixx" value="0.01"/><xacro:property name="trunk_ixy" value="0"/>
+    <xacro:property name="trunk_ixz" value="0"/><xacro:property name="trunk_iyy" value="0.03"/>
+    <xacro:property name="trunk_iyz" value="0"/><xacro:property name="trunk_izz" value="0.04"/>
+    <xacro:property name="hip_mass" value="0.595"/>
+</robot>
+"""
+INERTIAL = (
+    "<inertial><!-- CAD --><pose degrees='true'>0.1 0 0 0 0 30</pose>\n<mass>6</mass><inertia><ixx>1</ixx><iyy>1</iyy>"
+    "<izz>1</izz></inertia></inertial>"
+)
+SDF = """<sdf version="1.9"><world name="w"><model name="a1">
+  <link name="trunk">{}<visual name="v"/></link>
+  <link name="FR_hip"><inertial><mass>1</mass></inertial></link>
+  <joint name="FR" type="revolute"><parent>trunk</parent><child>FR_hip</child></joint>
+</model></world></sdf>
+"""
 
 
 def added_to(robot):
@@ -43,6 +68,12 @@ def found(robot, added=None, verdicts=None, **changes):
         stance_effective=Body.partly(nominal.stance_effective),
     )  # fmt: skip
     return dataclasses.replace(result, **changes)
+
+
+def make_run(path, robot):
+    """A finished run of a robot that was found heavier than its file."""
+    with RunFolder.create(path, robot, Precise(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
+        folder.save(found(robot).with_provenance(**folder.provenance))
 
 
 def joined(body, added):

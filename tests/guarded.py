@@ -37,11 +37,12 @@ def look(checks, command, state, sent=None):
         check(command, known)
 
 
-def simulated(robot, start="standing", noise="realistic", seed=3):
-    """A simulated robot with a control period that takes half the computing, and what can happen to it from outside."""
-    simulation = simulate(robot, noise, seed=seed)
+def simulated(robot, start="standing", noise="realistic", seed=3, payload=None):
+    """A simulated robot with longer steps, which take half the computing; what can happen to it from outside; its truth."""
+    simulation = simulate(robot, noise, payload, seed, timestep=SLOW / 4)
     model, disturbance = simulation.platform._simulated, simulation.disturbance
-    return MujocoPlatform(robot, model, nominal_stance(robot), start, SLOW, disturbance=disturbance), disturbance
+    platform = MujocoPlatform(robot, model, nominal_stance(robot), start, SLOW, disturbance=disturbance)
+    return platform, disturbance, simulation.truth
 
 
 class Pieces(list):

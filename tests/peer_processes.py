@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -85,6 +85,18 @@ def free_port():
         return probe.getsockname()[1]
 
 
+_domains = []  # sockets: each keeps its domain for this process
+
+
+def unused_domain():
+    """A DDS domain that no other process of these tests has: it holds the TCP port of that number, which DDS leaves alone."""
+    for domain in range(1, 231):
+        with suppress(OSError):
+            _domains.append(socket.create_server(("127.0.0.1", 7400 + 250 * domain)))
+            return domain
+    raise AssertionError("no DDS domain is free")
+
+
 class StalledError(Exception):
     """A test failed while this machine did not keep up with real time, which may be why."""
 
@@ -105,6 +117,7 @@ def stalls_told(platform, peer):
 def in_real_time(test):
     """Try a test again if the machine stalled; on one that stalls every time, it says nothing."""
 
+    @pytest.mark.realtime
     @functools.wraps(test)
     def tried(*arguments, **named):
         for _ in range(TRIES):

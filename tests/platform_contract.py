@@ -6,6 +6,7 @@
 All platforms that `make` returns begin in the same state; a robot that is never twice the same loosens `tolerances`.
 """
 
+import dataclasses
 import itertools
 from typing import ClassVar
 
@@ -13,10 +14,12 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from equipoise import simulate
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.recording.recording import PHASE, Event, Recording
+from equipoise.simulation.mujoco import PERIODS_BETWEEN_STOP_TESTS
 
 NEVER = TiltLimit(np.pi, (0.0, 0.0, 1.0))
 
@@ -243,6 +246,59 @@ class PlatformContract:
         with another() as platform:
             platform.play(wave(platform, 5))
         platform.close()
+
+
+# Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
+# playing, and in the next one when stepping; this is what one command of a smooth motion changes.
+WITHOUT_DELAY = {
+    "position": 1e-12,
+    "velocity": 0.01,
+    "torque": 0.2,
+    "angular_velocity_in_imu": 0.01,
+    "acceleration_in_imu": 0.5,
+}
+TO_ROUNDING = dict.fromkeys(PlatformContract.tolerances, 1e-10)
+
+
+class SimulationContract(PlatformContract):
+    interrupted_method = "_roll"
+    periods_between_stop_tests = PERIODS_BETWEEN_STOP_TESTS
+    noise = "ideal"
+
+    @pytest.fixture(autouse=True)
+    def _robot(self, a1):
+        self.robot = a1
+
+    def make(self):
+        return simulate(self.robot, self.noise, seed=3).platform
+
+
+class SteppedRobot:
+    """A robot as hardware is: it has only `step`, and does not report torques."""
+
+    def __init__(self, simulated):
+        self._simulated = simulated
+        self.control_period = simulated.control_period
+        self.joint_names = simulated.joint_names
+        self.accepts = simulated.accepts
+
+    def read(self):
+        return dataclasses.replace(self._simulated.read(), joint_torque=None)
+
+    def step(self, command):
+        return dataclasses.replace(self._simulated.step(command), joint_torque=None)
+
+    def play(self, trajectory, stop=None):
+        return play_by_stepping(self, trajectory, stop)
+
+    def close(self):
+        self._simulated.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
 
 
 def wave(platform, count, feed_forward=False):

@@ -5,11 +5,9 @@ import shlex
 from pathlib import Path
 
 import pytest
-from exporting import found
+from exporting import CONST, INERTIAL, SDF, make_run
 from robots import load_text, quadruped_mjcf
-from test_export_formats import CONST, INERTIAL, SDF
 
-from equipoise import Precise, RunFolder
 from equipoise.cli import main
 from equipoise.exports.formats import FORMATS
 
@@ -22,12 +20,6 @@ MJCF = re.sub(
     quadruped_mjcf(),
 )
 NUMBER = re.compile(r"-?\b\d+\.?\d*(?:e[-+]?\d+)?")
-
-
-def make_run(path, robot):
-    """A finished run of a robot that was found heavier than its file."""
-    with RunFolder.create(path, robot, Precise(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
-        folder.save(found(robot).with_provenance(**folder.provenance))
 
 
 @pytest.fixture(scope="module")

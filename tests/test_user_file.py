@@ -1,5 +1,6 @@
 """Where results go: whole or not at all, and never in place of what is no regular file."""
 
+import itertools
 import os
 import socket
 import stat
@@ -102,17 +103,21 @@ def run(tmp_path_factory):
     return path
 
 
-@KINDS
+VERBS = [
+    ["estimate", "RUN"],
+    ["record", "--duration", "1s"],
+    ["calibrate", "--method", "static"],
+    ["monte-carlo", "--trials", "1", "--methods", "static"],
+]
+
+
 @pytest.mark.parametrize(
-    "verb",
+    ("verb", "make"),
     [
-        ["estimate", "RUN"],
-        ["report", "RUN"],
-        ["record", "--duration", "1s"],
-        ["calibrate", "--method", "static"],
-        ["monte-carlo", "--trials", "1", "--methods", "static"],
+        *itertools.product(VERBS, [fifo, bound_socket, folder, device]),
+        *((["report", "RUN"], make) for make in (fifo, folder)),  # a page takes seconds
     ],
-    ids=lambda verb: verb[0],
+    ids=lambda value: value[0] if isinstance(value, list) else value.__name__,
 )
 def test_no_verb_replaces_it(run, tmp_path, monkeypatch, capsys, verb, make):
     monkeypatch.chdir(tmp_path)

@@ -17,6 +17,8 @@ from equipoise.result.body import Body
 from equipoise.robot.inertial import composite_parameters
 from equipoise.simulation.glimpse import Bystander
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 
 class Meddled:
     """A platform that shows nothing but the seam, with something done to every state that `step` returns."""

@@ -12,7 +12,7 @@ from tilting import contact_jacobian
 from equipoise import nominal_stance
 from equipoise.robot.inertial import base_parameters, components, composite_parameters
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # behind ours, of which some have the same names
 
 from peers import projected_least_squares, rigid_body_kalman
 from peers.filtered import Filtered

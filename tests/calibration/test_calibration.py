@@ -18,6 +18,8 @@ from equipoise.method.table import method_named
 from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import composite_parameters
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 PAPER = Paper()
 QUICK = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
 

@@ -16,6 +16,8 @@ from equipoise.precise.unknowns import Priors
 from equipoise.recording.trials import LiftTrial
 from equipoise.robot.inertial import InertialParameters
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 PAYLOAD = (1.5, 0.05, -0.02, 0.06)  # of the fixture `precise_run`
 
 

@@ -7,6 +7,8 @@ from equipoise import Paper, Precise, Static, calibrate, simulate
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.errors import SettingsError
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 SETTINGS = {
     "precise": Precise(budget=60),
     "paper": Paper(),

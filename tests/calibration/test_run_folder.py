@@ -33,6 +33,8 @@ from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Event, ImuStream, JointStream, Recording
 from equipoise.recording.run_log import RunLog
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
 PROVENANCE = {
     "seed": 2,

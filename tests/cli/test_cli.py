@@ -10,9 +10,12 @@ import sys
 import time
 
 import pytest
+from commands import fails
 
 from equipoise import RunFolder
 from equipoise.cli import VERBS, main
+
+pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 QUICK = [
     "--noise",
@@ -28,16 +31,6 @@ QUICK = [
     "1.0",
 ]
 COMMAND = [sys.executable, "-m", "equipoise"]
-
-
-def fails(capsys, code, *arguments):
-    """Run, expect that exit code and one clear sentence on stderr, and return it."""
-    assert main(list(arguments)) == code
-    captured = capsys.readouterr()
-    assert "Traceback" not in captured.err
-    lines = [line for line in captured.err.splitlines() if line.startswith("error: ")]
-    assert len(lines) == 1
-    return lines[0]
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,8 @@ import json
 import shutil
 
 import pytest
-from exporting import assert_same, composite_in_equipoise, composite_in_pinocchio, found
-from test_cli import fails
-from test_controller_pages import make_run
+from commands import fails
+from exporting import assert_same, composite_in_equipoise, composite_in_pinocchio, found, make_run
 
 from equipoise import Precise, RunFolder, export
 from equipoise.cli import main

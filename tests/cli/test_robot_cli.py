@@ -43,6 +43,7 @@ def _named(pair):
     return f"{ {'robot': 'address'}.get(key, key) }={value}"
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(("protocol", "form"), [(robot, form) for robot, forms in FORMS.items() for form in forms])
 def test_the_doctor_looks_and_moves_nothing_whatever_form_of_packets_the_robot_speaks(protocol, form, capsys):
     with robot("--form", form, protocol=protocol) as (peer, flags):
@@ -54,6 +55,7 @@ def test_the_doctor_looks_and_moves_nothing_whatever_form_of_packets_the_robot_s
     assert not any(entry.get("mode") == "commanded" for entry in peer.log)
 
 
+@pytest.mark.realtime
 def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
     path = tmp_path / "logs" / "still.mcap"
     with robot() as (peer, flags):
@@ -65,6 +67,7 @@ def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
     assert "exists; name a new file with --out" in capsys.readouterr().err
 
 
+@pytest.mark.realtime
 def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, capsys):
     for _ in range(3):  # a busy machine may stall, which the guard does not put up with
         out = tmp_path / str(time.monotonic_ns())
@@ -87,6 +90,7 @@ def test_a_calibration_ends_with_the_robot_lying_damped_and_released(tmp_path, c
     assert len(RunFolder.open(out).recordings()) == 1
 
 
+@pytest.mark.realtime
 def test_nothing_moves_unless_the_robot_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "stdin", io.StringIO("no\n"))
     with robot("--start", "lying") as (peer, flags):
@@ -99,6 +103,7 @@ def test_nothing_moves_unless_the_robot_is_named(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.realtime
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL here")
 @pytest.mark.parametrize(("protocol", "form"), [("a1", "struct"), ("go1", "plain")])
 def test_a_program_that_is_killed_leaves_a_damped_robot(protocol, form, tmp_path):

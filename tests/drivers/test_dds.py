@@ -4,6 +4,7 @@ import hashlib
 import time
 
 import pytest
+from peer_processes import unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -15,7 +16,7 @@ from equipoise.drivers.unitree import messages as unitree_messages
 from equipoise.drivers.unitree.messages import Request, RequestHeader, RequestIdentity, RequestLease, RequestPolicy
 from equipoise.errors import CommunicationError, SettingsError
 
-DOMAIN = 87  # of these tests
+DOMAIN, ANOTHER = unused_domain(), unused_domain()
 REQUEST = Request(RequestHeader(RequestIdentity(7, 1001), RequestLease(0), RequestPolicy(0, False)), "{}", [1, 2])
 
 
@@ -98,15 +99,15 @@ def test_types_are_announced_to_the_byte_alike_by_all_versions(messages, digest)
 
 
 def test_a_domain_is_open_once_a_process_and_can_be_opened_again():
-    first = DdsDomain(DOMAIN + 1, "lo")
+    first = DdsDomain(ANOTHER, "lo")
     outbox = first.outbox("again", Request)
-    with pytest.raises(CommunicationError, match=f"domain {DOMAIN + 1} on lo cannot be opened .* open in this process"):
-        DdsDomain(DOMAIN + 1, "lo")
+    with pytest.raises(CommunicationError, match=f"domain {ANOTHER} on lo cannot be opened .* open in this process"):
+        DdsDomain(ANOTHER, "lo")
     first.close()
     first.close()
     with pytest.raises(CommunicationError, match="again is closed; open the link again"):
         outbox.send(REQUEST)
-    second = DdsDomain(DOMAIN + 1, "lo")
+    second = DdsDomain(ANOTHER, "lo")
     inbox, outbox = second.inbox("again", Request), second.outbox("again", Request)
     outbox.send(REQUEST)
     assert len(arrivals(inbox)) == 1

@@ -5,6 +5,7 @@ import sys
 import time
 
 import pytest
+from peer_processes import unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -13,7 +14,7 @@ from equipoise.drivers.dds.domain import DdsDomain
 from equipoise.drivers.dds.versions import DdsProcess, DiscoveryNotes, check_company, check_version
 from equipoise.errors import CommunicationError, SettingsError
 
-DOMAIN = 91  # of these tests
+DOMAIN = unused_domain()
 HERE = "domain 0 on eth0"
 STAYS = f"""
 import sys

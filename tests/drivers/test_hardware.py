@@ -14,6 +14,8 @@ from equipoise.errors import MotionError, OverrunError
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import JointCommand
 
+pytestmark = pytest.mark.realtime
+
 
 @pytest.fixture
 def link(a1):

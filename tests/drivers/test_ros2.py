@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from peer_processes import unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -22,7 +23,8 @@ from equipoise.platform.platform import JointCommand, Trajectory
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.statics import static_torques
 
-DOMAIN, EMPTY_DOMAIN = 61, 62
+pytestmark = pytest.mark.realtime
+DOMAIN, EMPTY_DOMAIN = unused_domain(), unused_domain()
 STIFFNESS = 120.0  # [Nm/rad] soft: legs sag by several hundredths of a radian
 PATIENCE = 60.0  # [s] for a busy machine
 

@@ -1,6 +1,5 @@
 """A Go2's link against a simulated robot in a process of its own, over DDS on loopback."""
 
-import itertools
 import json
 import os
 import signal
@@ -11,6 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from peer_processes import unused_domain
 from scipy.interpolate import interp1d
 
 pytest.importorskip("cyclonedds")
@@ -24,17 +24,15 @@ from equipoise.drivers.unitree.samples import STATE, Message
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
 
-DOMAINS = itertools.count(
-    1 + 10 * (os.getpid() % 22)
-)  # others for every process that runs these tests at the same time
+pytestmark = pytest.mark.realtime
 PATIENCE = 60.0  # [s] for a peer to start on a busy machine
 
 
 class Peer:
     """A process with a simulated robot, and what it wrote."""
 
-    def __init__(self, process, path, domain):
-        self.process, self.path, self.domain = process, path, domain
+    def __init__(self, process, path, domain, flags):
+        self.process, self.path, self.domain, self.flags = process, path, domain, flags
 
     def said(self, key=None):
         """All entries, or the values under a key."""
@@ -52,14 +50,14 @@ class Peer:
 
 @contextmanager
 def running(tmp_path_factory, *flags):
-    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", next(DOMAINS)
+    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", unused_domain()
     command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--domain", str(domain), "--noise", "ideal"]
     with path.open("w") as log:
         process = subprocess.Popen(
             [*command, "--duration", "120", *flags], stdout=log, stderr=subprocess.STDOUT,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
-    peer = Peer(process, path, domain)
+    peer = Peer(process, path, domain, flags)
     try:
         peer.wait_for(ready=True)
         yield peer
@@ -222,7 +220,7 @@ def test_commands_for_another_number_of_joints_are_refused(linked, target):
 
 
 def test_a_robot_that_is_not_there_is_noticed(a1):
-    elsewhere = UnitreeB2Settings(interface="lo", domain=next(DOMAINS))
+    elsewhere = UnitreeB2Settings(interface="lo", domain=unused_domain())
     with (
         HardwarePlatform(open_link(a1, elsewhere), patience=0.2) as platform,
         pytest.raises(CommunicationError, match=r"unitree-b2 on lo sent nothing for 0\.2 s"),
@@ -289,8 +287,15 @@ def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, t
     assert recording.joints.time[-1] < time.monotonic()
 
 
+@pytest.fixture(scope="module")
+def asked(request, tmp_path_factory):
+    """A robot of these flags, which several tests ask."""
+    with running(tmp_path_factory, *request.param) as peer:
+        yield peer
+
+
 @pytest.mark.parametrize(
-    ("flags", "given", "fine", "says"),
+    ("asked", "given", "fine", "says"),
     [
         ([], [], True, "'normal' holds the motors; calibrate will have it let go"),
         ([], ["release_sport_mode=false"], False, "'normal' holds the motors, and calibrate will not have it let go"),
@@ -305,25 +310,16 @@ def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, t
         (["--bare"], [], False, "was not found within 3 s; a simulator that has none needs release_sport_mode=false"),
         (["--bare"], ["release_sport_mode=false"], None, "no answer which; calibrate will not ask"),
     ],
+    indirect=["asked"],
 )
-def test_the_doctor_asks_who_holds_the_motors_and_has_nobody_let_go(tmp_path_factory, capsys, flags, given, fine, says):
-    with running(tmp_path_factory, *flags) as peer:
-        pairs = ["interface=lo", f"domain={peer.domain}", "silence=5", *given]
-        code = main(
-            [
-                "doctor",
-                "--platform",
-                "unitree-go2",
-                "--duration",
-                "0.5s",
-                "--json",
-                *(f"--set={pair}" for pair in pairs),
-            ]
-        )
-        time.sleep(0.2)
-        assert {*peer.said("request")} == (set() if "--bare" in flags else {1001})
-        assert (peer.said("asked"), peer.said("sport_mode"), peer.said("ignored")) == ([], [], [])
-        assert peer.said("mode") == ["own stance"]
+def test_the_doctor_asks_who_holds_the_motors_and_has_nobody_let_go(asked, capsys, given, fine, says):
+    pairs = ["interface=lo", f"domain={asked.domain}", "silence=5", *given]
+    doctor = ["doctor", "--platform", "unitree-go2", "--duration", "0.5s", "--json"]
+    code = main([*doctor, *(f"--set={pair}" for pair in pairs)])
+    time.sleep(0.2)
+    assert {*asked.said("request")} == (set() if "--bare" in asked.flags else {1001})
+    assert (asked.said("asked"), asked.said("sport_mode"), asked.said("ignored")) == ([], [], [])
+    assert asked.said("mode") == ["own stance"]
     findings = {finding["name"]: finding for finding in json.loads(capsys.readouterr().out)["findings"]}
     found = findings["robot's own controller"]
     assert found["fine"] is fine
@@ -344,7 +340,7 @@ def test_samples_that_are_all_damaged_are_told_apart_from_none(tmp_path_factory,
 
 
 def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
-    link = open_link(a1, UnitreeDdsSettings(interface="lo", domain=next(DOMAINS)))
+    link = open_link(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
     try:
         message = Message(STATE)
         lost = message.record["motor_state"]["lost"]

@@ -182,7 +182,7 @@ def test_each_command_reaches_its_own_joint(a1):
             assert felt[at, joint] > 5.0  # 0.1 rad times kp, less what the delay takes
 
 
-@EACH_ROBOT
+@pytest.mark.parametrize(("protocol", "form"), [("a1", "compressed"), ("go1", "scrambled")])
 @in_real_time
 def test_gains_and_feed_forward_arrive_and_the_end_is_a_release(a1, protocol, form):
     home = np.array(nominal_stance(a1).joint_position)
@@ -268,6 +268,7 @@ def test_over_a_bad_network_every_sample_is_recorded_once_and_in_order(a1):
     assert peer.end()[-1]["damaged"] == 0
 
 
+@pytest.mark.realtime
 def test_a_robot_that_is_switched_off_is_noticed(a1):
     with connected(a1, "a1", silence=0.5) as (platform, peer):
         home = np.array(nominal_stance(a1).joint_position)

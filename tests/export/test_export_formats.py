@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
-from exporting import assert_same, found
+from exporting import CONST, INERTIAL, SDF, assert_same, found
 from robots import load_text, quadruped_urdf
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -251,20 +251,6 @@ def test_xacro_has_the_properties_that_legged_control_reads(result, base):
     assert_trunk(xacro_properties(export(result, "xacro").text), base)
 
 
-CONST = """<?xml version="1.0"?>
-<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a1">
-    <!-- trunk -->
-    <xacro:property name="trunk_mass" value="6.0"/>
-    <xacro:property name='trunk_com_x'   value='0.0'/>  <!-- measured -->
-    <xacro:property name="trunk_com_y" value="${0.002 * 2}"/><xacro:property name="trunk_com_z" value="0"/>
-    <xacro:property name="trunk_ixx" value="0.01"/><xacro:property name="trunk_ixy" value="0"/>
-    <xacro:property name="trunk_ixz" value="0"/><xacro:property name="trunk_iyy" value="0.03"/>
-    <xacro:property name="trunk_iyz" value="0"/><xacro:property name="trunk_izz" value="0.04"/>
-    <xacro:property name="hip_mass" value="0.595"/>
-</robot>
-"""
-
-
 def test_a_users_const_xacro_keeps_everything_else(result, base, tmp_path):
     file = tmp_path / "const.xacro"
     file.write_text(CONST, encoding="utf-8")
@@ -296,18 +282,6 @@ def sdf_body(inertial):
 
 def test_sdf_alone_is_an_inertial(result, base):
     assert_same(sdf_body(ET.fromstring(export(result, "sdf").text)), base, 1e-12)
-
-
-INERTIAL = (
-    "<inertial><!-- CAD --><pose degrees='true'>0.1 0 0 0 0 30</pose>\n<mass>6</mass><inertia><ixx>1</ixx><iyy>1</iyy>"
-    "<izz>1</izz></inertia></inertial>"
-)
-SDF = """<sdf version="1.9"><world name="w"><model name="a1">
-  <link name="trunk">{}<visual name="v"/></link>
-  <link name="FR_hip"><inertial><mass>1</mass></inertial></link>
-  <joint name="FR" type="revolute"><parent>trunk</parent><child>FR_hip</child></joint>
-</model></world></sdf>
-"""
 
 
 @pytest.mark.parametrize("inertial", [INERTIAL, "", "<inertial/>", "<inertial><mass/></inertial>"])

@@ -409,7 +409,7 @@ def test_a_robot_that_was_moved_while_nobody_looked_is_not_pulled_back(a1, seen)
         (frozenset(), ()),
         (frozenset(), ("joint_torque", "joint_velocity")),
     ],
-    ids=str,
+    ids=lambda names: " ".join(sorted(names)) or "nothing",
 )
 def test_a_robot_may_lack_gains_torques_and_speeds(a1, make, accepts, hidden):
     seen = make(accepts=accepts, hidden=hidden)

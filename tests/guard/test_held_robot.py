@@ -25,6 +25,7 @@ from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import Health, JointCommand
 
+pytestmark = pytest.mark.realtime
 BUSY = Limits(silence=5.0, stall=5.0)  # for a machine that has other things to do, too
 
 

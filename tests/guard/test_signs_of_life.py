@@ -11,6 +11,8 @@ from equipoise.guard import held_robot
 from equipoise.method.table import method_named
 from equipoise.platform.wrapper import PlatformWrapper
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 
 class Stretches(dict):
     """Signs of life; keeps the longest stretches between two, as computed and as waited for [s]."""

@@ -21,6 +21,8 @@ from equipoise.result.body import Body
 from equipoise.robot.model import LEG_NAMES
 from equipoise.simulation.simulation import simulate
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 DRAW_IN_A_FRESH_PYTHON = """
 import sys
 from equipoise import Paper, calibrate, load_robot

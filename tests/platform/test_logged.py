@@ -5,8 +5,7 @@ import resource
 import numpy as np
 import pytest
 from logs import bits
-from platform_contract import interrupt_after, wave
-from test_platform_contract import WITHOUT_DELAY, SimulationContract
+from platform_contract import WITHOUT_DELAY, SimulationContract, interrupt_after, wave
 
 from equipoise import simulate
 from equipoise.errors import OutputError

@@ -1,42 +1,23 @@
 """Every platform, put through the contract."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from platform_contract import PlatformContract, interrupt_after, wave
+from platform_contract import (
+    TO_ROUNDING,
+    WITHOUT_DELAY,
+    PlatformContract,
+    SimulationContract,
+    SteppedRobot,
+    interrupt_after,
+    wave,
+)
 from robots import load_text
 
 from equipoise import simulate
 from equipoise.errors import MotionError, SettingsError
+from equipoise.guard import safe_ending
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Trajectory
-from equipoise.platform.stepping import play_by_stepping
-from equipoise.simulation.mujoco import PERIODS_BETWEEN_STOP_TESTS
-
-# Without any delay, what a command changes at once (torque, acceleration) shows in the sample that it is sent at when
-# playing, and in the next one when stepping; this is what one command of a smooth motion changes.
-WITHOUT_DELAY = {
-    "position": 1e-12,
-    "velocity": 0.01,
-    "torque": 0.2,
-    "angular_velocity_in_imu": 0.01,
-    "acceleration_in_imu": 0.5,
-}
-TO_ROUNDING = dict.fromkeys(PlatformContract.tolerances, 1e-10)
-
-
-class SimulationContract(PlatformContract):
-    interrupted_method = "_roll"
-    periods_between_stop_tests = PERIODS_BETWEEN_STOP_TESTS
-    noise = "ideal"
-
-    @pytest.fixture(autouse=True)
-    def _robot(self, a1):
-        self.robot = a1
-
-    def make(self):
-        return simulate(self.robot, self.noise, seed=3).platform
 
 
 class TestIdealSimulation(SimulationContract):
@@ -46,34 +27,6 @@ class TestIdealSimulation(SimulationContract):
 class TestRealisticSimulation(SimulationContract):
     noise = "realistic"
     tolerances = TO_ROUNDING
-
-
-class SteppedRobot:
-    """A robot as hardware is: it has only `step`, and does not report torques."""
-
-    def __init__(self, simulated):
-        self._simulated = simulated
-        self.control_period = simulated.control_period
-        self.joint_names = simulated.joint_names
-        self.accepts = simulated.accepts
-
-    def read(self):
-        return dataclasses.replace(self._simulated.read(), joint_torque=None)
-
-    def step(self, command):
-        return dataclasses.replace(self._simulated.step(command), joint_torque=None)
-
-    def play(self, trajectory, stop=None):
-        return play_by_stepping(self, trajectory, stop)
-
-    def close(self):
-        self._simulated.close()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        self.close()
 
 
 class TestSteppedRobot(PlatformContract):
@@ -94,7 +47,9 @@ class TestGuardedRobot(PlatformContract):
     interrupted_method = "_step"
 
     @pytest.fixture(autouse=True)
-    def _robot(self, a1, a1_urdf, tmp_path):
+    def _robot(self, a1, a1_urdf, tmp_path, monkeypatch):
+        monkeypatch.setattr(safe_ending, "LIE_DOWN", 0.1)  # the contract is over by then
+        monkeypatch.setattr(safe_ending, "_LONGEST", 0.1)
         self.robot = a1
         self.fast = load_text(tmp_path, a1_urdf.replace('velocity="21"', 'velocity="100"'))
 

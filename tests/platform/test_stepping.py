@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from equipoise import Paper, RunFolder, calibrate, simulate
+from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.errors import RecordingError, UnrecordedError
 from equipoise.platform.logged import Logged
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
+
+pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 
 class Stuttering(PlatformWrapper):
@@ -76,7 +78,7 @@ def test_two_platforms_do_not_know_of_each_other(a1):
 
 def test_a_calibration_goes_through_as_without_lost_samples(a1, simulation, tmp_path):
     """It ended by "joint times must be finite and increasing", and with it went the recording."""
-    settings = Paper()
+    settings = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
     folder = RunFolder.create(tmp_path / "run", a1, settings, {})
     with folder:
         platform = Stuttering(simulation.platform)

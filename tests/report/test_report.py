@@ -37,6 +37,8 @@ from equipoise.report.progress import deviations_by_motion
 from equipoise.report.trials import narrowing
 from equipoise.result.calibration import SwayEstimate
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 ROOT = Path(__file__).parents[2]
 LARGEST = 8_000_000  # [B]
 

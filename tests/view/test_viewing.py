@@ -23,6 +23,8 @@ from equipoise.view.panel import com_text, trial_text
 from equipoise.view.plan_view import SIZE, plan_view
 from equipoise.view.player import Player
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 PAPER = Paper(com_search=ComSearchSettings(tolerance=0.01))
 
 

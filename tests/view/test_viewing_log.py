@@ -26,6 +26,8 @@ from equipoise.view.even_steps import STEP, EvenSteps
 from equipoise.view.film import Film
 from equipoise.view.follow import FollowedLog
 
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
 WRITER = """
 import sys, time
 from pathlib import Path
