@@ -31,7 +31,7 @@ def planar_error_mm(result):
 @pytest.fixture(scope="module")
 def ideal(a1):
     recordings = []
-    with simulate(a1, "ideal") as simulation:
+    with simulate(a1, "ideal", timestep=0.5e-3) as simulation:
         result = calibrate(simulation.platform, a1, PAPER, keep=recordings.append).with_truth(simulation.truth)
     return result, recordings
 

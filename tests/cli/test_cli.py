@@ -15,8 +15,6 @@ from commands import fails
 from equipoise import RunFolder
 from equipoise.cli import VERBS, main
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 QUICK = [
     "--noise",
     "ideal",

@@ -10,8 +10,6 @@ from equipoise.errors import NotEstimatedError
 from equipoise.paper.iterations import com_by_iteration
 from equipoise.robot.model import DIAGONALS
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.004), sway=SwaySettings(duration=1.0))
 
 

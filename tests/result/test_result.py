@@ -25,8 +25,6 @@ from equipoise.errors import NotEstimatedError, OutputError, RecordingError
 from equipoise.result.body import Body, inertia_from_dict, inertia_to_dict
 from equipoise.robot.inertial import nominal_inertia
 
-pytestmark = pytest.mark.usefixtures("coarse_engine")
-
 SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
 HERE = Path(__file__).parent
 BASE = InertialParameters(
