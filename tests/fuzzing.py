@@ -38,8 +38,8 @@ from equipoise.drivers.catalog import given_settings
 from equipoise.drivers.unitree.formats import FORMS
 from equipoise.drivers.unitree.packets import (
     CommandPacket,
-    LowState,
     MotorCommands,
+    SensorReadings,
     StatePacket,
     read_command,
     read_state,
@@ -112,7 +112,7 @@ def packets_of(layout):
     """A state and a command."""
 
     values = np.linspace(0.1, 1.2, 12)
-    state = LowState(values, values, values, 30 + values, values[:3], values[:3], 1234, 0.8, 24.0)
+    state = SensorReadings(values, values, values, 30 + values, values[:3], values[:3], 1234, 0.8, 24.0)
     command = MotorCommands(values, values, values, 10 * values, values)
     return [bytes(StatePacket(layout).write(state)), bytes(CommandPacket(layout).write(command))]
 

@@ -22,8 +22,8 @@ from equipoise.drivers.unitree.packets import (
     VELOCITY_STOP,
     CommandPacket,
     Damage,
-    LowState,
     MotorCommands,
+    SensorReadings,
     StatePacket,
     read_command,
     read_state,
@@ -49,7 +49,7 @@ def of_motors(elements=numbers, width=MOTORS):
 
 commands = st.builds(MotorCommands, *[of_motors()] * len(COMMANDED))
 states = st.builds(
-    LowState,
+    SensorReadings,
     position=of_motors(),
     velocity=of_motors(),
     torque=of_motors(),
@@ -68,7 +68,7 @@ def some_commands():
 
 def some_state(tick=77):
     rows = (np.arange(MOTORS) * 0.125 + start for start in (-1.0, 2.0, -3.0))
-    return LowState(
+    return SensorReadings(
         *rows, np.arange(30.0, 42.0), np.array([0.5, -0.25, 2.0]), np.array([1.0, -2.0, 9.5]), tick, 0.5, 24.0
     )
 
@@ -281,7 +281,7 @@ def sdk_state(packets):
     """That of the captured packets."""
     joint = np.arange(float(MOTORS))
     battery = (0.77, 6 * 4.096) if packets is GO1 else (None, None)
-    return LowState(
+    return SensorReadings(
         0.05 * joint - 0.3,
         0.1 * joint,
         0.7 * joint - 4,
@@ -366,7 +366,7 @@ def test_any_bytes_are_read_or_refused(packets, data):
     head = data.draw(st.sampled_from([b"", packets.begins]))
     body = data.draw(st.binary(max_size=1200) | st.binary(min_size=layout.itemsize, max_size=layout.itemsize))
     received = (head + body)[: max(len(body), 1)]
-    assert isinstance(read(packets, received), (Damage, MotorCommands, LowState))
+    assert isinstance(read(packets, received), (Damage, MotorCommands, SensorReadings))
 
 
 @PACKETS
@@ -376,7 +376,7 @@ def test_random_numbers_under_a_right_checksum_do_no_harm(packets, random):
     data[: len(packets.begins)] = packets.begins
     words = len(data) // 4 - 1
     data[-4:] = struct.pack("<I", crc32_words(data[: 4 * words]))
-    assert isinstance(read_state(packets, bytes(data)), LowState)
+    assert isinstance(read_state(packets, bytes(data)), SensorReadings)
 
 
 @PACKETS
@@ -417,4 +417,4 @@ def test_a_flipped_bit_is_seen(packets, data):
     changed[at] ^= 1 << data.draw(st.integers(0, 7))
     assert read(packets, bytes(changed)) is Damage.CHECKSUM
     if read is read_state:
-        assert isinstance(read_state(packets, bytes(changed), check=False), LowState)
+        assert isinstance(read_state(packets, bytes(changed), check=False), SensorReadings)

@@ -23,7 +23,7 @@ from equipoise.drivers.unitree import udp as unitree_udp
 from equipoise.drivers.unitree.form_search import FormSearch
 from equipoise.drivers.unitree.formats import FORMS
 from equipoise.drivers.unitree.motors import MOTORS
-from equipoise.drivers.unitree.packets import Damage, LowState, MotorCommands, StatePacket, read_command
+from equipoise.drivers.unitree.packets import Damage, MotorCommands, SensorReadings, StatePacket, read_command
 from equipoise.drivers.unitree.udp import open_link
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.errors import CommunicationError, SettingsError
@@ -74,7 +74,9 @@ class RawRobot:
         """A sample's bytes."""
         still = np.zeros(MOTORS)
         up = np.array([0.0, 0.0, 9.81])
-        return bytes(self._packet.write(LowState(still + position, still, still, still + 30, np.zeros(3), up, tick)))
+        return bytes(
+            self._packet.write(SensorReadings(still + position, still, still, still + 30, np.zeros(3), up, tick))
+        )
 
     def send(self, *packets):
         for packet in packets:
@@ -423,7 +425,7 @@ def test_the_watchdog_is_told_what_the_robot_answered(a1, raw, monkeypatch):
 def states_in(protocol):
     """A state in each form, by name."""
     still, up = np.zeros(MOTORS), np.array([0.0, 0.0, 9.81])
-    state = LowState(still, still, still, still, np.zeros(3), up, 7)
+    state = SensorReadings(still, still, still, still, np.zeros(3), up, 7)
     return {name: bytes(StatePacket(form).write(state)) for name, form in FORMS[protocol].items()}
 
 

@@ -10,7 +10,7 @@ from guarded import PERIOD, Pieces, at_rest
 from equipoise.errors import OutputError
 from equipoise.platform import piece_log
 from equipoise.platform.piece_log import PieceLog
-from equipoise.platform.stepping import Steps
+from equipoise.platform.stepping import StepLog
 from equipoise.recording.recording import PHASE, Event, Recording
 
 EVENTS = (Event(0.0, PHASE, {"name": "move"}), Event(0.5, PHASE, {"name": "rest"}))
@@ -32,7 +32,7 @@ def whole_motion(robot, log, count):
 
 def motion(robot, log, count, events=EVENTS, first=0):
     """Steps of a robot at rest that go through a log."""
-    steps = Steps(Standing(robot), at_rest(robot, first))
+    steps = StepLog(Standing(robot), at_rest(robot, first))
     log.begin(steps, count, events)
     for index in range(first + 1, first + count + 1):
         steps.add(np.zeros(12), lambda index=index: at_rest(robot, index))

@@ -10,11 +10,11 @@ from equipoise import Payload, SensorErrors, nominal_stance, simulate
 from equipoise.errors import SettingsError
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.variation import LARGEST_SPREAD, Segment, vary, with_segments
+from equipoise.robot.variation import LARGEST_SPREAD, SegmentVariation, vary, with_segments
 from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.sensors import DrawnErrors
 
-SAME = Segment(1.0, 1.0)
+SAME = SegmentVariation(1.0, 1.0)
 FORMATS = ["urdf", "mjcf", "a1", "two_jointed", "skewed"]
 
 
@@ -102,8 +102,8 @@ def test_random_robots_still_stand(robot):
 def test_segments_change_what_they_say(name, request):
     robot = request.getfixturevalue(name)
     hips, thighs, shanks = (0.7, 1.0, 0.2)  # [kg], of each leg
-    segments = [Segment(1.0, 2.0), Segment(1.5, 3.0), Segment(0.5, 4.0)]
-    other = with_segments(robot, Segment(1.25, 1.5), segments)
+    segments = [SegmentVariation(1.0, 2.0), SegmentVariation(1.5, 3.0), SegmentVariation(0.5, 4.0)]
+    other = with_segments(robot, SegmentVariation(1.25, 1.5), segments)
     assert robot.leg_length == pytest.approx(0.2 + 0.2)
     assert other.leg_length == pytest.approx(1.5 * 0.2 + 0.5 * 0.2)
     assert robot.mass == pytest.approx(6 + 4 * (hips + thighs + shanks))
@@ -119,7 +119,7 @@ def test_segments_change_what_they_say(name, request):
 @pytest.mark.parametrize("name", ["urdf", "mjcf"])
 def test_the_trunks_com_is_shifted(name, request):
     robot = request.getfixturevalue(name)
-    other = with_segments(robot, Segment(1.0, 1.0, (0.03, -0.02, 0.01)), [SAME] * 3)
+    other = with_segments(robot, SegmentVariation(1.0, 1.0, (0.03, -0.02, 0.01)), [SAME] * 3)
     assert np.allclose(other.pinocchio.inertias[1].lever - robot.pinocchio.inertias[1].lever, [0.03, -0.02, 0.01])
     assert other.mass == pytest.approx(robot.mass)
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from equipoise.drivers.settings import Setting, read_settings, settings_of_class, settings_of_constructor
+from equipoise.drivers.settings import PlatformSetting, read_settings, settings_of_class, settings_of_constructor
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, PluginError, SettingsError
 from equipoise.plugins import Table, import_users, resolve
 
@@ -196,7 +196,10 @@ def settings_of(name: str) -> list[tuple[str, str, Any]]:
     if row.needs:
         _imported(row, row.needs)
     settings = settings_of_class(_imported(row, row.settings))
-    return [Setting(setting.kind, row.preset.get(key, setting.default)).row(key) for key, setting in settings.items()]
+    return [
+        PlatformSetting(setting.kind, row.preset.get(key, setting.default)).row(key)
+        for key, setting in settings.items()
+    ]
 
 
 def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:

@@ -33,7 +33,7 @@ _HOT, _WEAK_BATTERY = 60.0, 0.3  # [deg C], share
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckupFinding:
     """One thing that was looked at.
 
     Attributes:
@@ -55,12 +55,12 @@ class Finding:
 class Foretelling(Protocol):
     """A platform, or a driver's link, that can say what its first command will meet."""
 
-    def foretell(self) -> list[Finding]:
+    def foretell(self) -> list[CheckupFinding]:
         """What `calibrate` will meet when it takes over the motors; commands nothing, and lets go of nothing."""
         ...
 
 
-def foretold(source: object) -> list[Finding]:
+def foretold(source: object) -> list[CheckupFinding]:
     """What a platform or a link foretells; nothing if it cannot."""
     return source.foretell() if isinstance(source, Foretelling) else []
 
@@ -104,7 +104,7 @@ def _piece(robot: RobotModel, states: list[RobotState], before: RobotState | Non
     return Recording(sensed.joint_names, sensed.joints, sensed.imu)
 
 
-def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> list[Finding]:
+def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> list[CheckupFinding]:
     """Look at a robot that stands or lies still.
 
     Args:
@@ -124,7 +124,7 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
         _rate("joint samples", joints.time),
         _rate("IMU samples", imu.time),
         *_arrival(np.unique(arrived), imu.time),
-        Finding("joint velocities", "reported" if joints.velocity is not None else "not reported", None),
+        CheckupFinding("joint velocities", "reported" if joints.velocity is not None else "not reported", None),
         *_limits(robot, joints.position),
         _still(imu.angular_velocity_in_imu),
         _gravity(acceleration_in_imu),
@@ -136,7 +136,7 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
             findings.append(_temperature(robot, health.motor_temperature))
         findings += _battery(health.battery_voltage, health.battery_charge)
         if health.fault is not None:
-            findings.append(Finding("fault", health.fault, False, "see the robot's manual", serious=True))
+            findings.append(CheckupFinding("fault", health.fault, False, "see the robot's manual", serious=True))
     return findings
 
 
@@ -150,17 +150,17 @@ def joint_table(robot: RobotModel, position: FloatArray) -> list[tuple[str, str,
     ]  # fmt: skip
 
 
-def _rate(name: str, times: FloatArray) -> Finding:
+def _rate(name: str, times: FloatArray) -> CheckupFinding:
     steps = np.diff(times)
     if len(steps) < 2:
-        return Finding(name, f"{len(times)} in all", False, "the sensor does not run")
+        return CheckupFinding(name, f"{len(times)} in all", False, "the sensor does not run")
     rate, longest = 1 / float(np.median(steps)), float(steps.max())
     value = f"{rate:.0f} Hz, jitter {steps.std() * 1000:.2f} ms, longest gap {longest * 1000:.1f} ms"
     fine = rate >= _SLOWEST and float(np.quantile(steps, 0.99)) - float(np.median(steps)) < _JITTER
-    return Finding(name, value, fine, "" if fine else "lifts are short: use a cable, and at least 100 Hz")
+    return CheckupFinding(name, value, fine, "" if fine else "lifts are short: use a cable, and at least 100 Hz")
 
 
-def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[Finding]:
+def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[CheckupFinding]:
     """How evenly samples come in, whatever their stamps say: what the guard waits for."""
     if len(arrived) < 3:
         return []
@@ -168,40 +168,40 @@ def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[Finding]:
     longest, usual = float(pauses.max()), float(np.median(np.diff(stamps)))
     value = f"jitter {pauses.std() * 1000:.2f} ms, longest pause {longest * 1000:.1f} ms"
     fine = float(np.quantile(pauses, 0.99)) < usual + _JITTER
-    return [Finding("arrival", value, fine, "" if fine else "the network holds samples back: use a cable")]
+    return [CheckupFinding("arrival", value, fine, "" if fine else "the network holds samples back: use a cable")]
 
 
-def _limits(robot: RobotModel, position: FloatArray) -> list[Finding]:
+def _limits(robot: RobotModel, position: FloatArray) -> list[CheckupFinding]:
     beyond = np.maximum(robot.lower_limit - position.min(axis=0), position.max(axis=0) - robot.upper_limit)
     worst = int(np.argmax(beyond))
     if beyond[worst] <= 0:
-        return [Finding("joint positions", "within the model's limits", True)]
+        return [CheckupFinding("joint positions", "within the model's limits", True)]
     fine = bool(beyond[worst] < 0.1)
     return [
-        Finding(
+        CheckupFinding(
             "joint positions", f"{robot.joint_names[worst]} is {beyond[worst]:.2f} rad beyond its limit", fine,
             "" if fine else "is the joint map right, are signs and zeros?", serious=True,
         )
     ]  # fmt: skip
 
 
-def _still(angular_velocity_in_imu: FloatArray) -> Finding:
+def _still(angular_velocity_in_imu: FloatArray) -> CheckupFinding:
     bias, noise = np.linalg.norm(angular_velocity_in_imu.mean(axis=0)), angular_velocity_in_imu.std(axis=0).max()
     value = f"mean {bias * 1000:.1f} mrad/s, noise {noise * 1000:.1f} mrad/s"
     fine = bool(bias < _BIAS and noise < _STILL)
-    return Finding(
+    return CheckupFinding(
         "gyroscope at rest", value, fine, "" if fine else "does the robot move? else its gyroscope is biased"
     )
 
 
-def _gravity(acceleration_in_imu: FloatArray) -> Finding:
+def _gravity(acceleration_in_imu: FloatArray) -> CheckupFinding:
     size = float(np.linalg.norm(acceleration_in_imu))
     fine = WELL_SCALED_ACCELERATION_AT_REST[0] < size < WELL_SCALED_ACCELERATION_AT_REST[1]
     hint = "it must read about 9.81 m/s2 upward at rest" + (" (is it in units of g?)" if 0.7 < size < 1.3 else "")
-    return Finding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
+    return CheckupFinding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
 
 
-def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatArray) -> Finding:
+def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatArray) -> CheckupFinding:
     """Up by the accelerometer against the normal of the floor that the feet stand on."""
     feet = foot_positions(robot, position)
     normal = floor_normals_by_fit(feet[None])[0][0]
@@ -217,37 +217,37 @@ def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatAr
     if lies(robot, nominal_stance(robot), position):
         fine = None if bool(angle < _ASKEW) else False
         advice = "is the IMU mounted turned (imu_rpy), does the robot lie level?"
-        return Finding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
+        return CheckupFinding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
     advice = "is the IMU mounted turned (imu_rpy), is the joint map right, does the floor slope?"
     fine = bool(angle < _LEAN)
-    return Finding("gravity against the stance", value, fine, "" if fine else advice, serious=True)
+    return CheckupFinding("gravity against the stance", value, fine, "" if fine else advice, serious=True)
 
 
-def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) -> Finding:
+def _torque(robot: RobotModel, position: FloatArray, torque: FloatArray | None) -> CheckupFinding:
     if torque is None:
-        return Finding("joint torques", "not reported", None, "the mass then needs a scale: --mass")
+        return CheckupFinding("joint torques", "not reported", None, "the mass then needs a scale: --mass")
     mass = carried_mass(robot, position, torque.mean(axis=0))
     value = f"they carry {mass:.1f} kg; the model weighs {robot.mass:.1f} kg"
     if lies(robot, nominal_stance(robot), position):
-        return Finding("joint torques", value + " (the robot lies)", None)
+        return CheckupFinding("joint torques", value + " (the robot lies)", None)
     fine = bool(_MASS_RANGE[0] < mass / robot.mass < _MASS_RANGE[1])
-    return Finding(
+    return CheckupFinding(
         "joint torques", value, fine, "" if fine else "are they in Nm, with the joints' signs?", serious=True
     )
 
 
-def _temperature(robot: RobotModel, temperature: FloatArray) -> Finding:
+def _temperature(robot: RobotModel, temperature: FloatArray) -> CheckupFinding:
     hottest = int(np.argmax(temperature))
     fine = bool(temperature[hottest] < _HOT)
     value = f"{temperature[hottest]:.0f} deg C at most ({robot.joint_names[hottest]})"
-    return Finding("motor temperatures", value, fine, "" if fine else "let them cool down first")
+    return CheckupFinding("motor temperatures", value, fine, "" if fine else "let them cool down first")
 
 
-def _battery(voltage: float | None, charge: float | None) -> list[Finding]:
-    found: list[Finding] = []
+def _battery(voltage: float | None, charge: float | None) -> list[CheckupFinding]:
+    found: list[CheckupFinding] = []
     if voltage is not None:
-        found.append(Finding("battery voltage", f"{voltage:.1f} V", None))
+        found.append(CheckupFinding("battery voltage", f"{voltage:.1f} V", None))
     if charge is not None:
         fine = charge > _WEAK_BATTERY
-        found.append(Finding("battery charge", f"{charge:.0%}", fine, "" if fine else "charge it first"))
+        found.append(CheckupFinding("battery charge", f"{charge:.0%}", fine, "" if fine else "charge it first"))
     return found

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.checkup import Finding, foretold
+from equipoise.drivers.checkup import CheckupFinding, foretold
 from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platform.platform import JointCommand, RobotState, TiltLimit, Trajectory
 from equipoise.platform.stepping import play_by_stepping
@@ -155,7 +155,7 @@ class HardwarePlatform:
     def read(self) -> RobotState:
         return self._sense(self._patience if self._newest is None else 2 * self.control_period)
 
-    def foretell(self) -> list[Finding]:
+    def foretell(self) -> list[CheckupFinding]:
         """What the link knows of what its first command will meet; commands nothing."""
         return foretold(self._link)
 

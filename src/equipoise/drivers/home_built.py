@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.checkup import Finding, foretold
+from equipoise.drivers.checkup import CheckupFinding, foretold
 from equipoise.drivers.settings import read_values, settings_of_constructor
 from equipoise.errors import CommunicationError, EquipoiseError, MotionError, PluginError, SensorError
 from equipoise.platform.platform import JointCommand, RobotState
@@ -76,7 +76,7 @@ class HomeBuilt(SteppedPlatform):
     def close(self) -> None:
         self._done("close", self._inner.close)
 
-    def foretell(self) -> list[Finding]:
+    def foretell(self) -> list[CheckupFinding]:
         """What it knows of what its first command will meet; commands nothing."""
         return foretold(self._inner)
 

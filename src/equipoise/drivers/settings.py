@@ -12,7 +12,7 @@ from equipoise.errors import SettingsError
 
 
 @dataclasses.dataclass(frozen=True)
-class Setting:
+class PlatformSetting:
     """Something that can be set.
 
     Attributes:
@@ -33,25 +33,27 @@ class Setting:
         return name, _named(self.kind), None if self.needed else self.default
 
 
-def settings_of_class(kind: type[Any]) -> dict[str, Setting]:
+def settings_of_class(kind: type[Any]) -> dict[str, PlatformSetting]:
     """By name, the fields of a driver's settings class, which is a dataclass."""
     hints = typing.get_type_hints(kind)
-    return {field.name: Setting(hints[field.name], field.default) for field in dataclasses.fields(kind)}
+    return {field.name: PlatformSetting(hints[field.name], field.default) for field in dataclasses.fields(kind)}
 
 
-def settings_of_constructor(kind: type[Any]) -> dict[str, Setting]:
+def settings_of_constructor(kind: type[Any]) -> dict[str, PlatformSetting]:
     """By name, what a platform's constructor takes besides the robot, which comes first."""
     try:
         hints = typing.get_type_hints(kind.__init__)
     except Exception:  # names that are there for type checkers alone
         hints = {}
     variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    settings: dict[str, Setting] = {}
+    settings: dict[str, PlatformSetting] = {}
     for parameter in list(inspect.signature(kind).parameters.values())[1:]:
         if parameter.kind not in variadic:
             default = parameter.default
             known = default is not None and default is not inspect.Parameter.empty
-            settings[parameter.name] = Setting(hints.get(parameter.name, type(default) if known else str), default)
+            settings[parameter.name] = PlatformSetting(
+                hints.get(parameter.name, type(default) if known else str), default
+            )
     return settings
 
 
@@ -60,7 +62,7 @@ def read_settings(kind: type[Any], given: Mapping[str, Any], name: str) -> Any:
     return kind(**read_values(settings_of_class(kind), given, name))
 
 
-def read_values(settings: Mapping[str, Setting], given: Mapping[str, Any], name: str) -> dict[str, Any]:
+def read_values(settings: Mapping[str, PlatformSetting], given: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Values by name; text is read as what the setting is.
 
     Raises:

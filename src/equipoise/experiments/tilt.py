@@ -62,7 +62,7 @@ class SupportPlane:
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class RestMeans:
     """What the sensors say of a robot at rest.
 
     Attributes:
@@ -76,12 +76,12 @@ class Rest:
     gyro_bias: FloatArray
 
 
-def rest_of(robot: RobotModel, recording: Recording, phase: str = "rest") -> Rest:
+def rest_of(robot: RobotModel, recording: Recording, phase: str = "rest") -> RestMeans:
     """Means over a phase in which nothing moves; raises what `still_means` raises."""
     return still_means(robot, recording.phase(phase))
 
 
-def still_means(robot: RobotModel, still: Recording) -> Rest:
+def still_means(robot: RobotModel, still: Recording) -> RestMeans:
     """Means over a recording in which nothing moves.
 
     Raises:
@@ -94,7 +94,7 @@ def still_means(robot: RobotModel, still: Recording) -> Rest:
             f"the accelerometer reads {size:.3g} at rest; it must read about 9.81, in m/s2 (is it in units of g?)"
         )
     rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
-    return Rest(
+    return RestMeans(
         still.joints.position.mean(axis=0),
         rotation_imu_to_base @ acceleration / size,
         still.imu.angular_velocity_in_imu.mean(axis=0),
@@ -189,7 +189,7 @@ def _lean(robot: RobotModel, joint_position: FloatArray, up_in_base: FloatArray,
     return float(arm @ normal), float(arm @ up_in_base)
 
 
-def _turned(robot: RobotModel, recording: Recording, rest: Rest) -> FloatArray:
+def _turned(robot: RobotModel, recording: Recording, rest: RestMeans) -> FloatArray:
     """(3,) integrated angular velocity in the base frame [rad]; small rotations."""
     imu = recording.imu
     turning = (imu.angular_velocity_in_imu - rest.gyro_bias) @ np.array(robot.imu_in_base.rotation).T

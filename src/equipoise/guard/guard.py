@@ -27,7 +27,7 @@ from equipoise.guard.watchdog import Watchdog
 from equipoise.platform.interruptions import Interruptions
 from equipoise.platform.piece_log import MotionLog, PieceLog
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
-from equipoise.platform.stepping import Steps, following
+from equipoise.platform.stepping import StepLog, following
 from equipoise.platform.tilt_limit import TiltLimit, TiltTest
 from equipoise.recording.recording import PHASE, Recording
 from equipoise.robot.model import RobotModel
@@ -76,7 +76,7 @@ class Guard:
             lambda: self._interruptions.asked,
         )
         self._motion_log, self._log = log, PieceLog(log, platform.control_period)
-        self._steps: Steps | None = None
+        self._steps: StepLog | None = None
         self.phase = ""
         self._stepped = 0.0
         self._ended = False
@@ -119,11 +119,11 @@ class Guard:
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         """As a platform's; raises what `step` raises, with what was recorded so far, OverrunError and OutputError."""
-        steps: Steps | None = None
+        steps: StepLog | None = None
         try:
             with self._ending_on_trouble(), self._interruptions.held():
                 self._begin(trajectory.command(0))
-                steps = self._steps = Steps(self, self._present(), self._steps)
+                steps = self._steps = StepLog(self, self._present(), self._steps)
                 self._play(trajectory, stop, steps)
         except KeyboardInterrupt as interrupt:
             recorded = steps.recording(trajectory.events) if steps is not None and steps.count else None
@@ -182,7 +182,7 @@ class Guard:
             self._watchdog = self._start_watchdog()
             self._watchdog.wait()
 
-    def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: Steps) -> None:
+    def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: StepLog) -> None:
         test = TiltTest(stop, self.control_period)
         phases = [event for event in trajectory.events if event.name == PHASE]
         self._log.begin(steps, len(trajectory.position), trajectory.events)
@@ -276,7 +276,7 @@ class Guard:
     def _put_down(self, error: BaseException | None) -> None:
         found = self._loop.known_after(error)
         if found is not None:
-            steps = None if self._steps is None else Steps(self, self._steps.state, self._steps)
+            steps = None if self._steps is None else StepLog(self, self._steps.state, self._steps)
             self._ending.put_down(found, steps)
 
     def _release(self) -> None:

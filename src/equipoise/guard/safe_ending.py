@@ -23,7 +23,7 @@ from equipoise.guard.soft_start import softened
 from equipoise.platform.piece_log import MotionLog
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.ramp import smooth_step
-from equipoise.platform.stepping import Steps
+from equipoise.platform.stepping import StepLog
 from equipoise.recording.event import PHASE, Event
 from equipoise.recording.phases import Phase
 from equipoise.robot.model import RobotModel
@@ -69,10 +69,10 @@ class SafeEnding:
         self._failures, self._failing_since = 0, 0.0
         self._last = JointCommand(stance.joint_position)
         self._here: FloatArray = stance.joint_position
-        self._steps: Steps | None = None
+        self._steps: StepLog | None = None
         self.done: list[str] = []
 
-    def put_down(self, found: Known, steps: Steps | None) -> None:
+    def put_down(self, found: Known, steps: StepLog | None) -> None:
         """All stages that make sense, noted as these steps."""
         self._last, self._here, self._steps = found.sent, found.state.joint_position, steps
         for stage in (self._put_feet_down, self._lie_down, self._damp):

@@ -231,7 +231,7 @@ def _due(before: float, now: float, rate: float) -> bool:
 
 
 @dataclass(frozen=True)
-class Options:
+class Ros2PeerOptions:
     """A simulated robot on ROS 2's topics; logs JSON, one object a line.
 
     Attributes:
@@ -247,7 +247,7 @@ class Options:
 
 def main() -> None:
     """Run until it is ended."""
-    options = tyro.cli(Options)
+    options = tyro.cli(Ros2PeerOptions)
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)
     stance = nominal_stance(robot)

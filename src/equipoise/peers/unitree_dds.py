@@ -182,7 +182,7 @@ class UnitreeDdsWire:
 
 
 @dataclass(frozen=True)
-class Options:
+class UnitreeDdsPeerOptions:
     """A simulated Go2 or B2 on DDS; logs JSON, one object a line.
 
     Attributes:
@@ -199,7 +199,7 @@ class Options:
 def main() -> None:
     """Run until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
-    options = tyro.cli(Options)
+    options = tyro.cli(UnitreeDdsPeerOptions)
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)
     peer.serve(UnitreeDdsWire(robot, options.wire, peer.say))

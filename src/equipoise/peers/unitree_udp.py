@@ -24,8 +24,8 @@ from equipoise.drivers.unitree.packets import (
     POSITION_STOP,
     VELOCITY_STOP,
     Damage,
-    LowState,
     MotorCommands,
+    SensorReadings,
     StatePacket,
     read_command,
 )
@@ -191,12 +191,12 @@ class UnitreeUdpWire:
             self._say(kp=gains[0], kd=gains[1])
             self._gains = gains
 
-    def _from_joints(self, state: RobotState) -> LowState:
+    def _from_joints(self, state: RobotState) -> SensorReadings:
         order = self._joint_of_motor
         velocity, torque = state.joint_velocity, state.joint_torque
         if velocity is None or torque is None:
             raise SettingsError("the simulated robot must sense joint velocities and torques")
-        return LowState(
+        return SensorReadings(
             state.joint_position[order],
             velocity[order],
             torque[order],
@@ -214,7 +214,7 @@ def _asks(motors: MotorCommands) -> bool:
 
 
 @dataclass(frozen=True)
-class Options:
+class UnitreeUdpPeerOptions:
     """A simulated A1 or Go1 on UDP; logs JSON, one object a line.
 
     Attributes:
@@ -243,7 +243,7 @@ class Options:
 def main() -> None:
     """Run until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
-    options = tyro.cli(Options)
+    options = tyro.cli(UnitreeUdpPeerOptions)
     packets = next(iter(forms_of(options.protocol, options.form).values()))
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)

@@ -10,7 +10,7 @@ from typing import Protocol
 
 from equipoise.alive import alive
 from equipoise.errors import EquipoiseError, OutputError
-from equipoise.platform.stepping import Steps
+from equipoise.platform.stepping import StepLog
 from equipoise.recording.recording import Event, Recording
 
 _PIECE_TIME = 0.25  # [s]
@@ -34,7 +34,7 @@ class MotionLog(Protocol):
 class _Piece:
     """Steps from one on, up to another."""
 
-    steps: Steps
+    steps: StepLog
     first: int
     last: int
     events: tuple[Event, ...]
@@ -51,14 +51,14 @@ class PieceLog:
     def __init__(self, log: MotionLog | None, control_period: float) -> None:
         self._log = log
         self._every = max(1, round(_PIECE_TIME / control_period))
-        self._steps: Steps | None = None
+        self._steps: StepLog | None = None
         self._events: tuple[Event, ...] = ()
         self._done = 0
         self._pieces: queue.Queue[_Piece | int | None] = queue.Queue()
         self._trouble: BaseException | None = None
         self._writer: threading.Thread | None = None
 
-    def begin(self, steps: Steps, commands: int, events: tuple[Event, ...]) -> None:
+    def begin(self, steps: StepLog, commands: int, events: tuple[Event, ...]) -> None:
         """A motion of so many commands begins."""
         self._steps, self._events, self._done = steps, events, 0
         if self._log is None:
@@ -108,7 +108,7 @@ class PieceLog:
         if trouble is not None:
             raise trouble
 
-    def _hand_on(self, steps: Steps) -> None:
+    def _hand_on(self, steps: StepLog) -> None:
         if self._log is not None:
             self._pieces.put(_Piece(steps, self._done, steps.count, self._events))
         self._done = steps.count

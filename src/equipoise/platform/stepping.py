@@ -21,7 +21,7 @@ from equipoise.recording.recording import CommandStream, Event, ImuStream, Joint
 _LAG_SHARE = 0.02  # of a new sample, in how far the robot's clock is from ours
 _LEAST_STEP = 1e-6  # [s] between two commands
 _GRID = 1e-9  # [s] on which times are recorded
-_played: WeakKeyDictionary[Platform, Steps] = WeakKeyDictionary()
+_played: WeakKeyDictionary[Platform, StepLog] = WeakKeyDictionary()
 """The last motion of every platform that `play_by_stepping` moved."""
 
 
@@ -35,10 +35,10 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
         MotionInterrupted: Ctrl-C; carries the recording so far.
         UnrecordedError: what was sensed makes no recording; carries it as it is.
     """
-    previous: Steps | None = None
+    previous: StepLog | None = None
     with contextlib.suppress(TypeError):  # a platform that cannot be a key has no motion before
         previous = _played.get(platform)
-    steps = Steps(platform, following(platform.read(), previous), previous)
+    steps = StepLog(platform, following(platform.read(), previous), previous)
     with contextlib.suppress(TypeError):
         _played[platform] = steps
     test = TiltTest(stop, platform.control_period)
@@ -53,7 +53,7 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
     return steps.recording(trajectory.events)
 
 
-def following(state: RobotState, previous: Steps | None) -> RobotState:
+def following(state: RobotState, previous: StepLog | None) -> RobotState:
     """The present state; with it the last one of the motion before, which no recording has yet.
 
     A simulated robot waits: if it is later there, somebody else stepped it, who has that state.
@@ -64,7 +64,7 @@ def following(state: RobotState, previous: Steps | None) -> RobotState:
     return dataclasses.replace(state, earlier=(dataclasses.replace(last, earlier=()), *state.earlier))
 
 
-class Steps:
+class StepLog:
     """What is sensed and sent, step by step, until it is made a recording.
 
     Args:
@@ -77,7 +77,7 @@ class Steps:
         count: of steps.
     """
 
-    def __init__(self, platform: Platform, start: RobotState, previous: Steps | None = None) -> None:
+    def __init__(self, platform: Platform, start: RobotState, previous: StepLog | None = None) -> None:
         self.state = start
         self._joint_names, self._period = platform.joint_names, platform.control_period
         self._states: list[RobotState] = []

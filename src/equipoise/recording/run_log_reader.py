@@ -93,7 +93,7 @@ def load_recording(path: Path) -> Recording:
 
 
 @dataclass
-class Piece:
+class LoggedPiece:
     """Messages of one piece, by topic, under what its entry says."""
 
     entry: Mapping[str, Any]
@@ -122,7 +122,7 @@ class _Play:
 
     number: int
     commands: int
-    pieces: list[Piece] = field(default_factory=list[Piece])
+    pieces: list[LoggedPiece] = field(default_factory=list[LoggedPiece])
 
     def whole(self) -> Play:
         return Play(self.commands, Recording.concatenate([piece.recording() for piece in self.pieces]))
@@ -153,7 +153,7 @@ class _Reading:
         if entry["entry"] == "play":
             self._plays.append(_Play(int(entry["number"]), int(entry["commands"])))
         elif entry["entry"] == "piece":
-            self._plays[-1].pieces.append(Piece(entry))
+            self._plays[-1].pieces.append(LoggedPiece(entry))
         elif entry["entry"] == "kept":
             self._keep(entry)
         if entry["entry"] in ("kept", "aside"):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from equipoise.errors import ReachError
-from equipoise.robot.bodies import Body, bodies_of, links_of
-from equipoise.robot.findings import Finding, find
+from equipoise.robot.bodies import RigidBody, bodies_of, links_of
+from equipoise.robot.findings import ModelFinding, find
 from equipoise.robot.inertial import InertialParameters, base_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -38,8 +38,8 @@ class Audit:
     stance_effective: InertialParameters | None
     stance: Stance | None
     joint_names: tuple[str, ...]
-    bodies: tuple[Body, ...]
-    findings: tuple[Finding, ...]
+    bodies: tuple[RigidBody, ...]
+    findings: tuple[ModelFinding, ...]
 
     @property
     def ratio_composite_over_base(self) -> tuple[float, float, float] | None:
@@ -102,11 +102,13 @@ def audit(robot: RobotModel) -> Audit:
     )
 
 
-def _find_stance(robot: RobotModel) -> tuple[Stance | None, list[Finding]]:
+def _find_stance(robot: RobotModel) -> tuple[Stance | None, list[ModelFinding]]:
     try:
         return nominal_stance(robot), []
     except ReachError as error:
-        return None, [Finding("error", "", f"it has no nominal stance, so its composite inertia is unknown: {error}")]
+        return None, [
+            ModelFinding("error", "", f"it has no nominal stance, so its composite inertia is unknown: {error}")
+        ]
 
 
 def _parameters_to_dict(parameters: InertialParameters) -> dict[str, Any]:

@@ -21,7 +21,7 @@ _SMALLEST_EXTENT_RATIO = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class RigidBody:
     """A body that moves as one: the base, or a leg link, with what is fixed to it.
 
     Attributes:
@@ -60,11 +60,11 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class LinkInertial:
     """A link of the file that has mass, and the body that it moves with."""
 
     name: str
-    body: Body
+    body: RigidBody
     parameters: InertialParameters
 
     @property
@@ -79,12 +79,12 @@ class Link:
         return float(np.trace(self.parameters.inertia)) / total if total > 0 else 1.0
 
 
-def bodies_of(robot: RobotModel) -> dict[int, Body]:
+def bodies_of(robot: RobotModel) -> dict[int, RigidBody]:
     """The base and the leg links, by Pinocchio joint."""
     return {joint: _body(robot, joint) for joint in range(1, robot.pinocchio.njoints)}
 
 
-def _body(robot: RobotModel, joint: int) -> Body:
+def _body(robot: RobotModel, joint: int) -> RigidBody:
     inertia = robot.pinocchio.inertias[joint]
     com = np.array(inertia.lever)
     if joint == 1:
@@ -94,7 +94,7 @@ def _body(robot: RobotModel, joint: int) -> Body:
         # Mass is balanced about the CoM, so a body reaches about as far past it as its joint is before it.
         reach = 2 * float(np.linalg.norm(com))
         extent = max(_distance_to_next(robot, joint), reach, _SMALLEST_EXTENT_RATIO * robot.leg_length)
-    return Body(
+    return RigidBody(
         name, float(inertia.mass), com, np.asarray(np.linalg.eigvalsh(np.array(inertia.inertia)), dtype=float), extent
     )
 
@@ -128,7 +128,7 @@ def _link_names(model: pin.Model) -> dict[int, str]:
     }
 
 
-def links_of(robot: RobotModel, bodies: dict[int, Body]) -> Iterator[Link]:
+def links_of(robot: RobotModel, bodies: dict[int, RigidBody]) -> Iterator[LinkInertial]:
     """Every link that has mass, as the file gives it. Pinocchio keeps fixed links' inertias on their joints' frames.
 
     The model before joints were held is asked, for a held arm's links are links too; they belong to the base.
@@ -144,10 +144,10 @@ def links_of(robot: RobotModel, bodies: dict[int, Body]) -> Iterator[Link]:
             if frame.parentJoint == joint and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
                 own -= frame.placement.act(frame.inertia)
                 name = fixed_names.get(index, str(frame.name))
-                yield Link(name, body, InertialParameters.from_pinocchio(frame.inertia))
+                yield LinkInertial(name, body, InertialParameters.from_pinocchio(frame.inertia))
         if own.mass > NEGLIGIBLE_MASS_FRACTION * robot.mass:
             name = own_names.get(joint, str(model.names[joint]))
-            yield Link(name, body, InertialParameters.from_pinocchio(own))
+            yield LinkInertial(name, body, InertialParameters.from_pinocchio(own))
 
 
 def radius_of_gyration_of(mass: float, moments: FloatArray) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.bodies import Body, Link, hip_positions, radius_of_gyration_of
+from equipoise.robot.bodies import LinkInertial, RigidBody, hip_positions, radius_of_gyration_of
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.legs import Leg
@@ -44,7 +44,7 @@ _SMALLEST_OFFSET = 1e-4  # [m]; a CoM this near the middle is in the middle for 
 
 
 @dataclass(frozen=True)
-class Finding:
+class ModelFinding:
     """Something about a model that its user should know.
 
     Attributes:
@@ -64,11 +64,11 @@ class Finding:
 
 def find(
     robot: RobotModel,
-    bodies: dict[int, Body],
-    links: list[Link],
+    bodies: dict[int, RigidBody],
+    links: list[LinkInertial],
     composite: InertialParameters | None,
     stance: Stance | None,
-) -> tuple[Finding, ...]:
+) -> tuple[ModelFinding, ...]:
     """All findings about a model, errors first.
 
     Args:
@@ -90,34 +90,34 @@ def find(
     )
 
 
-def _impossible_in_file(robot: RobotModel, links: list[Link]) -> Iterator[Finding]:
+def _impossible_in_file(robot: RobotModel, links: list[LinkInertial]) -> Iterator[ModelFinding]:
     """What the reader repaired (inertias) or passed over."""
     for repair in robot.source.repairs:
         for link in links:
             prefix = f"link {link.name!r} has "
             if repair.startswith(prefix):
-                yield Finding(_severity_of_impossible(link), link.name, repair.removeprefix(prefix))
+                yield ModelFinding(_severity_of_impossible(link), link.name, repair.removeprefix(prefix))
                 break
         else:
-            yield Finding("note", "", repair)
+            yield ModelFinding("note", "", repair)
 
 
-def _impossible_as_read(bodies: Iterable[Body], links: list[Link]) -> Iterator[Finding]:
+def _impossible_as_read(bodies: Iterable[RigidBody], links: list[LinkInertial]) -> Iterator[ModelFinding]:
     """What the reader let pass: MJCF inertias are not repaired, and no reader invents a mass."""
     for link in links:
         defect = link.parameters.physical_defect()
         if defect is not None:
-            yield Finding(_severity_of_impossible(link), link.name, f"an inertia that no body can have: {defect}")
+            yield ModelFinding(_severity_of_impossible(link), link.name, f"an inertia that no body can have: {defect}")
     for body in bodies:
         if body.mass <= 0:
-            yield Finding("error", body.name, "no mass, though it moves")
+            yield ModelFinding("error", body.name, "no mass, though it moves")
 
 
-def _severity_of_impossible(link: Link) -> Severity:
+def _severity_of_impossible(link: LinkInertial) -> Severity:
     return "error" if max(link.mass_share, link.inertia_share) >= _MATTERS else "warning"
 
 
-def _placeholders(links: list[Link]) -> Iterator[Finding]:
+def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
     """Inertias that somebody typed to satisfy a parser: the identity and its like, or too large for the link."""
     for link in links:
         reasons: list[str] = []
@@ -134,7 +134,7 @@ def _placeholders(links: list[Link]) -> Iterator[Finding]:
         if reasons:
             share = "" if matters else f"; it is {link.inertia_share:.1%} of that body's inertia"
             text = f"an inertia that looks like a placeholder: {' and '.join(reasons)}{share}"
-            yield Finding("warning" if matters else "note", link.name, text)
+            yield ModelFinding("warning" if matters else "note", link.name, text)
 
 
 def _equal_round_moment(inertia: FloatArray) -> float | None:
@@ -146,7 +146,7 @@ def _equal_round_moment(inertia: FloatArray) -> float | None:
     return moment if abs(digits - round(digits)) < 10 * _EQUAL else None
 
 
-def _too_compact(bodies: list[Body]) -> Iterator[Finding]:
+def _too_compact(bodies: list[RigidBody]) -> Iterator[ModelFinding]:
     for body in bodies:
         radius = body.radius_of_gyration
         # A ball of radius r has the radius of gyration sqrt(3/5) r.
@@ -156,10 +156,10 @@ def _too_compact(bodies: list[Body]) -> Iterator[Finding]:
                 f"an inertia too small for its mass: {body.mass:g} kg with a radius of gyration of "
                 f"{radius * 1000:.1f} mm, where a solid steel ball of that mass has {ball * 1000:.1f} mm"
             )
-            yield Finding("warning", body.name, text)
+            yield ModelFinding("warning", body.name, text)
 
 
-def _asymmetries(robot: RobotModel, bodies: dict[int, Body], stance: Stance | None) -> Iterator[Finding]:
+def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance | None) -> Iterator[ModelFinding]:
     """Left leg links against right ones, mirrored in the vertical plane between the hips at the nominal stance."""
     # Without a stance the zero posture serves, if the legs are mirrored there, which is looked at below.
     posture = np.zeros(len(robot.joint_names)) if stance is None else stance.joint_position
@@ -173,12 +173,12 @@ def _asymmetries(robot: RobotModel, bodies: dict[int, Body], stance: Stance | No
         placed = bool(apart <= _MIRRORED_POSTURE_RATIO * robot.leg_length)
         if not placed and stance is not None:
             where = f"the {left.name} and {right.name} legs are {apart * 1000:.1f} mm from being mirrored at the stance"
-            yield Finding("note", "", f"{where}: of their links only masses and principal moments were compared")
+            yield ModelFinding("note", "", f"{where}: of their links only masses and principal moments were compared")
         for one, other in zip(left.joint_ids, right.joint_ids, strict=True):
             finding = _compare_sides(robot, poses, (one, other), middle, placed)
             if finding is not None:
                 severity, text = finding
-                yield Finding(severity, f"{bodies[one].name}, {bodies[other].name}", text)
+                yield ModelFinding(severity, f"{bodies[one].name}, {bodies[other].name}", text)
 
 
 def _compare_sides(
@@ -230,22 +230,22 @@ def _mirror(body: InertialParameters, middle: float) -> InertialParameters:
     return InertialParameters(body.mass, _mirror_points(body.com, middle), body.inertia * np.outer(_FLIP_Y, _FLIP_Y))
 
 
-def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) -> Iterator[Finding]:
+def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) -> Iterator[ModelFinding]:
     """How far the CoMs are from the base frame's middle, and the hips if they are; y points left."""
     named = [("the whole robot", composite), (f"the base ({robot.base_link})", base_parameters(robot))]
     offsets = [(what, float(body.com[1])) for what, body in named if body is not None]
     if max(abs(y) for _, y in offsets) >= _SMALLEST_OFFSET:
         text = " and ".join(f"{y * 1000:+.1f} mm for {what}" for what, y in offsets)
-        yield Finding("note", "", f"y of the CoM in the base frame (positive: left) is {text}")
+        yield ModelFinding("note", "", f"y of the CoM in the base frame (positive: left) is {text}")
     middle = float(hip_positions(robot)[:, 1].mean())
     if abs(middle) >= _SMALLEST_OFFSET:
-        yield Finding("note", "", f"the hips' middle is at y = {middle * 1000:+.1f} mm in the base frame")
+        yield ModelFinding("note", "", f"the hips' middle is at y = {middle * 1000:+.1f} mm in the base frame")
 
 
-def _merged(findings: list[Finding]) -> tuple[Finding, ...]:
+def _merged(findings: list[ModelFinding]) -> tuple[ModelFinding, ...]:
     """Errors first; what is said in the same words of several links is said once."""
     bodies: dict[tuple[Severity, str], list[str]] = {}
     for finding in findings:
         bodies.setdefault((finding.severity, finding.text), []).append(finding.body)
-    merged = [Finding(severity, ", ".join(names), text) for (severity, text), names in bodies.items()]
+    merged = [ModelFinding(severity, ", ".join(names), text) for (severity, text), names in bodies.items()]
     return tuple(sorted(merged, key=lambda finding: _SEVERITIES.index(finding.severity)))

@@ -21,7 +21,7 @@ _COM_RATIO = 0.2  # the base's CoM moves by the spread times this fraction of th
 
 
 @dataclass(frozen=True)
-class Segment:
+class SegmentVariation:
     """How the links between two leg joints are changed; the base is one, and so are all hips, thighs and shanks.
 
     Attributes:
@@ -55,11 +55,11 @@ def vary(robot: RobotModel, spread: float, generator: np.random.Generator) -> Ro
 
     joints = len(next(iter(robot.legs.values())).joints)
     shift = _COM_RATIO * spread * robot.leg_length * np.clip(generator.standard_normal(3), -2, 2)
-    base = Segment(factor(), factor(), (float(shift[0]), float(shift[1]), float(shift[2])))
-    return with_segments(robot, base, [Segment(factor(), factor()) for _ in range(joints)])
+    base = SegmentVariation(factor(), factor(), (float(shift[0]), float(shift[1]), float(shift[2])))
+    return with_segments(robot, base, [SegmentVariation(factor(), factor()) for _ in range(joints)])
 
 
-def with_segments(robot: RobotModel, base: Segment, legs: list[Segment]) -> RobotModel:
+def with_segments(robot: RobotModel, base: SegmentVariation, legs: list[SegmentVariation]) -> RobotModel:
     """The robot with its base and the segments of its legs, from the hip down, changed."""
     root = ET.fromstring(robot.source.xml)
     walk = {"urdf": _urdf_links, "mjcf": _mjcf_links}[robot.source.format]
@@ -107,7 +107,7 @@ def _mjcf_links(root: ET.Element, depth: dict[str, int]) -> Iterator[tuple[int |
     yield from visit(trunk, None)
 
 
-def _change(elements: list[ET.Element], segment: Segment) -> None:
+def _change(elements: list[ET.Element], segment: SegmentVariation) -> None:
     """Move what is in a link's frame, and change its inertial."""
 
     def scaled(values: list[float]) -> list[float]:
@@ -129,7 +129,7 @@ def _change(elements: list[ET.Element], segment: Segment) -> None:
             _edit(origin, "xyz", scaled)
 
 
-def _change_inertial(inertial: ET.Element, segment: Segment) -> None:
+def _change_inertial(inertial: ET.Element, segment: SegmentVariation) -> None:
     moment = segment.mass * segment.length**2
     for element in inertial.iter():
         for key in ("value", "mass"):

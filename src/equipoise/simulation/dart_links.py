@@ -46,7 +46,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class KinematicLink:
     """A link as the file has it.
 
     Attributes:
@@ -64,7 +64,7 @@ class Link:
     parts: tuple[InertialParameters, ...]
 
 
-def read_links(source: ModelSource) -> list[Link]:
+def read_links(source: ModelSource) -> list[KinematicLink]:
     """Every link of the cleaned file, parents before children.
 
     Raises:
@@ -86,7 +86,7 @@ def moved_by(pose: FloatArray, body: InertialParameters) -> InertialParameters:
     return InertialParameters(body.mass, pose[:3, 3] + rotation @ body.com, rotation @ body.inertia @ rotation.T)
 
 
-def _urdf_links(source: ModelSource) -> Iterator[Link]:
+def _urdf_links(source: ModelSource) -> Iterator[KinematicLink]:
     skeleton = dartpy.utils.DartLoader().parseSkeletonString(
         source.xml, dartpy.common.Uri(), dartpy.utils.DartResourceRetriever()
     )
@@ -102,10 +102,10 @@ def _urdf_links(source: ModelSource) -> Iterator[Link]:
         own = InertialParameters(inertia.getMass(), inertia.getLocalCOM(), inertia.getMoment())
         parts = (own,) if name in heavy else ()
         if parent is None:
-            yield Link(name, None, np.eye(4), (), parts)
+            yield KinematicLink(name, None, np.eye(4), (), parts)
             continue
         placement = np.array(joint.getTransformFromParentBodyNode().matrix())
-        yield Link(name, parent.getName(), placement, tuple(_urdf_axes(joint)), parts)
+        yield KinematicLink(name, parent.getName(), placement, tuple(_urdf_axes(joint)), parts)
 
 
 def _urdf_axes(joint: dynamics.Joint) -> Iterator[Axis]:
@@ -116,17 +116,17 @@ def _urdf_axes(joint: dynamics.Joint) -> Iterator[Axis]:
         yield Axis(joint.getName(), "slide", np.array(joint.getAxis()), np.zeros(3))
 
 
-def _mjcf_links(source: ModelSource) -> Iterator[Link]:
+def _mjcf_links(source: ModelSource) -> Iterator[KinematicLink]:
     root = ET.fromstring(source.xml)
     base = root.find("worldbody/body")
     assert base is not None  # a cleaned file has one
     yield from _mjcf_body(base, None, AngleConvention.of(root))
 
 
-def _mjcf_body(body: ET.Element, parent: str | None, convention: AngleConvention) -> Iterator[Link]:
+def _mjcf_body(body: ET.Element, parent: str | None, convention: AngleConvention) -> Iterator[KinematicLink]:
     name = body.get("name", "")
     axes = () if parent is None else tuple(_mjcf_axes(body))
-    yield Link(name, parent, _pose(body, convention), axes, tuple(_mjcf_parts(body, convention)))
+    yield KinematicLink(name, parent, _pose(body, convention), axes, tuple(_mjcf_parts(body, convention)))
     for child in body.findall("body"):
         yield from _mjcf_body(child, name, convention)
 

@@ -14,7 +14,7 @@ from equipoise.errors import ModelError
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.simulation.dart_links import Axis, Link, moved_by, pose_of, read_links
+from equipoise.simulation.dart_links import Axis, KinematicLink, moved_by, pose_of, read_links
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.sensors import DrawnErrors
 
@@ -95,7 +95,7 @@ Places = dict[str, tuple[dynamics.BodyNode, FloatArray]]
 """For each link the body that it is part of, and its pose (4, 4) in that body."""
 
 
-def _skeleton(robot: RobotModel, links: list[Link]) -> tuple[dynamics.Skeleton, Places]:
+def _skeleton(robot: RobotModel, links: list[KinematicLink]) -> tuple[dynamics.Skeleton, Places]:
     """Bodies without mass, joined by the leg joints; all else is welded where it is held."""
     skeleton = dynamics.Skeleton(robot.name)
     places: Places = {}
@@ -139,7 +139,7 @@ def _add_body(
 def _set_inertias(
     robot: RobotModel,
     skeleton: dynamics.Skeleton,
-    links: list[Link],
+    links: list[KinematicLink],
     places: Places,
     errors: DrawnErrors,
     payload: Payload | None,

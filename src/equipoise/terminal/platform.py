@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.rehearsal import Rehearsal
-from equipoise.drivers.checkup import Finding
+from equipoise.drivers.checkup import CheckupFinding
 from equipoise.recording.recording import Recording
 
 _MARKS = {True: "ok", False: "look", None: ""}
@@ -20,7 +20,7 @@ _HEAVY = 0.8  # of a torque limit
 
 
 def print_checkup(
-    name: str, joints: Sequence[tuple[str, str, float, float, float]], findings: Sequence[Finding]
+    name: str, joints: Sequence[tuple[str, str, float, float, float]], findings: Sequence[CheckupFinding]
 ) -> None:
     """A robot that was examined."""
     console = Console(emoji=False)

@@ -16,7 +16,7 @@ from equipoise.recording.mcap_reader import McapTail
 from equipoise.recording.messages import read_text
 from equipoise.recording.recording import Recording
 from equipoise.recording.run_log import COMMANDS, EVENTS, FORMAT, INERTIAL, JOINTS, LOG
-from equipoise.recording.run_log_reader import Piece
+from equipoise.recording.run_log_reader import LoggedPiece
 
 _SENSED = (JOINTS, INERTIAL, COMMANDS, EVENTS)
 
@@ -132,7 +132,7 @@ class FollowedLog:
         """Make a recording of what has come of the present piece; the file may end in the middle of it."""
         if self._about is None or not (self._sensed[JOINTS] or self._sensed[INERTIAL]):
             return
-        piece = Piece(self._about, self._sensed).recording()
+        piece = LoggedPiece(self._about, self._sensed).recording()
         self._sensed = {topic: [] for topic in _SENSED}
         self._plays.setdefault(self._play, []).append(piece)
         self._new.append(piece)

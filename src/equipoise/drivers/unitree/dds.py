@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.drivers.checkup import Finding
+from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, raw
 from equipoise.drivers.robot_clock import RobotClock
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
@@ -124,7 +124,7 @@ class UnitreeDdsLink:
             self._motors[name][:MOTORS] = default if given is None else given[order]
         self._transmit()
 
-    def foretell(self) -> list[Finding]:
+    def foretell(self) -> list[CheckupFinding]:
         """What the first command will meet: which controller holds the motors. The question lets go of none."""
         return [outlook(self._switcher, self._settings.release_sport_mode, self._may_let_go())]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from equipoise.drivers.unitree.formats import PacketFormat
-from equipoise.drivers.unitree.packets import Damage, LowState, read_state
+from equipoise.drivers.unitree.packets import Damage, SensorReadings, read_state
 
 _TURN = 0.25  # [s] that a form is asked in
 _QUIET = (
@@ -47,19 +47,19 @@ class FormSearch:
         """Learn from a datagram of the robot, and when it arrived [s]."""
         if self.learnt is not None:
             return
-        readable = [name for name in self._names if isinstance(self._read(name, data), LowState)]
+        readable = [name for name in self._names if isinstance(self._read(name, data), SensorReadings)]
         if readable:
             asked = self._asked_in(received)
             self.learnt = asked if asked in readable else readable[0]
 
-    def read(self, data: bytes) -> LowState | Damage:
+    def read(self, data: bytes) -> SensorReadings | Damage:
         """A state, or what is wrong with it; of forms that are not ruled out, by the one that fits best."""
         if self.learnt is not None:
             return self._read(self.learnt, data)
         read = [self._read(name, data) for name in self._names]
         return max((damage for damage in read if isinstance(damage, Damage)), key=_SERIOUSNESS.index)
 
-    def _read(self, name: str, data: bytes) -> LowState | Damage:
+    def _read(self, name: str, data: bytes) -> SensorReadings | Damage:
         return read_state(self._forms[name], data, self._check)
 
     def _asked_in(self, moment: float) -> str:

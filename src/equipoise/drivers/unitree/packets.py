@@ -63,7 +63,7 @@ class MotorCommands:
 
 
 @dataclass(frozen=True, eq=False)
-class LowState:
+class SensorReadings:
     """What the robot says: (12,) in the order FR FL RR RL, and the IMU.
 
     Attributes:
@@ -121,7 +121,7 @@ class StatePacket:
         self._motors = _Columns(self._record["motors"][:MOTORS], (*_SENSED, "temperature"), packets.counts, np.rint)
         self._imu = _Columns(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
 
-    def write(self, state: LowState) -> bytearray:
+    def write(self, state: SensorReadings) -> bytearray:
         """The packet; the next call writes over it. Raises SettingsError if something is no number."""
         self._motors.write(np.array((state.position, state.velocity, state.torque, state.temperature)))
         self._imu.write(np.array((state.gyroscope, state.accelerometer)))
@@ -147,7 +147,7 @@ def read_command(packets: PacketFormat, data: bytes) -> MotorCommands | Damage:
     return MotorCommands(*(_read(motors[name], packets.counts.get(name)) for name in _COMMANDED))
 
 
-def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> LowState | Damage:
+def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> SensorReadings | Damage:
     """What a state packet says, as the driver reads it.
 
     Args:
@@ -164,7 +164,7 @@ def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> LowSta
     if check and not _is_whole(packets, data, record["checksum"]):
         return Damage.CHECKSUM
     motors, imu = record["motors"][:MOTORS], record["imu"]
-    return LowState(
+    return SensorReadings(
         *(_read(motors[name], packets.counts.get(name)) for name in (*_SENSED, "temperature")),
         gyroscope=_read(imu["gyroscope"]),
         accelerometer=_read(imu["accelerometer"]),

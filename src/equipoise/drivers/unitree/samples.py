@@ -117,7 +117,7 @@ LOW_STATE = np.dtype(
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class RecordLayout:
     """Of one message.
 
     Attributes:
@@ -146,8 +146,8 @@ class Layout:
         return b"".join((body[:end], _PAD[end:begin], body[end : end + 1], _PAD[:3], body[begin:]))
 
 
-COMMAND = Layout(LOW_CMD, "motor_cmd", first_motor=24, first_mode=22)
-STATE = Layout(LOW_STATE, "motor_state", first_motor=80, first_mode=77)
+COMMAND = RecordLayout(LOW_CMD, "motor_cmd", first_motor=24, first_mode=22)
+STATE = RecordLayout(LOW_STATE, "motor_state", first_motor=80, first_mode=77)
 
 
 class Message:
@@ -157,7 +157,7 @@ class Message:
         record: its fields; write into them.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: RecordLayout) -> None:
         self._layout = layout
         self.record = np.zeros((), layout.memory)
         self.record["head"] = _BEGINS
@@ -170,7 +170,7 @@ class Message:
         return self._layout.to_wire(covered + crc32_words(covered).to_bytes(4, "little"))
 
 
-def read_message(layout: Layout, data: bytes, check: bool = True) -> NDArray[Any] | None:
+def read_message(layout: RecordLayout, data: bytes, check: bool = True) -> NDArray[Any] | None:
     """A record with a message's fields, or None if it is damaged.
 
     Args:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from equipoise.drivers.checkup import Finding
+from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain
 from equipoise.drivers.unitree.messages import (
     Request,
@@ -100,7 +100,7 @@ class MotionSwitcher:
         return CommunicationError(f"the motion_switcher service of {self._robot} {what}")
 
 
-def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> Finding:
+def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> CheckupFinding:
     """What `calibrate` will meet when it takes over the motors; nothing lets go of them meanwhile.
 
     Args:
@@ -113,23 +113,25 @@ def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> Finding:
         mode = switcher.mode()
     except CommunicationError as error:
         if not asks:
-            return Finding(name, "no answer which; calibrate will not ask (release_sport_mode=false)", None)
-        return Finding(
+            return CheckupFinding(name, "no answer which; calibrate will not ask (release_sport_mode=false)", None)
+        return CheckupFinding(
             name, f"{error}. calibrate will refuse", False,
             "on a robot: is this its interface? A simulator without the service needs release_sport_mode=false",
         )  # fmt: skip
     if not mode:
-        return Finding(name, "none holds the motors; calibrate will command them at once", True)
+        return CheckupFinding(name, "none holds the motors; calibrate will command them at once", True)
     if not asks:
         value = f"{mode!r} holds the motors, and calibrate will not have it let go: both would command them"
-        return Finding(name, value, False, "leave out release_sport_mode=false", serious=True)
+        return CheckupFinding(name, value, False, "leave out release_sport_mode=false", serious=True)
     if not may_let_go:
         value = f"{mode!r} holds the motors, and the robot does not lie: calibrate will refuse, it would fall"
-        return Finding(
+        return CheckupFinding(
             name, value, False, "have it lie down with its remote control; if it hangs in a frame, set hanging=true",
             serious=True,
         )  # fmt: skip
-    return Finding(name, f"{mode!r} holds the motors; calibrate will have it let go, the legs are limp then", True)
+    return CheckupFinding(
+        name, f"{mode!r} holds the motors; calibrate will have it let go, the legs are limp then", True
+    )
 
 
 def _wait_for(look: Callable[[], Any], patience: float) -> Any | None:

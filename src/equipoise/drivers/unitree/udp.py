@@ -18,7 +18,7 @@ from equipoise.drivers.robot_clock import RobotClock, UnitSearch
 from equipoise.drivers.unitree.form_search import FormSearch
 from equipoise.drivers.unitree.formats import forms_of
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
-from equipoise.drivers.unitree.packets import CommandPacket, Damage, LowState, MotorCommands
+from equipoise.drivers.unitree.packets import CommandPacket, Damage, MotorCommands, SensorReadings
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.drivers.unitree.udp_socket import Address, address_towards, no_way, open_socket, receive
 from equipoise.errors import CommunicationError, SettingsError
@@ -90,7 +90,7 @@ class UnitreeUdpLink:
         self._forms = FormSearch(forms, settings.check)
         self._unit = UnitSearch()
         self._clock = None if settings.tick is None else RobotClock(settings.tick)
-        self._untimed: list[tuple[LowState, float]] = []
+        self._untimed: list[tuple[SensorReadings, float]] = []
         self._robot: Address = (settings.address, settings.port)
         self._arrived: deque[tuple[float, bytes]] = deque(maxlen=_KEPT)
         self._opened = self._looked = self._since = time.monotonic()
@@ -126,7 +126,7 @@ class UnitreeUdpLink:
         if self._asked is not None:
             self._ask()
         self._fetch()
-        states: list[tuple[LowState, float]] = []
+        states: list[tuple[SensorReadings, float]] = []
         while self._arrived:
             received, data = self._arrived.popleft()
             if self._looked - received > self._settings.silence:  # what the system kept while nobody looked
@@ -236,7 +236,7 @@ class UnitreeUdpLink:
             self._kd if command.kd is None else command.kd[order],
         )
 
-    def _samples(self, states: list[tuple[LowState, float]]) -> list[RobotState]:
+    def _samples(self, states: list[tuple[SensorReadings, float]]) -> list[RobotState]:
         """With times; those that arrive before the unit of the robot's clock is known come as soon as it is."""
         if self._clock is None:
             self._untimed += states
@@ -247,7 +247,7 @@ class UnitreeUdpLink:
             self._clock, states, self._untimed = RobotClock(self._unit.learnt), self._untimed, []
         return [self._sample(state, self._clock.time(state.tick, received), received) for state, received in states]
 
-    def _sample(self, state: LowState, taken: float, received: float) -> RobotState:
+    def _sample(self, state: SensorReadings, taken: float, received: float) -> RobotState:
         order = self._motor_of_joint
         return RobotState(
             taken,
@@ -260,7 +260,7 @@ class UnitreeUdpLink:
             health=Health(state.temperature[order], state.battery_voltage, state.battery_charge),
         )
 
-    def _note(self, states: list[tuple[LowState, float]]) -> None:
+    def _note(self, states: list[tuple[SensorReadings, float]]) -> None:
         """Keep count; complain when the robot has fallen silent, or cannot be understood."""
         self.counts.samples += len(states)
         now = time.monotonic()
