@@ -22,3 +22,5 @@ ACCELERATION_SAMPLE_AT_REST = (GRAVITY - 2.5, GRAVITY + 2.5)
 """In one sample, before a robot is moved."""
 WELL_SCALED_ACCELERATION_AT_REST = (9.3, 10.3)
 """On average, of one that a check of the robot finds nothing to say about."""
+AT_REST_IN_UNITS_OF_G = (0.7, 1.3)
+"""Between what one reads at rest that is in units of g, not m/s2."""

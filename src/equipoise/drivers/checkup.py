@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from equipoise.conventions import WELL_SCALED_ACCELERATION_AT_REST, FloatArray
+from equipoise.conventions import AT_REST_IN_UNITS_OF_G, GRAVITY, WELL_SCALED_ACCELERATION_AT_REST, FloatArray
 from equipoise.platform.platform import JointCommand, Platform, RobotState
 from equipoise.platform.stepping import recording_of
 from equipoise.recording.recording import Recording
@@ -197,7 +197,8 @@ def _still(angular_velocity_in_imu: FloatArray) -> CheckupFinding:
 def _gravity(acceleration_in_imu: FloatArray) -> CheckupFinding:
     size = float(np.linalg.norm(acceleration_in_imu))
     fine = WELL_SCALED_ACCELERATION_AT_REST[0] < size < WELL_SCALED_ACCELERATION_AT_REST[1]
-    hint = "it must read about 9.81 m/s2 upward at rest" + (" (is it in units of g?)" if 0.7 < size < 1.3 else "")
+    in_g = AT_REST_IN_UNITS_OF_G[0] < size < AT_REST_IN_UNITS_OF_G[1]
+    hint = f"it must read about {GRAVITY} m/s2 upward at rest" + (" (is it in units of g?)" if in_g else "")
     return CheckupFinding("accelerometer at rest", f"{size:.2f} m/s2", fine, "" if fine else hint, serious=True)
 
 

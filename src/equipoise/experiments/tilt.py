@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from equipoise.conventions import ACCELERATION_AT_REST, FloatArray
+from equipoise.conventions import ACCELERATION_AT_REST, GRAVITY, FloatArray
 from equipoise.errors import RecordingError
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -85,13 +85,13 @@ def still_means(robot: RobotModel, still: Recording) -> RestMeans:
     """Means over a recording in which nothing moves.
 
     Raises:
-        RecordingError: the accelerometer does not read about 9.81 m/s2.
+        RecordingError: the accelerometer does not read about GRAVITY.
     """
     acceleration = still.imu.acceleration_in_imu.mean(axis=0)
     size = float(np.linalg.norm(acceleration))
     if not ACCELERATION_AT_REST[0] < size < ACCELERATION_AT_REST[1]:
         raise RecordingError(
-            f"the accelerometer reads {size:.3g} at rest; it must read about 9.81, in m/s2 (is it in units of g?)"
+            f"the accelerometer reads {size:.3g} at rest; it must read about {GRAVITY}, in m/s2 (is it in units of g?)"
         )
     rotation_imu_to_base = np.array(robot.imu_in_base.rotation)
     return RestMeans(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST
+from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST, GRAVITY
 from equipoise.errors import FallError, SensorError
 from equipoise.guard.footing import look_at_feet
 from equipoise.guard.known import Check, Known
@@ -34,8 +34,8 @@ class BaseChecks:
         size = float(np.linalg.norm(known.state.acceleration_in_imu))
         if not ACCELERATION_SAMPLE_AT_REST[0] <= size <= ACCELERATION_SAMPLE_AT_REST[1]:
             raise SensorError(
-                f"the accelerometer reads {size:.1f} m/s2 before anything has moved; 9.8 is gravity. Is it in other units, is "
-                "the robot being moved?"
+                f"the accelerometer reads {size:.1f} m/s2 before anything has moved; {GRAVITY:.1f} is gravity. Is it in other "
+                "units, is the robot being moved?"
             )
 
     def _check_upright(self, command: JointCommand, known: Known) -> None:

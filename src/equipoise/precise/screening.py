@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from equipoise.alive import alive
-from equipoise.conventions import ACCELERATION_AT_REST, FloatArray
+from equipoise.conventions import ACCELERATION_AT_REST, AT_REST_IN_UNITS_OF_G, GRAVITY, FloatArray
 from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import attitudes
@@ -97,8 +97,9 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
 def _check_gravity(acceleration: FloatArray) -> None:
     size = float(np.median(np.linalg.norm(acceleration, axis=1)))
     if not ACCELERATION_AT_REST[0] < size < ACCELERATION_AT_REST[1]:
-        unit = " (is it in units of g?)" if 0.7 < size < 1.3 else ""
-        raise RecordingError(f"the accelerometer reads {size:.3g} at rest; it must read about 9.81 m/s2{unit}")
+        in_g = AT_REST_IN_UNITS_OF_G[0] < size < AT_REST_IN_UNITS_OF_G[1]
+        unit = " (is it in units of g?)" if in_g else ""
+        raise RecordingError(f"the accelerometer reads {size:.3g} at rest; it must read about {GRAVITY} m/s2{unit}")
 
 
 def _check_radians(robot: RobotModel, position: FloatArray) -> None:
