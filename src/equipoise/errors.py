@@ -15,7 +15,7 @@ class EquipoiseError(Exception):
     """Base of all errors that equipoise raises on purpose.
 
     Attributes:
-        details: what a script may want to know besides, as JSON values.
+        details: facts that a script may want to know besides, as JSON values.
     """
 
     exit_code = 1
@@ -38,7 +38,7 @@ class MotionError(EquipoiseError, RuntimeError):
     """The robot cannot do, or did not do, what was asked.
 
     Attributes:
-        recordings: what was measured before and while it went wrong, oldest first (Recording).
+        recordings: recordings made before and while it went wrong, oldest first (Recording).
     """
 
     exit_code = 4
@@ -100,7 +100,7 @@ class UnrecordedError(RecordingError):
     """What was sensed and sent makes no recording.
 
     Attributes:
-        steps: it, as JSON values: names of the joints, and what was sensed before each command that was sent.
+        steps: its steps as JSON values: names of the joints, and what was sensed before each command that was sent.
     """
 
     def __init__(self, message: str, steps: Mapping[str, Any] = MappingProxyType({})) -> None:
@@ -116,7 +116,7 @@ class LogError(RecordingError):
     """What is in a log cannot be used.
 
     Attributes:
-        report: what it holds, piece by piece (LogReport).
+        report: what the log holds, piece by piece (LogReport).
         details: the same as JSON values.
     """
 

@@ -27,9 +27,10 @@ class Table(Generic[Row]):
 
     Args:
         noun: word for a row in messages, as "platform".
-        group: entry point group.
+        group: name of the entry point group.
         kind: class of a row, or a protocol that can be checked at run time.
-        own: our own rows; a text is where one is, as "equipoise.precise.method:PRECISE", and is imported when it is asked for.
+        own: rows of our own; a text is where one is, as "equipoise.precise.method:PRECISE", and is imported when it is
+            asked for.
     """
 
     def __init__(
@@ -116,7 +117,7 @@ def import_users(noun: str, path: str) -> Any:
 
     Args:
         noun: word for it in messages, as "platform".
-        path: as "my_robot:MyRobot".
+        path: module and name, as "my_robot:MyRobot".
 
     Raises:
         SettingsError: there is no such module, or no such name in it.

@@ -24,8 +24,8 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
     A symbolic link is never replaced: the regular file that it leads to is. One that leads nowhere is refused.
 
     Args:
-        content: text is written as UTF-8.
-        what: it is, for messages, as in "the report ".
+        content: content of the file; text is written as UTF-8.
+        what: name of the file in messages, as in "the report ".
 
     Raises:
         OutputError: there is something else than a regular file, as a device or a pipe, or it cannot be written.

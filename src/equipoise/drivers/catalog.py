@@ -34,10 +34,10 @@ class Driver:
     """A real robot's way in. Texts say where its parts are: to list it imports none of them.
 
     Attributes:
-        name: of the platform.
+        name: name of the platform.
         what: robot or bus that it is for, in a line.
-        start: how the robot starts, in a line or two.
-        page: of the documents, or an address.
+        start: posture in which the robot starts, in a line or two.
+        page: page of the documents, or an address.
         module: module with `open_link(robot, settings)`, which gives a `Link`, and perhaps `open_beside` (see `open_beside`).
         settings: dataclass of its settings, as "my_package.settings:MySettings"; each has a default.
         preset: settings that belong to the name.
@@ -59,7 +59,7 @@ class Engine:
     """A simulator.
 
     Attributes:
-        name: of the platform.
+        name: name of the platform.
     """
 
     name: str
@@ -155,8 +155,8 @@ class PlatformRow:
     """A platform as it is on this machine.
 
     Attributes:
-        name, what, start, page: as a driver's.
-        settings: name, type in words and default of each; in place of them, why it cannot be used here.
+        name, what, start, page: texts of its row, as a driver's.
+        settings: name, type in words and default of each setting; in place of them, why it cannot be used here.
     """
 
     name: str

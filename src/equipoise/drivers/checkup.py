@@ -37,10 +37,10 @@ class CheckupFinding:
     """One thing that was looked at.
 
     Attributes:
-        name: of it.
-        value: what was seen, in words.
+        name: name of what was looked at.
+        value: value that was seen, in words.
         fine: whether it is as it should be; None: there is nothing to compare with.
-        advice: what to do about it, or "".
+        advice: advice about it, or "".
         serious: whether a robot must not be moved like that.
     """
 
@@ -73,8 +73,8 @@ def watch(
     A simulated robot holds its stance meanwhile: its time passes only when it is stepped.
 
     Args:
-        duration: [s]; None: until the caller has seen enough.
-        arrived: takes the moments at which samples arrived, by this computer's clock [s].
+        duration: time to watch [s]; None: until the caller has seen enough.
+        arrived: list that takes the times at which samples arrived, by this computer's clock [s].
     """
     begin = platform.read()
     hold = JointCommand(begin.joint_position)
@@ -108,9 +108,9 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
     """Look at a robot that stands or lies still.
 
     Args:
-        platform: the robot; no command is sent to it.
-        robot: what is known about it.
-        duration: [s].
+        platform: platform of the robot; no command is sent to it.
+        robot: model of the robot.
+        duration: time to watch [s].
 
     Raises:
         CommunicationError: nothing arrives.

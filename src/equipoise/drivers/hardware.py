@@ -32,9 +32,9 @@ class Link(Protocol):
     One thread at a time calls it, not always the same one.
 
     Attributes:
-        name: for messages, as in "unitree-go2 on eth0".
-        joint_names: the robot model's leg joints, in its order; the driver knows which motor each is.
-        accepts: as a platform's.
+        name: name in messages, as in "unitree-go2 on eth0".
+        joint_names: names of the robot model's leg joints, in its order; the driver knows which motor each is.
+        accepts: kinds of feed-forward and gains that it heeds, as a platform's.
         control_period: time between commands [s].
     """
 
@@ -80,10 +80,10 @@ class LoopTiming:
     """How late commands were sent, after the deadlines that a control loop sets itself.
 
     Attributes:
-        lateness: (n,) of every command so far [s].
-        overruns: commands more than a millisecond late.
-        lost: how often deadlines passed without a command; they are skipped, not caught up with.
-        paused: nothing is noted: the robot is only held, while this computer has other things to do.
+        lateness: (n,) lateness of every command so far [s].
+        overruns: number of commands more than a millisecond late.
+        lost: number of deadlines that passed without a command; they are skipped, not caught up with.
+        paused: whether nothing is noted: the robot is only held, while this computer has other things to do.
     """
 
     def __init__(self) -> None:
@@ -116,11 +116,11 @@ class HardwarePlatform:
     Python's threads take turns more often.
 
     Args:
-        link: to the robot.
-        patience: how long to wait for the first sample [s].
+        link: link to the robot.
+        patience: longest time to wait for the first sample [s].
 
     Attributes:
-        timing: of the control loop.
+        timing: timing of the control loop.
         commanded: whether a command was sent.
     """
 

@@ -44,9 +44,9 @@ class HomeBuilt(SteppedPlatform):
     """Somebody's platform: what it raises becomes an error of ours, what it senses is looked at.
 
     Args:
-        name: for messages.
-        inner: the platform itself, with `read`, `step`, `close` and `control_period`.
-        robot: what is known about the robot.
+        name: name in messages.
+        inner: platform itself, with `read`, `step`, `close` and `control_period`.
+        robot: model of the robot.
 
     Raises:
         PluginError: its `control_period`, `joint_names` or `accepts` cannot be.

@@ -20,7 +20,7 @@ class RobotClock:
     """Seconds from a counter of 32 bits that begins anew when it is full.
 
     Args:
-        tick: of the counter [s]; 0: there is none.
+        tick: time step of the counter [s]; 0: there is none.
     """
 
     def __init__(self, tick: float) -> None:
@@ -67,7 +67,7 @@ class UnitSearch:
     steady has another unit, and one that is not is a simulated robot's that gets too little of a computer.
 
     Attributes:
-        learnt: unit [s]; None: not yet.
+        learnt: unit of the counter [s]; None: not yet.
     """
 
     def __init__(self) -> None:

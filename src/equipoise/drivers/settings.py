@@ -16,8 +16,8 @@ class PlatformSetting:
     """Something that can be set.
 
     Attributes:
-        kind: its type.
-        default: its value if nobody sets it; `inspect.Parameter.empty` if somebody has to.
+        kind: type of the setting.
+        default: value if nobody sets it; `inspect.Parameter.empty` if somebody has to.
     """
 
     kind: Any

@@ -28,19 +28,20 @@ class LiftSettings:
     """How a lift trial is done; lengths and times for a robot of a certain size.
 
     Attributes:
-        height: of the first lift [m].
+        height: height of the first lift [m].
         growth: factor by which a lift grows when no tilt was seen.
-        max_lifts: lifts of one trial; none of them tilting, the robot is balanced.
-        move_time, settle_time, rest_time, unload_time, lift_time, watch_time, lower_time: of the phases [s]; a longer move
-            takes longer; watch is the paper's t_thres.
-        step_time: a foot's way up, and its way down, when feet are replanted [s].
+        max_lifts: number of lifts of one trial; none of them tilting, the robot is balanced.
+        move_time, settle_time, rest_time, unload_time, lift_time, watch_time, lower_time: durations of the phases [s];
+            a longer move takes longer; watch is the paper's t_thres.
+        step_time: duration of a foot's way up, and of its way down, when feet are replanted [s].
         tilt_threshold: smallest rotation that counts as a tilt [rad].
         tilt_limit: lean of the CoM at which the tilt is plain and the feet come down [rad].
-        stop_delay: from the moment at which a lift should end until the feet come down: samples, commands, drives [s].
-        rate_time: over which the lean is differentiated to foresee how far the robot will tip [s].
-        reached_tolerance: how far joints may stay from their targets (soft position control sags) [rad].
+        stop_delay: delay from the moment at which a lift should end until the feet come down: samples, commands, drives
+            [s].
+        rate_time: time over which the lean is differentiated to foresee how far the robot will tip [s].
+        reached_tolerance: largest distance of joints from their targets (soft position control sags) [rad].
         still_speed: change of the base's angular velocity below which the robot is at rest [rad/s].
-        max_settling: how often settling is repeated, at most, until the robot is at rest.
+        max_settling: largest number of times that settling is repeated until the robot is at rest.
     """
 
     height: float
@@ -133,8 +134,8 @@ def settle(planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: 
     """Play a motion, and wait until the joints are near their targets and the base is still.
 
     Args:
-        motion: its recording gets a phase "settle" appended.
-        when: this is, in words, for the error.
+        motion: recording of the motion; it gets a phase "settle" appended.
+        when: moment in words, for the error.
 
     Raises:
         TrackingError: the robot did not come to rest near its targets.
@@ -170,7 +171,7 @@ def step_pair(motion: Motion, standing: tuple[str, ...], raised: FloatArray, set
     """Stand on some legs, step once with the others, and stand on all.
 
     Args:
-        raised: (4, 3) feet in the base frame at the top of the step [m].
+        raised: (4, 3) foot positions in the base frame at the top of the step [m].
     """
     motion.shift_load(standing, settings.unload_time).step_feet(raised, settings.step_time)
     return motion.shift_load(LEG_NAMES, settings.unload_time)

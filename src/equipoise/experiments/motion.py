@@ -32,10 +32,10 @@ class Target:
     """Where a planted robot is commanded to be.
 
     Attributes:
-        joint_position: (nj,) [rad].
-        feet_in_base: (4, 3) foot positions that belong to it [m].
-        torque: (nj,) feed-forward [Nm].
-        legs: that are meant to stand.
+        joint_position: (nj,) joint position targets [rad].
+        feet_in_base: (4, 3) foot positions in the base frame that belong to it [m].
+        torque: (nj,) feed-forward torques [Nm].
+        legs: legs that are meant to stand.
     """
 
     joint_position: FloatArray
@@ -63,8 +63,8 @@ class Motion:
 
     Args:
         robot: the robot.
-        control_period: [s].
-        start: the targets that the motion starts from.
+        control_period: time between commands [s].
+        start: targets that the motion starts from.
     """
 
     def __init__(self, robot: RobotModel, control_period: float, start: Target) -> None:
@@ -142,9 +142,9 @@ class Motion:
         """Move the feet along a one-parameter family of positions.
 
         Args:
-            feet_at: (4, 3) foot positions in the base frame at a parameter value.
+            feet_at: function that gives (4, 3) foot positions in the base frame at a parameter value [m].
             knots: number of parameter values at which inverse kinematics runs.
-            parameter: (n,) parameter at each control period.
+            parameter: (n,) values of the parameter, one a control period.
         """
         self._append(*_path(self.robot, self.target.joint_position, feet_at, knots, parameter, self.target.legs))
         self.target = replace(self.target, feet_in_base=feet_at(float(parameter[-1])))

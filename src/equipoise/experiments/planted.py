@@ -24,7 +24,7 @@ class PlantedRobot:
     What was recorded since the last `take` is held, so that an interruption loses none of it.
 
     Attributes:
-        keep: called with every recording as soon as its motion is complete, before anybody judges it.
+        keep: function called with every recording as soon as its motion is complete, before anybody judges it.
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:

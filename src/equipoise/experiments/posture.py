@@ -25,10 +25,11 @@ def feet_in_posture(
     """(4, 3) the nominal stance's feet in the base frame of a posture [m].
 
     Args:
-        com: (3,) CoM in the base frame, as far as it is known [m].
-        posture: where the base is.
-        diagonal: with one, the CoM is moved along x to that support line; `posture.ahead` and `aside` do not count.
-        offset: how far the line is then ahead of the CoM, along the line's normal [m].
+        com: (3,) centre of mass in the base frame, as far as it is known [m].
+        posture: posture of the base.
+        diagonal: diagonal to whose support line the CoM is moved along x, or None; with one, `posture.ahead` and
+            `aside` do not count.
+        offset: distance by which the line is then ahead of the CoM, along the line's normal [m].
     """
     feet = stance.feet_in_base
     # Sideways the base stays where it is: legs of two joints cannot move it.
@@ -56,7 +57,7 @@ def check_posture(
     """Joint positions of a posture that is within reach, limits and torques.
 
     Args:
-        feet_in_base: (4, 3) [m].
+        feet_in_base: (4, 3) foot positions in the base frame [m].
         standing: legs that carry the robot there.
 
     Raises:

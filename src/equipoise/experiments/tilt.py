@@ -32,8 +32,8 @@ class Tilt:
     Attributes:
         about_line: rotation of the CoM about l [rad]; positive: the robot tipped forward.
         across_line: size of the base's rotation about the normal [rad]; a robot on a line hardly turns that way.
-        verdict: "forward" or "backward", or "balanced" if it turned by less than the threshold.
-        rise: how far the encoders say that the lifted feet rose above the standing ones [m].
+        verdict: outcome, "forward" or "backward", or "balanced" if it turned by less than the threshold.
+        rise: height by which the lifted feet rose above the standing ones, by the encoders [m].
         lifted: whether that is at least half of what they were sent; a robot whose feet stay down is not balanced.
     """
 
@@ -49,8 +49,8 @@ class SupportPlane:
     """The plane that holds a support line and gravity, in the base frame. A balanced robot's CoM lies in it.
 
     Attributes:
-        point: (3,) on the line, midway between the contact points [m].
-        normal: (3,) unit, pointing forward.
+        point: (3,) point on the line in the base frame, midway between the contact points [m].
+        normal: (3,) unit normal in base axes, pointing forward.
     """
 
     point: FloatArray
@@ -66,8 +66,8 @@ class RestMeans:
     """What the sensors say of a robot at rest.
 
     Attributes:
-        joint_position: (nj,) mean [rad].
-        up_in_base: (3,) unit vector against gravity, by the accelerometer.
+        joint_position: (nj,) mean joint positions [rad].
+        up_in_base: (3,) unit vector against gravity in base axes, by the accelerometer.
         gyro_bias: (3,) mean angular velocity in the IMU frame [rad/s].
     """
 
@@ -110,8 +110,8 @@ def tilt_of(robot: RobotModel, recording: Recording, trial: CommandedLift) -> Ti
 
     Args:
         robot: the robot.
-        recording: with phases "rest", "unload" and "lower"; the robot tips in between.
-        trial: what was commanded.
+        recording: recording with phases "rest", "unload" and "lower"; the robot tips in between.
+        trial: trial that was commanded.
     """
     rest = rest_of(robot, recording)
     lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
@@ -134,12 +134,12 @@ def tilt_curve(robot: RobotModel, recording: Recording, diagonal: str, points: i
     """How the robot tipped while two feet were up: what `tilt_of` judges the end of, over time.
 
     Args:
-        recording: with phases "rest", "unload" and "lower".
-        diagonal: that the robot stood on.
-        points: at most so many.
+        recording: recording with phases "rest", "unload" and "lower".
+        diagonal: diagonal that the robot stood on.
+        points: largest number of points.
 
     Returns:
-        (n,) times since the rest [s], and (n,) rotation of the CoM about l, positive forward [rad].
+        (n,) times since the rest [s], and (n,) rotations of the CoM about l, positive forward [rad].
     """
     rest = rest_of(robot, recording)
     lifted = recording.phase(Phase.UNLOAD, until=Phase.LOWER)
@@ -166,7 +166,7 @@ def support_plane_of(robot: RobotModel, recording: Recording, diagonal: str, sta
     so that its CoM is elsewhere in the base frame: the plane is moved by how far the leg model says.
 
     Args:
-        diagonal: that the robot stood on.
+        diagonal: diagonal that the robot stood on.
         stance: (nj,) joint positions of the nominal stance [rad].
     """
     rest = rest_of(robot, recording)
@@ -202,9 +202,9 @@ def line_axes(
     """Left direction l, forward normal n and midpoint of a support line, in the base frame.
 
     Args:
-        joint_position: (nj,) [rad].
-        up_in_base: (3,) unit vector against gravity.
-        diagonal: "FL_RR" or "FR_RL".
+        joint_position: (nj,) joint positions [rad].
+        up_in_base: (3,) unit vector against gravity in base axes.
+        diagonal: diagonal, "FL_RR" or "FR_RL".
     """
     feet = foot_positions(robot, joint_position)
     stance_legs = DIAGONALS[diagonal]

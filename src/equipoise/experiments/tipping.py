@@ -46,16 +46,16 @@ class Pendulum:
     """A robot on two feet, as it would tip from rest at a posture. Pairs are for tipping backward and forward.
 
     Attributes:
-        lean: of the CoM, positive forward [rad].
+        lean: angle of the CoM, positive forward [rad].
         along: place of the CoM along the line, to the left of its middle [m].
-        height: of the CoM over the line [m].
-        rate: w [1/s].
+        height: height of the CoM over the line [m].
+        rate: rate w at which it tips [1/s].
         spin: share of the moment of inertia about the line that is about the CoM.
-        room: from the line to the edge of the feet, where the CoM would pass it [m].
-        arm: of the foot that is lifted there, from the line [m].
-        normal_in_base: (3,) horizontal unit vector forward across the line.
-        axis_in_base: (3,) how the base's rotation adds to the lean.
-        joints: (nj,) how each joint's motion adds to the lean.
+        room: distance from the line to the edge of the feet, where the CoM would pass it [m].
+        arm: distance of the foot that is lifted there from the line [m].
+        normal_in_base: (3,) horizontal unit vector forward across the line, in base axes.
+        axis_in_base: (3,) axis in base axes along which the base's rotation adds to the lean.
+        joints: (nj,) share of each joint's motion in the lean.
     """
 
     lean: float
@@ -74,9 +74,9 @@ class Pendulum:
         """Of a robot as it is believed to be.
 
         Args:
-            joint_position: (nj,) with four feet on the floor [rad].
-            up_in_base: (3,) unit vector against gravity.
-            diagonal: to stand on.
+            joint_position: (nj,) joint positions with four feet on the floor [rad].
+            up_in_base: (3,) unit vector against gravity in base axes.
+            diagonal: diagonal to stand on.
         """
         left, normal, middle = line_axes(robot, joint_position, up_in_base, diagonal)
         body = composite_parameters(robot, joint_position)
@@ -123,10 +123,10 @@ class Pendulum:
         """What x is where the feet must come down, on either side [rad]; infinite where they always come down in time.
 
         Args:
-            lift_height: H [m].
-            lower_time: T [s].
-            delay: d from the stop's moment until the feet move [s].
-            doubt: how much farther the CoM may be from the line [m].
+            lift_height: height H of the lift [m].
+            lower_time: time T of lowering [s].
+            delay: delay d from the stop's moment until the feet move [s].
+            doubt: distance by which the CoM may be farther from the line [m].
         """
 
         def side(lean: float, room: float, arm: float) -> float:
@@ -165,7 +165,7 @@ def _side(lifted: FloatArray, side: int, along: float, half: float) -> tuple[flo
     Args:
         lifted: (2, 2) places of the lifted feet along the line and ahead of it, from its middle [m].
         along: place of the CoM along the line [m].
-        half: half the distance between the standing feet [m].
+        half: half of the distance between the standing feet [m].
     """
     foot_along, ahead = lifted[int(np.argmax(side * lifted[:, 1]))]
     arm = float(side * ahead)

@@ -19,8 +19,8 @@ class CommandChecks:
     """Refuse commands that no sound experiment sends.
 
     Args:
-        own_gains: kp [Nm/rad] and kd [Nm s/rad] of the robot's model.
-        control_period: [s].
+        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of the robot's model.
+        control_period: time between commands [s].
 
     Attributes:
         at_rest: checks of the first command, before a robot is moved; they raise as the others do.

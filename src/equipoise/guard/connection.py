@@ -31,8 +31,8 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
     Nothing is sent, but over UDP, where a robot only answers: packets without torque.
 
     Args:
-        name: of a driver, or of a platform that is a class, as "my_robot:MyRobot".
-        robot: what is known about the robot.
+        name: name of a driver, or of a platform that is a class, as "my_robot:MyRobot".
+        robot: model of the robot.
         given: settings by name; text is read as what the setting is.
 
     Raises:
@@ -56,8 +56,8 @@ def open_guarded(
 
     Args:
         name, robot, given: as in `open_platform`, which says what is raised.
-        log, limits: of the guard.
-        told: file in which the watchdog says what it did, if it did something.
+        log, limits: log and limits of the guard.
+        told: path of the file in which the watchdog says what it did, if it did something.
     """
     if (home_built := open_class(name, robot, given)) is not None:
         return Guard(home_built, robot, limits, log)

@@ -28,8 +28,8 @@ class ControlLoop:
     """A platform that is stepped, with everything that is checked on the way.
 
     Attributes:
-        known: of the robot; None: nobody has taken it over yet.
-        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] that commands mean which say none; None: gains cannot be sent.
+        known: knowledge of the robot; None: nobody has taken it over yet.
+        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of commands that say none; None: gains cannot be sent.
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, stance: Stance, limits: Limits) -> None:
@@ -54,8 +54,8 @@ class ControlLoop:
         """Before the first command.
 
         Args:
-            state: what `read` said.
-            first: what will be sent when the robot has been taken over.
+            state: state that `read` gave.
+            first: command that will be sent when the robot has been taken over.
 
         Raises:
             LimitError, SensorError, FallError: it must not be sent.

@@ -19,8 +19,8 @@ def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) 
     """Whether joints hold feet above the floor that the others stand on, and that floor's upward normal in the base.
 
     Args:
-        stance: in which all feet stand.
-        joint_position: (nj,) [rad].
+        stance: stance in which all feet stand.
+        joint_position: (nj,) joint positions [rad].
     """
     usual, _ = _diagonals(stance.feet_in_base)
     apart, up = _diagonals(foot_positions(robot, joint_position))
@@ -36,7 +36,7 @@ def _diagonals(feet: FloatArray) -> tuple[float, Vector]:
     """How far the middle of one diagonal is above that of the other [m], and the upward normal of both.
 
     Args:
-        feet: (4, 3) FL FR RL RR.
+        feet: (4, 3) foot positions FL FR RL RR in the base frame [m].
     """
     up = floor_normal_by_diagonals(feet)
     dx, dy, dz = (feet[0] + feet[3] - feet[1] - feet[2]).tolist()

@@ -42,14 +42,16 @@ class Guard:
     """A guarded robot. Use it as a context manager, in the main thread; leaving it, in whatever way, is the safe ending.
 
     Args:
-        platform: to be guarded; the guard closes it.
-        robot: what is known about it.
-        limits: how far it may go.
-        log: is told of every motion when it begins, and takes pieces of it every quarter of a second while it goes on.
-        watchdog: starts what lets the robot down if this process dies or hangs; called when the robot is looked at first.
+        platform: platform to be guarded; the guard closes it.
+        robot: model of the robot.
+        limits: limits that a motion must keep.
+        log: log of motions; it is told of each when it begins, and takes pieces of it every quarter of a second while
+            it goes on.
+        watchdog: function that starts what lets the robot down if this process dies or hangs; called when the robot is
+            looked at first.
 
     Attributes:
-        phase: of the motion that is played, as its events name it.
+        phase: name of the phase of the motion that is played, as its events have it.
     """
 
     def __init__(

@@ -30,13 +30,13 @@ class HeldRobot:
     While it is moved, Python does not look for unused objects, which would take milliseconds; while it is held, it does.
 
     Args:
-        loop: steps the robot.
-        period: of control [s].
+        loop: control loop that steps the robot.
+        period: control period [s].
         stall: the longest time without a command [s].
-        end: ends the run by an error; called by the thread that holds.
+        end: function that ends the run by an error; called by the thread that holds.
 
     Attributes:
-        lock: of the robot.
+        lock: lock of the robot.
     """
 
     def __init__(self, loop: ControlLoop, period: float, stall: float, end: Callable[[BaseException], None]) -> None:

@@ -24,10 +24,10 @@ class JointChecks:
     """Hold joints against their limits, sample by sample.
 
     Args:
-        limits: how far they may go.
-        robot: whose joints they are.
-        hip_height: that torques scale with [m].
-        control_period: [s].
+        limits: limits that joints must keep.
+        robot: model of the robot whose joints they are.
+        hip_height: hip height that torques scale with [m].
+        control_period: time between commands [s].
         knows_gains: whether the motors run the gains that commands ask for, so that their torques can be foretold.
 
     Attributes:
@@ -182,9 +182,9 @@ class StuckDetector:
     there on what the delayed target only shows here.
 
     Args:
-        joints: how many.
-        delay: control periods by which a joint may be late.
-        window: control periods that are looked at.
+        joints: number of joints.
+        delay: number of control periods by which a joint may be late.
+        window: number of control periods that are looked at.
     """
 
     def __init__(self, joints: int, delay: int, window: int) -> None:

@@ -14,10 +14,10 @@ class Known:
     """What is known of a robot that is moved: what checks go by, and at last the safe ending.
 
     Attributes:
-        state: the newest one that is believed.
+        state: newest state that is believed.
         sent: the last command.
         planted: the last command with all feet on the floor.
-        up: which way is up.
+        up: filter that says which way is up.
         well: whether nothing is wrong with the robot itself.
         heard: whether the link lives.
         believed: whether sensors can be believed.

@@ -15,17 +15,18 @@ class Limits:
     lying at first, realistic noise, 10 or 15 % of the robot's mass on top and off centre).
 
     Attributes:
-        position_margin: by which an encoder may read beyond the model's joint limits [rad]; commands may not (0.03).
-        speed: of a joint, over the model's limit (0.49).
-        torque: of a joint, over the model's limit (1.05: a motor at its limit, misread by a few percent).
-        gains: of a command, over the model's (1).
-        temperature: of a motor [deg C].
-        lean: of the base from the posture that it was sent to take on a level floor, on four feet [rad] (0.15).
-        lean_in_lift: while two feet are up, or coming down [rad] (0.34).
-        following: how far a joint may stay behind its target [rad] (0.26); twice as far, not for a moment.
-        missing_torque: by which a motor may fall short of the torque that it was sent, on a robot with an A1's m g h [Nm]
+        position_margin: reading of an encoder beyond the model's joint limits [rad]; commands may not exceed them
+            (0.03).
+        speed: speed of a joint, over the model's limit (0.49).
+        torque: torque of a joint, over the model's limit (1.05: a motor at its limit, misread by a few percent).
+        gains: gains of a command, over the model's (1).
+        temperature: temperature of a motor [deg C].
+        lean: angle of the base from the posture that it was sent to take on a level floor, on four feet [rad] (0.15).
+        lean_in_lift: the same angle while two feet are up, or coming down [rad] (0.34).
+        following: distance of a joint from its target [rad] (0.26); twice as far, not for a moment.
+        missing_torque: torque that a motor may lack of what it was sent, on a robot with an A1's m g h [Nm]
             (0.7).
-        patience: how long a speed, a torque, a temperature or a following error may last [s].
+        patience: longest time for which a speed, a torque, a temperature or a following error may last [s].
         silence: the longest time without a fresh sample [s].
         stall: the longest time without a command while the robot moves [s].
     """

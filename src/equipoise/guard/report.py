@@ -16,16 +16,17 @@ class GuardReport:
     """What a guarded run was like.
 
     Attributes:
-        samples: what arrived.
-        commands: how many were sent.
-        overruns: how many of them more than a millisecond late; None in simulation.
-        stalls: how often deadlines passed without a command; None in simulation.
+        samples: counts of samples that arrived.
+        commands: number of commands that were sent.
+        overruns: number of commands more than a millisecond late; None in simulation.
+        stalls: number of deadlines that passed without a command; None in simulation.
         late_999: lateness that 99.9 % of the commands stayed below [s]; None in simulation.
-        largest_tilt: of the base from upright [rad].
-        hottest_motor: [deg C]; None if motors do not say.
-        lowest_voltage: of the battery [V]; None if it does not say.
-        ending: what the safe ending did, in order; the last is "released" if the platform let go of the robot.
-        trouble: what ended the run while nobody moved the robot; or empty. A result may have come of it all the same.
+        largest_tilt: largest angle of the base from upright [rad].
+        hottest_motor: highest motor temperature [deg C]; None if motors do not say.
+        lowest_voltage: lowest voltage of the battery [V]; None if it does not say.
+        ending: steps of the safe ending, in order; the last is "released" if the platform let go of the robot.
+        trouble: error that ended the run while nobody moved the robot; or empty. A result may have come of it all the
+            same.
     """
 
     samples: SampleCounts = field(default_factory=SampleCounts)

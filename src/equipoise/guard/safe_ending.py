@@ -46,12 +46,12 @@ class SafeEnding:
 
     Args:
         held: the robot: its steps raise when a limit is passed, its pushes do not.
-        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] that commands mean which say none; None: gains cannot be sent.
-        period: of control [s].
-        asked: whether somebody wants it to be over now.
+        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of commands that say none; None: gains cannot be sent.
+        period: control period [s].
+        asked: function that says whether somebody wants it to be over now.
 
     Attributes:
-        done: what was done, in order.
+        done: steps that were done, in order.
     """
 
     def __init__(

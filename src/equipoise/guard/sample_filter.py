@@ -32,12 +32,12 @@ class SampleFilter:
     """Looks at every sample before anything else does.
 
     Args:
-        robot: whose samples they are.
-        control_period: [s].
+        robot: model of the robot whose samples they are.
+        control_period: time between commands [s].
         silence: the longest time without a fresh sample [s].
 
     Attributes:
-        counts: so far.
+        counts: counts of samples so far.
     """
 
     def __init__(self, robot: RobotModel, control_period: float, silence: float) -> None:
@@ -66,7 +66,7 @@ class SampleFilter:
         """Look at a state and those that arrived before it.
 
         Args:
-            target: (nj,) where the joints were sent at the time [rad], or None if nothing was sent.
+            target: (nj,) position targets at the time [rad], or None if nothing was sent.
 
         Returns:
             the newest fresh sample, with those between it and the last one in `earlier`; what came again or late is left

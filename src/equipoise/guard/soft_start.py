@@ -28,11 +28,11 @@ def soft_start(
     already, as far as the first command asks for them too. A limp one gets its stiffness by and by.
 
     Args:
-        first: what is sent next.
-        state: of the robot.
-        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] that commands mean which say none; None: gains cannot be sent.
+        first: command that is sent next.
+        state: state of the robot.
+        own_gains: (nj,) kp [Nm/rad] and kd [Nm s/rad] of commands that say none; None: gains cannot be sent.
         limp: whether the joints carry nothing yet.
-        period: of control [s].
+        period: control period [s].
         allowed: (2, nj) lower and upper joint limits [rad]; a limp robot may hang a little beyond them, and is not held there.
     """
     here, now = np.clip(state.joint_position, *allowed), _torque_now(first, state, limp)

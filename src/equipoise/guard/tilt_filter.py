@@ -18,11 +18,11 @@ class TiltFilter:
     """A complementary filter. In plain numbers: for three of them NumPy takes five times as long.
 
     Args:
-        rotation_imu_to_base: (3, 3).
+        rotation_imu_to_base: (3, 3) rotation matrix from IMU axes to base axes.
 
     Attributes:
-        tilt: of the base's z axis from up [rad]; 0 before anything was felt.
-        largest: so far.
+        tilt: angle of the base's z axis from up [rad]; 0 before anything was felt.
+        largest: largest tilt so far [rad].
     """
 
     def __init__(self, rotation_imu_to_base: FloatArray) -> None:
@@ -63,7 +63,7 @@ class TiltFilter:
         A robot that lies rests on its belly, wherever its feet are.
 
         Args:
-            floor_in_base: upward normal of the floor.
+            floor_in_base: (3,) upward unit normal of the floor, in base axes.
         """
         if self._up is None:
             return 0.0

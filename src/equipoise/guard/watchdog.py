@@ -43,9 +43,10 @@ class Watchdog:
 
     Args:
         platform: name of the driver.
-        robot: what is known about the robot.
+        robot: model of the robot.
         given: the driver's settings.
-        log: file for what it did, made if it did something; its standard error is this program's and may be gone by then.
+        log: path of the file for what it did, made if it did something; its standard error is this program's and may be
+            gone by then.
     """
 
     def __init__(self, platform: str, robot: RobotModel, given: Mapping[str, Any], log: Path | None = None) -> None:
@@ -102,8 +103,8 @@ class _Hand:
     """What the watchdog holds the robot by.
 
     Attributes:
-        platform, robot, given: as the watchdog's.
-        link: to the robot; None: to be opened when it is needed.
+        platform, robot, given: name, model and settings, as the watchdog has them.
+        link: link to the robot; None: to be opened when it is needed.
     """
 
     platform: str

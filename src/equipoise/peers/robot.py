@@ -43,10 +43,11 @@ class PeerSettings:
 
     Attributes:
         noise: preset of sensor and actuator errors.
-        payload: MASS,X,Y,Z or None.
-        seed: of everything drawn.
-        start: "standing" (it holds its own stance until the first command comes) or "lying" (it is limp until then).
-        duration: ends by itself after so long [s].
+        payload: payload as MASS,X,Y,Z, or None.
+        seed: seed of everything drawn.
+        start: state at the start, "standing" (it holds its own stance until the first command comes) or "lying" (it is
+            limp until then).
+        duration: time after which it ends by itself [s].
     """
 
     noise: Noise = "realistic"

@@ -45,18 +45,18 @@ class Controllers:
 
     Attributes:
         interface: network interface.
-        domain: ROS_DOMAIN_ID.
-        joint_state_topic: where the joints are published.
-        imu_topic: where the IMU is published.
-        array_topic: where the forwarding controller listens.
-        trajectory_topic: where the joint trajectory controller listens.
-        stiffness: of the joints' position control [Nm/rad]; 0: ten times the robot's own soft legs.
-        joint_rate: JointState messages a second; at most the simulation's 500.
-        imu_rate: Imu messages a second; at most the simulation's 500.
+        domain: number of the domain, its ROS_DOMAIN_ID.
+        joint_state_topic: topic on which the joints are published.
+        imu_topic: topic on which the IMU is published.
+        array_topic: topic on which the forwarding controller listens.
+        trajectory_topic: topic on which the joint trajectory controller listens.
+        stiffness: stiffness of the joints' position control [Nm/rad]; 0: ten times the robot's own soft legs.
+        joint_rate: rate of JointState messages [Hz]; at most the simulation's 500.
+        imu_rate: rate of Imu messages [Hz]; at most the simulation's 500.
         permute: seed of the orders of joints in messages and controllers; 0: as the model lists them.
-        extra_joints: that are published with them, at zero.
-        without: "velocity", "effort", or both: what the joints do not report.
-        clock: stamps count from the start of the simulation, or are this computer's time of day.
+        extra_joints: names of joints that are published with them, at zero.
+        without: quantities that the joints do not report: "velocity", "effort", or both.
+        clock: clock of the stamps: from the start of the simulation, or this computer's time of day.
         interpolate_from_desired_state: the joint trajectory controller's parameter of this name.
     """
 
@@ -87,8 +87,8 @@ class Interpolation:
     Args:
         begin: robot time at which it arrived [s].
         start: (nj,) joint positions that it begins at [rad].
-        times: (n,) of its points, from then on, increasing [s].
-        positions: (n, nj) its points [rad].
+        times: (n,) increasing times of its points, from then on [s].
+        positions: (n, nj) joint positions at its points [rad].
     """
 
     def __init__(self, begin: float, start: FloatArray, times: FloatArray, positions: FloatArray) -> None:
@@ -109,11 +109,11 @@ class Ros2Wire:
     """The robot's side: broadcasters and position controllers of a controller manager.
 
     Args:
-        joint_names: the model's.
-        controllers: what is published and heard.
+        joint_names: names of the joints, in the model's order.
+        controllers: topics that are published and heard.
         gains: kp and kd of the position control, the same for all joints.
-        hold: (nj,) where the joints are held before the first command [rad]; None: they are limp.
-        say: takes what is worth noting.
+        hold: (nj,) joint positions that are held before the first command [rad]; None: they are limp.
+        say: function that takes what is worth noting.
     """
 
     def __init__(
@@ -235,9 +235,9 @@ class Ros2PeerOptions:
     """A simulated robot on ROS 2's topics; logs JSON, one object a line.
 
     Attributes:
-        robot: the quadruped that it is: a name, or a URDF or MJCF file.
-        peer: what is simulated.
-        controllers: what is published and heard.
+        robot: quadruped that it is: a name, or a URDF or MJCF file.
+        peer: settings of the simulated robot.
+        controllers: topics that are published and heard.
     """
 
     robot: str = "unitree_a1"

@@ -45,10 +45,11 @@ class WireSettings:
     """How the simulated robot speaks.
 
     Attributes:
-        domain: DDS domain, on "lo".
-        sport_mode: a controller of its own holds the motors at the beginning.
-        first_tick: of its clock [ms]; it begins anew at 2^32.
-        bare: leave tick and checksum zero, as the public simulator does; there is no motion_switcher service either.
+        domain: number of the DDS domain, on "lo".
+        sport_mode: whether a controller of its own holds the motors at the beginning.
+        first_tick: first count of its clock [ms]; it begins anew at 2^32.
+        bare: whether tick and checksum stay zero, as in the public simulator; there is no motion_switcher service
+            either.
         damage: share of the samples that are damaged on their way.
     """
 
@@ -67,9 +68,9 @@ class UnitreeDdsWire:
     """The robot's side.
 
     Args:
-        robot: the simulated one.
-        settings: how it speaks.
-        say: takes what is worth noting.
+        robot: model of the simulated robot.
+        settings: settings of the wire.
+        say: function that takes what is worth noting.
     """
 
     def __init__(self, robot: RobotModel, settings: WireSettings, say: Callable[..., None]) -> None:
@@ -186,9 +187,9 @@ class UnitreeDdsPeerOptions:
     """A simulated Go2 or B2 on DDS; logs JSON, one object a line.
 
     Attributes:
-        robot: the quadruped that it is: a name, or a URDF or MJCF file.
-        peer: what is simulated.
-        wire: how it speaks.
+        robot: quadruped that it is: a name, or a URDF or MJCF file.
+        peer: settings of the simulated robot.
+        wire: settings of the wire.
     """
 
     robot: str = "unitree_a1"

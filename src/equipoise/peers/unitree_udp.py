@@ -50,9 +50,9 @@ class NetworkFaults:
 
     Attributes:
         loss: share of the packets that are lost.
-        duplicate: share that arrive twice.
-        reorder: share that others overtake.
-        network_seed: of what is drawn.
+        duplicate: share of the packets that arrive twice.
+        reorder: share of the packets that others overtake.
+        network_seed: seed of what is drawn.
     """
 
     loss: float = 0.0
@@ -97,12 +97,12 @@ class UnitreeUdpWire:
     """The robot's side.
 
     Args:
-        robot: the simulated one.
-        packets: how it writes.
-        local: where it listens.
-        faults: of the network.
+        robot: model of the simulated robot.
+        packets: packet format in which it writes.
+        local: address and port on which it listens.
+        faults: faults of the network.
         clock: first count and step [s] of its clock, which begins anew at 2^32; a step of 0: it stands still.
-        say: takes what is worth noting.
+        say: function that takes what is worth noting.
     """
 
     def __init__(
@@ -218,15 +218,15 @@ class UnitreeUdpPeerOptions:
     """A simulated A1 or Go1 on UDP; logs JSON, one object a line.
 
     Attributes:
-        protocol: whose packets it speaks.
-        robot: the quadruped that it is: a name, or a URDF or MJCF file.
-        address: that it listens on.
-        port: that it listens on.
-        form: of its packets; default: the likeliest.
-        first_tick: of its clock.
-        tick: a step of its clock [s].
-        peer: what is simulated.
-        faults: of the network.
+        protocol: name of the robot whose packets it speaks.
+        robot: quadruped that it is: a name, or a URDF or MJCF file.
+        address: address that it listens on.
+        port: port that it listens on.
+        form: format of its packets; default: the likeliest.
+        first_tick: first count of its clock.
+        tick: time step of its clock [s].
+        peer: settings of the simulated robot.
+        faults: faults of the network.
     """
 
     protocol: Protocol = "a1"

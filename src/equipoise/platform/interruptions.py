@@ -16,7 +16,7 @@ class Terminated(KeyboardInterrupt):
     """The process was asked to end by a signal other than Ctrl-C's.
 
     Attributes:
-        number: of the signal.
+        number: number of the signal.
     """
 
     def __init__(self, number: int) -> None:

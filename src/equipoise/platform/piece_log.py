@@ -44,8 +44,8 @@ class PieceLog:
     """Hands pieces of motions to a log while they are played.
 
     Args:
-        log: takes them; None: nobody wants them.
-        control_period: [s].
+        log: log that takes the pieces; None: nobody wants them.
+        control_period: time between commands [s].
     """
 
     def __init__(self, log: MotionLog | None, control_period: float) -> None:
@@ -78,7 +78,7 @@ class PieceLog:
         """The motion is over.
 
         Args:
-            wait: until all of it has been written; nobody looks after the robot meanwhile.
+            wait: whether to wait until all of it has been written; nobody looks after the robot meanwhile.
 
         Raises:
             OutputError: it could not be written.

@@ -18,9 +18,9 @@ class JointCommand:
     """What the joints should do during the next control period. None leaves a value to the platform.
 
     Attributes:
-        position: (nj,) targets in the model's joint order [rad].
-        velocity: (nj,) feed-forward [rad/s].
-        torque: (nj,) feed-forward [Nm].
+        position: (nj,) position targets in the model's joint order [rad].
+        velocity: (nj,) feed-forward velocities [rad/s].
+        torque: (nj,) feed-forward torques [Nm].
         kp: (nj,) position gains [Nm/rad].
         kd: (nj,) velocity gains [Nm s/rad].
     """
@@ -41,10 +41,10 @@ class Health:
     """How the robot is, besides its motion. What is missing on a robot is None.
 
     Attributes:
-        motor_temperature: (nj,) in the model's joint order [deg C].
-        battery_voltage: [V].
-        battery_charge: from 0, empty, to 1, full.
-        fault: what the robot itself says is wrong, in its own words.
+        motor_temperature: (nj,) motor temperatures in the model's joint order [deg C].
+        battery_voltage: voltage of the battery [V].
+        battery_charge: charge of the battery, from 0, empty, to 1, full.
+        fault: fault that the robot itself reports, in its own words.
     """
 
     motor_temperature: FloatArray | None = None
@@ -58,15 +58,15 @@ class RobotState:
     """What the robot's sensors say at one moment. What is missing on a robot is None.
 
     Attributes:
-        time: by the robot's clock [s].
-        joint_position: (nj,) encoders, in the model's joint order [rad].
-        joint_velocity: (nj,) [rad/s].
-        joint_torque: (nj,) as the motors report it [Nm].
-        angular_velocity_in_imu: (3,) gyroscope, in the IMU frame [rad/s].
-        acceleration_in_imu: (3,) accelerometer, in the IMU frame; +g upward at rest [m/s2].
-        imu_time: of the gyroscope and the accelerometer, where it is not `time` [s].
-        received: when it arrived, by this computer's monotonic clock [s]; None in simulation, where nothing is late.
-        health: what else the robot says of itself.
+        time: time by the robot's clock [s].
+        joint_position: (nj,) joint positions by the encoders, in the model's joint order [rad].
+        joint_velocity: (nj,) joint velocities [rad/s].
+        joint_torque: (nj,) joint torques as the motors report them [Nm].
+        angular_velocity_in_imu: (3,) angular velocity of the IMU in its own frame, by the gyroscope [rad/s].
+        acceleration_in_imu: (3,) specific force in the IMU frame, by the accelerometer; +g upward at rest [m/s2].
+        imu_time: time of gyroscope and accelerometer, where it is not `time` [s].
+        received: time of arrival by this computer's monotonic clock [s]; None in simulation, where nothing is late.
+        health: temperatures, battery and faults, as far as the robot reports them.
         earlier: samples that arrived since the last one that was handed out, oldest first; a robot's clock is not ours.
     """
 
@@ -88,9 +88,9 @@ class Trajectory:
 
     Attributes:
         position: (n, nj) joint position targets [rad].
-        velocity: (n, nj) feed-forward [rad/s], or None.
-        torque: (n, nj) feed-forward [Nm], or None.
-        events: what to note in the recording; times count from the start of the motion [s].
+        velocity: (n, nj) feed-forward velocities [rad/s], or None.
+        torque: (n, nj) feed-forward torques [Nm], or None.
+        events: events to note in the recording; times count from the start of the motion [s].
     """
 
     position: FloatArray
@@ -118,8 +118,8 @@ class Platform(Protocol):
 
     Attributes:
         control_period: time between commands [s].
-        joint_names: the joints, in the order of every joint vector.
-        accepts: which of "velocity", "torque" and "gains" it heeds in commands; the others it leaves aside.
+        joint_names: names of the joints, in the order of every joint vector.
+        accepts: those of "velocity", "torque" and "gains" that it heeds in commands; the others it leaves aside.
     """
 
     @property

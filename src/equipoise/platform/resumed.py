@@ -30,7 +30,7 @@ class RepeatedSimulation(PlatformWrapper):
     Args:
         live: the simulated robot as it is to go on: logged.
         again: the same robot, not logged.
-        content: of the run's log.
+        content: content of the run's log.
 
     Raises:
         ResumeError: the simulation does not repeat.
@@ -62,7 +62,7 @@ class ResumedRobot(PlatformWrapper):
 
     Args:
         live: the robot.
-        content: of the run's log.
+        content: content of the run's log.
 
     Raises:
         ResumeError: the routine asks for other motions than were recorded.

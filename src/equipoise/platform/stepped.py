@@ -19,12 +19,12 @@ class SteppedPlatform(ABC):
     `equipoise calibrate --platform MODULE:CLASS` makes it as CLASS(robot, **settings) and guards it.
 
     Args:
-        robot: what is known about the robot.
+        robot: model of the robot.
 
     Attributes:
         control_period: time between commands [s].
-        joint_names: the robot's leg joints, in the model's order, which every joint vector has.
-        accepts: which of "velocity", "torque" and "gains" it heeds in commands besides positions.
+        joint_names: names of the robot's leg joints, in the model's order, which every joint vector has.
+        accepts: those of "velocity", "torque" and "gains" that it heeds in commands besides positions.
     """
 
     control_period: float

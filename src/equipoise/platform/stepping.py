@@ -68,13 +68,13 @@ class StepLog:
     """What is sensed and sent, step by step, until it is made a recording.
 
     Args:
-        platform: that is stepped.
-        start: its state before the first step.
+        platform: platform that is stepped.
+        start: state before the first step.
         previous: the steps before these, which no time of these may come before.
 
     Attributes:
-        state: the newest.
-        count: of steps.
+        state: the newest state.
+        count: number of steps.
     """
 
     def __init__(self, platform: Platform, start: RobotState, previous: StepLog | None = None) -> None:
@@ -158,8 +158,8 @@ def recording_of(
     """What was sensed, samples that arrived in between included, each once; and the joint targets that were sent.
 
     Args:
-        targets: (n, nj) one a state [rad].
-        sent: (n,) when, by the robot's clock [s]; default: at the states' times.
+        targets: (n, nj) position targets, one row a state [rad].
+        sent: (n,) times at which they were sent, by the robot's clock [s]; default: the states' times.
         before: the last sample before these: what is not younger came twice.
     """
     samples = [sample for state in states for sample in (*state.earlier, state)]

@@ -23,13 +23,14 @@ class TiltLimit:
     """Stop a motion once the robot has leaned far enough about an axis since it began, or will have.
 
     Attributes:
-        angle: of leaning, either way [rad].
-        axis_in_imu: (3,) in the IMU frame. On two feet a robot also yaws on its soft legs; that is no tilt.
-        joints: (nj,) by how much each joint's motion adds to the lean; empty: not at all.
-        horizon: by which the rate is multiplied where it counts [s].
+        angle: lean that counts, either way [rad].
+        axis_in_imu: (3,) axis of the lean in the IMU frame. On two feet a robot also yaws on its soft legs; that is no
+            tilt.
+        joints: (nj,) share of each joint's motion in the lean; empty: none.
+        horizon: time by which the rate is multiplied where it counts [s].
         spin: share of the base's own angular velocity in the rate.
-        bounds: of lean plus horizon times rate [rad].
-        window: over which the lean is differentiated [s].
+        bounds: limits of lean plus horizon times rate [rad].
+        window: time over which the lean is differentiated [s].
     """
 
     angle: float
@@ -45,8 +46,8 @@ class TiltTest:
     """A limit that is tested while a motion goes on, on samples as they come: one by one, or many at once.
 
     Args:
-        limit: None is never reached.
-        control_period: between samples [s].
+        limit: limit to test; None is never reached.
+        control_period: time between samples [s].
     """
 
     def __init__(self, limit: TiltLimit | None, control_period: float) -> None:
@@ -61,8 +62,8 @@ class TiltTest:
         """Whether the limit is reached in any of the next samples.
 
         Args:
-            angular_velocity_in_imu: (n, 3) in the IMU frame [rad/s].
-            joint_position: (n, nj) [rad].
+            angular_velocity_in_imu: (n, 3) angular velocity in the IMU frame [rad/s].
+            joint_position: (n, nj) joint positions [rad].
         """
         if self._limit is None:
             return False

@@ -25,8 +25,8 @@ class Layout:
     """Messages that differ only in numbers at fixed places.
 
     Attributes:
-        template: one message, its numbers zero.
-        fields: a row of numbers, as a structured type of the message's size.
+        template: bytes of one message, its numbers zero.
+        fields: structured type of the message's size, with a field for each of its numbers.
     """
 
     template: bytes

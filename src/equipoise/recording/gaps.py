@@ -18,9 +18,9 @@ class Piece:
     """A part of a recording without gaps.
 
     Attributes:
-        recording: it.
+        recording: the part's recording.
         gap: start and end of the gap before it [s], or None.
-        missing: which samples were missing there.
+        missing: name of the samples that were missing there.
     """
 
     recording: Recording

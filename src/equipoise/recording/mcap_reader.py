@@ -27,8 +27,8 @@ class McapContent:
     """What is in a file.
 
     Attributes:
-        channels: metadata of each, by topic.
-        messages: topic and body, in the order in which they were written.
+        channels: metadata of each channel, by topic.
+        messages: topics and bodies, in the order in which they were written.
         closed: whether the file was closed; else it ends where the process that wrote it was killed.
     """
 
@@ -78,7 +78,7 @@ class McapTail:
     """Reads a file while another process writes it.
 
     Attributes:
-        channels: metadata of each, by topic, as far as they were read.
+        channels: metadata of each channel, by topic, as far as they were read.
         closed: whether the end of the file was read.
     """
 

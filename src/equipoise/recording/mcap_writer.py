@@ -56,10 +56,10 @@ class Topic:
     """What a channel carries.
 
     Attributes:
-        name: of the topic.
-        type: of its messages, as ROS 2 names it.
-        definition: of the type, in ROS's own form.
-        metadata: of the channel.
+        name: name of the topic.
+        type: type of its messages, as ROS 2 names it.
+        definition: definition of the type, in ROS's own form.
+        metadata: metadata of the channel.
     """
 
     name: str
@@ -73,9 +73,9 @@ class Batch:
     """Messages of one topic.
 
     Attributes:
-        topic: its name.
-        time: (n,) increasing [ns].
-        bodies: (n) the messages as CDR.
+        topic: name of the topic.
+        time: (n,) increasing times [ns].
+        bodies: (n) messages as CDR.
     """
 
     topic: str

@@ -25,10 +25,10 @@ class JointStream:
     """Joint sensors. What is missing on a robot is None.
 
     Attributes:
-        time: (n,) increasing [s].
-        position: (n, nj) encoders [rad].
-        velocity: (n, nj) [rad/s], or None.
-        torque: (n, nj) as the motors report it [Nm], or None.
+        time: (n,) increasing times [s].
+        position: (n, nj) joint positions by the encoders [rad].
+        velocity: (n, nj) joint velocities [rad/s], or None.
+        torque: (n, nj) joint torques as the motors report them [Nm], or None.
     """
 
     time: FloatArray
@@ -48,9 +48,9 @@ class ImuStream:
     """Gyroscope and accelerometer, in the IMU's own frame.
 
     Attributes:
-        time: (n,) increasing [s].
-        angular_velocity_in_imu: (n, 3) [rad/s].
-        acceleration_in_imu: (n, 3) specific force, +g upward at rest [m/s2].
+        time: (n,) increasing times [s].
+        angular_velocity_in_imu: (n, 3) angular velocity of the IMU in its own frame [rad/s].
+        acceleration_in_imu: (n, 3) specific force in the IMU frame, +g upward at rest [m/s2].
     """
 
     time: FloatArray
@@ -68,7 +68,7 @@ class CommandStream:
     """Commands sent.
 
     Attributes:
-        time: (n,) increasing [s].
+        time: (n,) increasing times [s].
         position: (n, nj) joint position targets [rad].
     """
 
@@ -88,8 +88,8 @@ class Recording:
         joint_names: (nj) names of the joint columns.
         joints: joint sensors.
         imu: inertial sensors.
-        commands: what was sent, or None (a log from elsewhere).
-        events: in order of time.
+        commands: commands that were sent, or None (a log from elsewhere).
+        events: events in order of time.
     """
 
     joint_names: tuple[str, ...]
@@ -178,8 +178,8 @@ class Recording:
         """The part of the recording from where a phase begins to where the next one does.
 
         Args:
-            name: the phase.
-            until: end only where this later phase begins.
+            name: name of the phase.
+            until: name of a later phase, at the beginning of which to end.
 
         Raises:
             RecordingError: there is no such phase, or it holds no sample.

@@ -21,8 +21,8 @@ class Play:
     """One motion that was played.
 
     Attributes:
-        commands: that were planned; a motion that was stopped early has fewer samples.
-        recording: of it.
+        commands: number of commands that were planned; a motion that was stopped early has fewer samples.
+        recording: recording of the motion.
         trial: index of the recording that it is a part of, or that an attempt before was to become; None if it belongs to
             none, as standing up does.
     """
@@ -39,7 +39,7 @@ class LogContent:
     Attributes:
         plays: all motions, in order.
         recordings: those that are complete, in order.
-        unfinished: what was played behind them of one that is not complete, or None.
+        unfinished: recording of what was played after them towards one that is not complete, or None.
         closed: whether the log was closed; else the process was killed.
     """
 

@@ -19,7 +19,7 @@ def resume_log(path: Path, repeats: bool) -> tuple[RunLog, LogContent]:
     A copy takes its place in one step: whenever the process is killed, there is a log that can be gone on with.
 
     Args:
-        path: the log.
+        path: path of the log.
         repeats: whether what was played behind that recording is left out, because it will be played again exactly.
 
     Raises:

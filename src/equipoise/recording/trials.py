@@ -22,9 +22,9 @@ class RecordedTrial:
     """What all trials have.
 
     Attributes:
-        kind: "lift", "posture", "sway" or "stand".
-        starts_with: phase with which the robot does what the trial is for; before it, it may be refused.
-        complete_with: phase that begins once the trial has shown what it is for.
+        kind: kind of trial, "lift", "posture", "sway" or "stand".
+        starts_with: name of the phase with which the robot does what the trial is for; before it, it may be refused.
+        complete_with: name of the phase that begins once the trial has shown what it is for.
         found_at: time in a log in which the trial was found, None if we commanded it [s].
     """
 
@@ -52,7 +52,7 @@ class LiftTrial(RecordedTrial):
     """Two diagonal feet are lifted; of a lift found in a log no more is known.
 
     Attributes:
-        diagonal: that the robot stands on, "FL_RR" or "FR_RL".
+        diagonal: diagonal that the robot stands on, "FL_RR" or "FR_RL".
     """
 
     kind: ClassVar[str] = "lift"
@@ -77,7 +77,7 @@ class CommandedLift(LiftTrial):
     """A lift that we commanded.
 
     Attributes:
-        offset: of the support line from where it is at the nominal stance, along the base's x axis [m].
+        offset: shift of the support line from where it is at the nominal stance, along the base's x axis [m].
         lift_height: commanded height of the lifted feet [m].
         tilt_threshold: smallest rotation that counts as a tilt [rad].
     """
@@ -98,8 +98,8 @@ class DesignedLift(CommandedLift):
     """A lift of the precise method: in a posture, on a side of the CoM, perhaps with a turn of the body.
 
     Attributes:
-        posture: of the base.
-        side: on which side of the CoM the line is: 1 ahead, -1 behind, 0 under it.
+        posture: posture of the base.
+        side: side of the CoM on which the line is: 1 ahead, -1 behind, 0 under it.
         turn: rotation of the body about its own CoM while on two feet, or None.
     """
 
@@ -116,7 +116,7 @@ class PostureTrial(RecordedTrial):
     """A move over planted feet, from rest to rest.
 
     Attributes:
-        posture: of the base at its end; None if it was found in a log.
+        posture: posture of the base at its end; None if it was found in a log.
     """
 
     kind: ClassVar[str] = "posture"
@@ -133,7 +133,7 @@ class SwayTrial(RecordedTrial):
     """The base oscillates over planted feet.
 
     Attributes:
-        frequencies: by the axes about which it does [Hz].
+        frequencies: frequencies by the axes about which the base turns [Hz].
         amplitude: commanded rotation about a single axis [rad]; None: about all axes at once, or found in a log.
     """
 

@@ -18,16 +18,17 @@ class Audit:
     """What a model file says, and what speaks against it.
 
     Attributes:
-        robot: its name.
-        mass: of the whole robot [kg].
+        robot: name of the robot.
+        mass: mass of the whole robot [kg].
         base_link: name of the base link.
-        base: with everything fixed to it, in the base frame.
-        composite: the whole robot frozen at the nominal stance, in the base frame; None without a stance.
-        stance_effective: base, hips and thighs at the nominal stance; None without a stance.
+        base: inertial parameters of the base link with everything fixed to it, in the base frame.
+        composite: inertial parameters of the whole robot frozen at the nominal stance, in the base frame; None without
+            a stance.
+        stance_effective: inertial parameters of base, hips and thighs at the nominal stance; None without a stance.
         stance: the nominal stance, or None; a finding says why.
-        joint_names: (nj) of the stance's joint positions.
+        joint_names: (nj) names of the stance's joint positions.
         bodies: the base, then the leg links in joint order.
-        findings: errors first.
+        findings: findings about the model, errors first.
     """
 
     robot: str

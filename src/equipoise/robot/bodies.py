@@ -25,11 +25,11 @@ class RigidBody:
     """A body that moves as one: the base, or a leg link, with what is fixed to it.
 
     Attributes:
-        name: of its link.
-        mass: [kg].
-        com_in_link: (3,) in the link's own frame, which for the base is the base frame [m].
-        principal_moments: (3,) about the CoM, ascending [kg m2].
-        extent: how long it is about: from its joint to the next one or the foot, or from hip to opposite hip [m].
+        name: name of its link.
+        mass: mass [kg].
+        com_in_link: (3,) centre of mass in the link's own frame, which for the base is the base frame [m].
+        principal_moments: (3,) principal moments of inertia about the CoM, ascending [kg m2].
+        extent: approximate length, from its joint to the next one or the foot, or from hip to opposite hip [m].
     """
 
     name: str

@@ -25,13 +25,13 @@ class CatalogEntry:
     """A robot known by name. What its model file says stands here too, so that a list reads none.
 
     Attributes:
-        name: as `load_robot` takes it.
-        package: that its model file comes in.
-        path: of the file inside the package.
-        mass: of the whole robot [kg], to a gram.
-        joints: of each leg.
-        leg_length: of thigh and shank [m], to a millimetre.
-        note: what to know about it.
+        name: name that `load_robot` takes.
+        package: package that has its model file.
+        path: path of the file inside the package.
+        mass: mass of the whole robot [kg], to a gram.
+        joints: number of joints of each leg.
+        leg_length: length of thigh and shank together [m], to a millimetre.
+        note: remark for its user.
     """
 
     name: str
@@ -129,13 +129,13 @@ class CatalogRow:
     """A catalogue entry as it is on this machine.
 
     Attributes:
-        name: as `load_robot` takes it.
-        mass: of the whole robot [kg].
-        legs: number and their joints, as in "4 x 3".
-        leg_length: of thigh and shank [m].
+        name: name that `load_robot` takes.
+        mass: mass of the whole robot [kg].
+        legs: number of legs and of their joints, as in "4 x 3".
+        leg_length: length of thigh and shank together [m].
         source: package of the model file.
-        note: what to know about it.
-        install: how to get the package, if it is missing.
+        note: remark for its user.
+        install: command that installs the package, if it is missing.
     """
 
     name: str

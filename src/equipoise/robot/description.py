@@ -28,7 +28,7 @@ class RobotDescription:
 
     Attributes:
         base_link: name of the trunk link, where it is not the first link with mass.
-        foot_frames: frame at each foot's centre, by leg: FL, FR, RL, RR.
+        foot_frames: names of the frames at the feet's centres, by leg: FL, FR, RL, RR.
         foot_radius: radius of the feet [m].
         imu_position: IMU position in the base frame [m].
         imu_rpy: IMU orientation in the base frame, roll pitch yaw [rad].
@@ -36,8 +36,8 @@ class RobotDescription:
         stance_height: nominal hip height as a fraction of the leg length; default about 0.75.
         kp: joint position gain [Nm/rad]; default 100 x m g h / 38 Nm.
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
-        joint_limits: narrower or missing position limits by joint name: lower upper [rad].
-        held: where joints that are no leg's are held, by joint name [rad]; default 0.
+        joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad].
+        held: positions of joints that are no leg's and are held still, by joint name [rad]; default 0.
     """
 
     base_link: str | None = None

@@ -72,10 +72,10 @@ def find(
     """All findings about a model, errors first.
 
     Args:
-        bodies: by Pinocchio joint.
-        links: those with mass.
-        composite: at the stance; None without a stance.
-        stance: the nominal one.
+        bodies: base and leg links, by Pinocchio joint.
+        links: links of the file that have mass.
+        composite: inertial parameters of the whole robot at the stance; None without a stance.
+        stance: the nominal stance.
     """
     impossible = [*_impossible_in_file(robot, links), *_impossible_as_read(bodies.values(), links)]
     suspects = {finding.body for finding in impossible}

@@ -18,7 +18,7 @@ def floor_normal_by_diagonals(feet_in_base: FloatArray) -> Vector:
     In plain numbers: for three of them NumPy takes five times as long, and the guard asks at every step.
 
     Args:
-        feet_in_base: (4, 3) FL FR RL RR [m].
+        feet_in_base: (4, 3) foot positions FL FR RL RR in the base frame [m].
     """
     (ax, ay, az), (bx, by, bz) = (
         (feet_in_base[2] - feet_in_base[1]).tolist(),
@@ -33,10 +33,10 @@ def floor_normals_by_fit(feet_in_base: FloatArray) -> tuple[FloatArray, FloatArr
     """Of many postures, the planes nearest to the feet, which all stand; three feet or four, in any order.
 
     Args:
-        feet_in_base: (n, 3 or 4, 3) [m]; the base is above them.
+        feet_in_base: (n, 3 or 4, 3) foot positions in the base frame [m]; the base is above them.
 
     Returns:
-        (n, 3) upward unit normals, and (n,) how uneven the feet are, over their distances.
+        (n, 3) upward unit normals in base axes, and (n,) unevenness of the feet, over their distances.
     """
     centred = feet_in_base - feet_in_base.mean(axis=1, keepdims=True)
     _, sizes, axes = np.linalg.svd(centred)

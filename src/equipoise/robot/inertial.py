@@ -22,7 +22,7 @@ class InertialParameters:
     """Inertial parameters of a rigid body.
 
     Attributes:
-        mass: [kg].
+        mass: mass [kg].
         com: (3,) centre of mass in the base frame [m].
         inertia: (3, 3) about the centre of mass, in base axes [kg m2].
     """
@@ -61,7 +61,7 @@ class InertialParameters:
         """From what adds up when bodies are joined; it need not be physical, but its mass is not zero.
 
         Args:
-            vector: (10,) m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin: Pinocchio's order.
+            vector: (10,) parameters m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the origin, in Pinocchio's order.
         """
         mass, com = float(vector[0]), vector[1:4] / vector[0]
         xx, xy, yy, xz, yz, zz = vector[4:]
@@ -123,7 +123,7 @@ def nominal_inertia(robot: RobotModel, joint_position: FloatArray) -> RobotInert
     """What the model file says at a posture.
 
     Args:
-        joint_position: (nj,) in the model's joint order [rad].
+        joint_position: (nj,) joint positions in the model's joint order [rad].
     """
     return RobotInertia(
         composite_parameters(robot, joint_position),
@@ -136,7 +136,7 @@ def composite_parameters(robot: RobotModel, joint_position: FloatArray) -> Inert
     """The whole robot frozen at a posture, in the base frame.
 
     Args:
-        joint_position: (nj,) in the model's joint order [rad].
+        joint_position: (nj,) joint positions in the model's joint order [rad].
     """
     data, configuration = robot.create_data(), robot.configuration(joint_position)
     pin.ccrba(robot.pinocchio, data, configuration, np.zeros(robot.pinocchio.nv))

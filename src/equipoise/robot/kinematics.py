@@ -92,8 +92,8 @@ def foot_forces_from_torques(robot: RobotModel, joint_position: FloatArray, join
     Such a leg carries tau = -J^T f, so f = -J^-T tau. On a leg of two joints the force has no part along their axes.
 
     Args:
-        joint_position: (nj,) [rad].
-        joint_torque: (nj,) [Nm].
+        joint_position: (nj,) joint positions [rad].
+        joint_torque: (nj,) joint torques [Nm].
     """
     return massless_leg_forces(foot_jacobians(robot, joint_position), joint_torque[robot.leg_joints])
 
@@ -126,11 +126,11 @@ def inverse_kinematics(
 
     Args:
         feet_in_base: (4, 3) wanted centres of the feet FL FR RL RR in the base frame [m].
-        start: (nj,) where to start from; it decides to which side knees bend.
-        tolerance: how far a foot may miss its target [m]; default 0.1 % of the leg length.
+        start: (nj,) joint positions to start from [rad]; they decide to which side knees bend.
+        tolerance: largest distance of a foot from its target [m]; default 0.1 % of the leg length.
 
     Returns:
-        (nj,) joint positions.
+        (nj,) joint positions [rad].
 
     Raises:
         ReachError: a foot misses its target by more than the tolerance; names the leg and by how much.
@@ -188,11 +188,11 @@ def feet_under_base(feet_in_base: FloatArray, translation: FloatArray, rotation:
     """Where planted feet are in the base frame once the base has moved.
 
     Args:
-        feet_in_base: (4, 3) before the move [m].
-        translation: (3,) of the base, in its axes before the move [m].
-        rotation: (3, 3) of the base: new axes in old ones, about the old origin moved by the translation.
+        feet_in_base: (4, 3) foot positions in the base frame before the move [m].
+        translation: (3,) translation of the base, in its axes before the move [m].
+        rotation: (3, 3) rotation of the base: new axes in old ones, about the old origin moved by the translation.
 
     Returns:
-        (4, 3) after the move [m].
+        (4, 3) foot positions in the base frame after the move [m].
     """
     return (feet_in_base - translation) @ rotation

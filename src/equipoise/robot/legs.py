@@ -22,12 +22,12 @@ class Leg:
     """One leg, from the hip down.
 
     Attributes:
-        name: FL, FR, RL or RR.
-        joint_names: from the hip down; the last is the knee, the one before it the hip pitch.
-        joint_ids: of the same joints in the Pinocchio model.
+        name: name of the leg, FL, FR, RL or RR.
+        joint_names: names of its joints from the hip down; the last is the knee, the one before it the hip pitch.
+        joint_ids: ids of the same joints in the Pinocchio model.
         joints: indices of the same joints in the robot's joint vectors.
         foot_frame_id: Pinocchio's id of the frame at the foot's centre.
-        foot_radius: [m].
+        foot_radius: radius of the foot [m].
     """
 
     name: str
@@ -44,12 +44,12 @@ def add_legs(
     """The legs FL FR RL RR of a model, which is given a frame at the centre of each foot.
 
     Args:
-        model: with leg joints only.
+        model: Pinocchio model with leg joints only.
         chains: names of each leg's joints from the hip down.
-        spheres: among the collision shapes.
-        description: foot frames and radius that a user gives.
+        spheres: spheres among the collision shapes.
+        description: description in which a user gives foot frames and radius.
         robot: name of the robot, for messages.
-        path: of its model file, for messages.
+        path: path of its model file, for messages.
     """
     names = list(model.names)
     by_leg = name_legs(model, [[names.index(joint) for joint in chain] for chain in chains])

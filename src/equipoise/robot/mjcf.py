@@ -25,7 +25,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
     """Clean a parsed MJCF file.
 
     Returns:
-        the cleaned root; what was changed, a sentence each; torque limits by joint name [Nm].
+        root of the cleaned model; repairs, a sentence each; torque limits by joint name [Nm].
 
     Raises:
         ModelError: no body with a free joint, a body whose mass only a mesh tells, bodies or masses that only MuJoCo

@@ -51,16 +51,16 @@ class RobotModel:
     in: `Kinematics`, or what `create_data` returns. Pinocchio cannot protect its models: copy one before you change it.
 
     Attributes:
-        name: how the robot is called in reports.
-        source: the cleaned model file.
-        description: what the user overrode.
+        name: name of the robot in reports.
+        source: cleaned model file.
+        description: description with which the user overrode what the file says.
         pinocchio: Pinocchio model, free-flyer first, then the leg joints.
-        full_pinocchio: the same before other joints were locked; the user's own model.
-        held: where joints that are no leg's are held, by name [rad].
-        legs: by name, in the order FL FR RL RR.
+        full_pinocchio: the user's own Pinocchio model, before other joints were locked.
+        held: positions of joints that are no leg's, by name [rad].
+        legs: legs by name, in the order FL FR RL RR.
         lower_limit, upper_limit: (nj,) position limits [rad].
-        velocity_limit: (nj,) [rad/s]; infinite where the model gives none.
-        effort_limit: (nj,) [Nm]; infinite where the model gives none.
+        velocity_limit: (nj,) velocity limits [rad/s]; infinite where the model gives none.
+        effort_limit: (nj,) torque limits [Nm]; infinite where the model gives none.
     """
 
     name: str
@@ -127,7 +127,7 @@ class RobotModel:
         """The same robot with another base, as a plan or a feed-forward torque takes it to be.
 
         Args:
-            base: of the base link with everything fixed to it, in its own frame.
+            base: inertial parameters of the base link with everything fixed to it, in the base frame.
         """
         model = self.pinocchio.copy()
         model.inertias[1] = base

@@ -15,10 +15,10 @@ class BodyPosture:
     """Where the base is, compared with the nominal stance.
 
     Attributes:
-        roll, pitch, yaw: of the base; intrinsic z-y'-x'' angles [rad].
-        crouch: by how much the CoM is lower, over the hip height.
-        ahead, aside: of the CoM, forward from over the feet's middle, and to the left of the nominal stance's, over the
-            hip height.
+        roll, pitch, yaw: orientation of the base; intrinsic z-y'-x'' angles [rad].
+        crouch: lowering of the CoM, over the hip height.
+        ahead, aside: displacement of the CoM, forward from over the feet's middle, and to the left of the nominal
+            stance's, over the hip height.
     """
 
     roll: float = 0.0

@@ -24,11 +24,11 @@ class ModelSource:
     """A robot model file, cleaned.
 
     Attributes:
-        path: the file it came from.
-        format: "urdf" or "mjcf".
+        path: path of the file that it came from.
+        format: format of the file, "urdf" or "mjcf".
         xml: the cleaned model, without references to other files.
-        sha256: of the file's bytes as they are on disk.
-        repairs: what was changed or ignored, one sentence each.
+        sha256: hash of the file's bytes as they are on disk.
+        repairs: changes and omissions, one sentence each.
         effort_limits: torque limits by joint name [Nm], where the format keeps them outside the joint (MJCF).
     """
 
@@ -44,8 +44,8 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
     """Read and clean a URDF or MJCF file; the format is told by the root element.
 
     Args:
-        path: the file.
-        base_link: the trunk's link where it is not the first with mass (URDF).
+        path: path of the file.
+        base_link: name of the trunk's link where it is not the first with mass (URDF).
 
     Raises:
         ModelError: the file is missing, is not XML, or is neither format.
@@ -64,9 +64,9 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     """Clean what a file holds, or would hold.
 
     Args:
-        content: of the file.
-        path: what messages call it, and what the names of included files are relative to.
-        base_link: as in `read_model_source`.
+        content: content of the file.
+        path: path that messages name, and that the names of included files are relative to.
+        base_link: name of the trunk's link, as in `read_model_source`.
 
     Raises:
         ModelError: it is not XML, or is neither format.

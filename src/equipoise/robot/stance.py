@@ -29,11 +29,11 @@ class Stance:
     """Four planted feet under a level base.
 
     Attributes:
-        joint_position: (nj,) in the model's joint order [rad].
+        joint_position: (nj,) joint positions in the model's joint order [rad].
         feet_in_base: (4, 3) centres of the feet FL FR RL RR in the base frame [m].
         hip_height: mean height of the hip pitch axes above the floor [m].
         base_height: height of the base frame's origin above the floor [m].
-        scale: of the robot at this stance: how large, slow and strong it is.
+        scale: scale of the robot at this stance: how large, slow and strong it is.
     """
 
     joint_position: FloatArray

@@ -22,8 +22,8 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
     the line between them: what is left of it is what tips the robot.
 
     Args:
-        joint_position: (nj,) [rad].
-        legs: that stand, of FL FR RL RR; none: the robot lies, and no foot carries anything.
+        joint_position: (nj,) joint positions [rad].
+        legs: names of the legs that stand, of FL FR RL RR; none: the robot lies, and no foot carries anything.
     """
     kinematics = Kinematics(robot)
     return _forces_on(robot, kinematics.foot_positions(joint_position), kinematics.com(joint_position), legs)
@@ -60,7 +60,7 @@ def torques_of_legs(robot: RobotModel, joint_position: FloatArray) -> FloatArray
     """(nj,) joint torques that carry the legs of a robot whose level base is held [Nm].
 
     Args:
-        joint_position: (nj,) [rad].
+        joint_position: (nj,) joint positions [rad].
     """
     configuration = robot.configuration(joint_position)
     return np.array(pin.computeGeneralizedGravity(robot.pinocchio, robot.create_data(), configuration)[6:])
@@ -71,8 +71,8 @@ def carried_mass(robot: RobotModel, joint_position: FloatArray, joint_torque: Fl
 
     Args:
         robot: the robot, on four feet.
-        joint_position: (nj,) [rad].
-        joint_torque: (nj,) [Nm].
+        joint_position: (nj,) joint positions [rad].
+        joint_torque: (nj,) joint torques [Nm].
     """
     of_legs = torques_of_legs(robot, joint_position)
     forces = foot_forces_from_torques(robot, joint_position, joint_torque - of_legs)

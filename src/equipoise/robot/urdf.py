@@ -112,8 +112,8 @@ def physical_inertia(inertia: NDArray[np.float64], mass: float) -> NDArray[np.fl
     rounding, by as little as engines need that allow no rounding.
 
     Args:
-        inertia: (3, 3) about the centre of mass.
-        mass: [kg].
+        inertia: (3, 3) inertia about the centre of mass [kg m2].
+        mass: mass [kg].
     """
     values, vectors = np.linalg.eigh(_second_moments(inertia))
     if values.min() >= 1e-9 * values.max() and values.max() > 0:

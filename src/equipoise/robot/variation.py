@@ -27,7 +27,7 @@ class SegmentVariation:
     Attributes:
         length: factor on every position in the links' frames.
         mass: factor on the links' masses. Inertias follow: mass times length squared.
-        com_shift: added to where the masses are [m]; the base alone has one.
+        com_shift: (3,) shift of the masses in the links' frames [m]; the base alone has one.
     """
 
     length: float

@@ -52,11 +52,11 @@ class DartPlatform(SimulatedPlatform):
     to a Go2 that moved its body. Such a step is done again with the foot pressed in.
 
     Args:
-        robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
-        simulated: the engine's world.
-        stance: the nominal stance, in which (or lying under which) the robot starts.
-        start: "standing" or "lying".
-        control_period: [s]; a multiple of the engine's time step.
+        robot: model that the estimator has; the simulated robot may differ from it by its errors and payload.
+        simulated: world of the engine.
+        stance: nominal stance, in which (or lying under which) the robot starts.
+        start: posture at the start, "standing" or "lying".
+        control_period: time between commands [s]; a multiple of the engine's time step.
     """
 
     def __init__(
@@ -199,9 +199,9 @@ class DartPlatform(SimulatedPlatform):
         """(n, 3) angular velocity and specific force in the IMU's axes.
 
         Args:
-            rotations: (n, 3, 3) of the base.
-            twists: (n, 2, 3) angular and linear velocity of the base frame, in the world.
-            changes: (n, 2, 3) of the twists over a step.
+            rotations: (n, 3, 3) rotations of the base, base axes to the world's.
+            twists: (n, 2, 3) angular [rad/s] and linear velocity [m/s] of the base frame, in the world.
+            changes: (n, 2, 3) changes of the twists over a step, in the world.
         """
         turning, acceleration = twists[:, 0], changes / self._timestep
         arm = rotations @ self._imu_position

@@ -26,10 +26,10 @@ class Axis:
     """What moves a link in its parent: a hinge or a slide.
 
     Attributes:
-        name: of the joint.
-        kind: "hinge" or "slide".
+        name: name of the joint.
+        kind: kind of joint, "hinge" or "slide".
         direction: (3,) unit vector in the link's frame.
-        anchor: (3,) a point on the axis in the link's frame [m].
+        anchor: (3,) point on the axis in the link's frame [m].
     """
 
     name: str
@@ -50,11 +50,11 @@ class KinematicLink:
     """A link as the file has it.
 
     Attributes:
-        name: of the link.
+        name: name of the link.
         parent: name of its parent; None: it is the base.
-        placement: (4, 4) of its frame in its parent's, joints at zero.
-        axes: what moves it, the first one first.
-        parts: what it weighs, in its frame; nothing: it has no mass.
+        placement: (4, 4) pose of its frame in its parent's, joints at zero.
+        axes: axes of the joints that move it, the first one first.
+        parts: inertial parameters of its parts, in its frame; nothing: it has no mass.
     """
 
     name: str

@@ -31,12 +31,12 @@ class SimulatedDartRobot:
     """A DART world and where the robot's joints are in it.
 
     Attributes:
-        world: with the robot and the floor.
-        skeleton: the robot; its base is at the root, and nothing but leg joints moves.
-        errors: the drawn sensor and actuator errors that it was made with.
+        world: world with the robot and the floor.
+        skeleton: skeleton of the robot; its base is at the root, and nothing but leg joints moves.
+        errors: drawn sensor and actuator errors that it was made with.
         dofs: (nj,) indices of the leg joints in the skeleton's vectors, in the robot's joint order.
-        kp, kd: (nj,) gains that the joint PD is commanded with.
-        torque_limit: (nj,) of the motors, as they count it [Nm].
+        kp, kd: (nj,) gains that the joint PD is commanded with [Nm/rad], [Nm s/rad].
+        torque_limit: (nj,) torque limits of the motors, as they count it [Nm].
         feet: shapes of the feet FL FR RL RR.
     """
 
@@ -63,9 +63,9 @@ def build_dart_robot(
     floor.
 
     Args:
-        stance: gains scale with its hip height.
+        stance: stance whose hip height gains scale with.
         errors: actuator errors, floor and leg masses are built in; sensor errors are the platform's.
-        timestep: of the engine [s]; default: 0.5 ms, less where damping would not be stable.
+        timestep: time step of the engine [s]; default: 0.5 ms, less where damping would not be stable.
 
     Raises:
         ModelError: DART cannot make a model of the file.

@@ -13,12 +13,12 @@ class Glimpse:
     """The true state at one moment, in axes of the floor: z is its normal, the floor is at z = 0.
 
     Attributes:
-        time: of the platform [s].
-        feet: (4, 3) centres of the feet FL FR RL RR [m].
-        clearance: (4,) between the feet's spheres and the floor; negative: pressed into it [m].
-        com: (3,) of the whole robot [m].
+        time: time by the platform's clock [s].
+        feet: (4, 3) centres of the feet FL FR RL RR in the world [m].
+        clearance: (4,) distances between the feet's spheres and the floor; negative: pressed into it [m].
+        com: (3,) centre of mass of the whole robot in the world [m].
         up: (3,) unit vector against gravity.
-        tilt: of the base's z axis from up [rad].
+        tilt: angle of the base's z axis from up [rad].
     """
 
     time: float
@@ -33,7 +33,7 @@ class Bystander:
     """Looks every few control periods and keeps what it saw.
 
     Attributes:
-        glimpses: in order of time.
+        glimpses: glimpses in order of time.
     """
 
     def __init__(self, look: Callable[[], Glimpse], every: int) -> None:

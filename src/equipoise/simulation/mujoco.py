@@ -23,13 +23,13 @@ class MujocoPlatform(SimulatedPlatform):
     """A quadruped in MuJoCo.
 
     Args:
-        robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
-        simulated: the engine's model.
-        stance: the nominal stance, in which (or lying under which) the robot starts.
-        start: "standing" or "lying".
-        control_period: [s]; a multiple of the engine's time step.
-        data: the engine's state, for those who also watch the simulation from outside; default: one of its own.
-        disturbance: what acts on the robot from outside.
+        robot: model that the estimator has; the simulated robot may differ from it by its errors and payload.
+        simulated: model of the engine.
+        stance: nominal stance, in which (or lying under which) the robot starts.
+        start: posture at the start, "standing" or "lying".
+        control_period: time between commands [s]; a multiple of the engine's time step.
+        data: state of the engine, for those who also watch the simulation from outside; default: one of its own.
+        disturbance: forces that act on the robot from outside.
     """
 
     def __init__(

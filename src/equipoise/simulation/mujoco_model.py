@@ -41,11 +41,11 @@ class SimulatedRobot:
     """A compiled MuJoCo model and where the robot's joints are in it.
 
     Attributes:
-        model: compiled; the engine's joint PD, torque limits, feet, floor, payload and actuator errors are in it.
-        errors: the drawn sensor and actuator errors that it was made with.
+        model: compiled model; the engine's joint PD, torque limits, feet, floor, payload and actuator errors are in it.
+        errors: drawn sensor and actuator errors that it was made with.
         qpos: (nj,) indices of the leg joints in qpos, in the robot's joint order; `dof` likewise in qvel.
-        dof: (nj,) indices in qvel.
-        kp, kd: (nj,) gains that the joint PD is commanded with.
+        dof: (nj,) indices of the same joints in qvel.
+        kp, kd: (nj,) gains that the joint PD is commanded with [Nm/rad], [Nm s/rad].
         base_body: id of the base body.
     """
 
@@ -74,9 +74,9 @@ def build_simulated_robot(
     the belly (a box, for lying) touch the floor.
 
     Args:
-        stance: gains scale with its hip height.
+        stance: stance whose hip height gains scale with.
         errors: actuator errors, floor and leg masses are built in; sensor errors are the platform's.
-        timestep: of the engine [s].
+        timestep: time step of the engine [s].
 
     Raises:
         ModelError: MuJoCo cannot make a model of the file.
@@ -137,8 +137,8 @@ def set_joints(
     Friction takes a joint's speed within a step. MuJoCo's own opposes a + b v, b = 105/s, and leads by 20 deg at 6 Hz.
 
     Args:
-        dof: (nj,) of the joints.
-        kp, kd: (nj,) as they act [Nm/rad], [Nm s/rad].
+        dof: (nj,) indices of the joints in qvel.
+        kp, kd: (nj,) gains as they act [Nm/rad], [Nm s/rad].
         losses: Coulomb friction [Nm], viscous friction [Nm s/rad], armature [kg m2].
     """
     timestep = model.opt.timestep

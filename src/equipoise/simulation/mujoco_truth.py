@@ -52,7 +52,7 @@ class MujocoWitness:
     """Sees what the simulated robot really does, beside the platform: for judging, never for control.
 
     Args:
-        present: the engine's state that the platform moves.
+        present: state of the engine that the platform moves.
     """
 
     def __init__(self, robot: RobotModel, simulated: SimulatedRobot, present: mujoco.MjData) -> None:

@@ -27,24 +27,24 @@ class SensorErrors:
     """Sizes of the errors of a simulated robot: rms values, unless they say otherwise. All zero: a perfect one.
 
     Attributes:
-        encoder_noise: [rad].
+        encoder_noise: noise of the encoders [rad].
         joint_zero: constant offset of each encoder [rad].
-        joint_velocity_noise: [rad/s].
-        gyro_noise: [rad/s].
-        gyro_bias: constant, per axis [rad/s].
-        accelerometer_noise: [m/s2].
-        accelerometer_bias: constant, per axis [m/s2].
-        imu_tilt: constant mounting error, per axis [rad].
-        torque_noise: [Nm].
-        coulomb_friction: of each joint, exact [Nm].
-        viscous_friction: of each joint, exact [Nm s/rad].
+        joint_velocity_noise: noise of the joint velocities [rad/s].
+        gyro_noise: noise of the gyroscope, per axis [rad/s].
+        gyro_bias: constant bias of the gyroscope, per axis [rad/s].
+        accelerometer_noise: noise of the accelerometer, per axis [m/s2].
+        accelerometer_bias: constant bias of the accelerometer, per axis [m/s2].
+        imu_tilt: constant mounting error of the IMU, per axis [rad].
+        torque_noise: noise of the joint torques [Nm].
+        coulomb_friction: Coulomb friction of each joint, exact [Nm].
+        viscous_friction: viscous friction of each joint, exact [Nm s/rad].
         armature: rotor inertia seen at each joint, exact [kg m2].
         torque_gain: true torque over reported torque, less one, constant per joint.
         leg_mass: relative error of each leg link's mass, first moment and inertia.
-        command_delay: from sending a command until it acts, exact [s].
-        sensor_delay: from sensing until the time stamp, exact [s].
-        imu_clock_offset: by how much IMU samples are younger than joint samples of the same stamp, exact [s].
-        floor_friction: coefficient, exact.
+        command_delay: delay from sending a command until it acts, exact [s].
+        sensor_delay: delay from sensing until the time stamp, exact [s].
+        imu_clock_offset: time by which IMU samples are younger than joint samples of the same stamp, exact [s].
+        floor_friction: friction coefficient of the floor, exact.
         floor_slope: angle between gravity and the floor's normal, exact; its direction is drawn [rad].
     """
 
@@ -119,12 +119,12 @@ class DrawnErrors:
     """The constant errors of one simulated robot, drawn from a seed.
 
     Attributes:
-        sizes: what they were drawn from.
-        noise_seed: of the noise.
+        sizes: sizes that they were drawn from.
+        noise_seed: seed of the noise.
         joint_zero: (nj,) encoder reading minus joint position [rad].
         torque_gain: (nj,) true torque over reported torque.
-        gyro_bias: (3,) [rad/s].
-        accelerometer_bias: (3,) [m/s2].
+        gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
+        accelerometer_bias: (3,) bias of the accelerometer, in the IMU frame [m/s2].
         imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
         leg_mass_scale: (nj,) true over modelled mass of the link that each joint moves.
         gravity_direction: (3,) unit vector in the floor's frame, downward.

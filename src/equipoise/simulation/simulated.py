@@ -41,11 +41,11 @@ class SimulatedPlatform(ABC):
     state at that step's start. A subclass ends its `__init__` with `_settle`.
 
     Args:
-        robot: what the estimator knows; the simulated robot may differ from it by its errors and payload.
-        errors: of its sensors and actuators.
+        robot: model that the estimator has; the simulated robot may differ from it by its errors and payload.
+        errors: errors of its sensors and actuators.
         kp, kd: (nj,) the platform's own gains [Nm/rad], [Nm s/rad].
-        timestep: of the engine [s].
-        control_period: [s]; a multiple of the time step.
+        timestep: time step of the engine [s].
+        control_period: time between commands [s]; a multiple of the time step.
     """
 
     def __init__(
@@ -244,7 +244,7 @@ class SimulatedPlatform(ABC):
 
         Args:
             first: row of the first sample's moment.
-            count: of samples.
+            count: number of samples.
             period: number of the first sample's control period, which its noise is keyed by.
         """
         errors, step = self._errors, self._timestep

@@ -33,12 +33,12 @@ class Simulation:
     """A simulated robot. Use it as a context manager, or close the platform.
 
     Attributes:
-        platform: what experiments may use.
-        truth: what they may not: join it to a result afterwards.
-        engine: the engine's version.
-        errors: what was drawn for its sensors and actuators; for studies, not for experiments.
-        witness: sees what the robot really does; for judging, not for control.
-        disturbance: pushes the robot; None in engines that are not asked for it.
+        platform: platform that experiments may use.
+        truth: true parameters, which they may not use: join them to a result afterwards.
+        engine: version of the engine.
+        errors: errors that were drawn for its sensors and actuators; for studies, not for experiments.
+        witness: witness that sees what the robot really does; for judging, not for control.
+        disturbance: forces on the robot from outside; None in engines that are not asked for it.
     """
 
     platform: SimulatedPlatform
@@ -69,12 +69,13 @@ def simulate(
 
     Args:
         noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are; "ideal" has none.
-        payload: on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
-        seed: of everything drawn. Robots of the same seed have the same errors in all engines.
-        start: how the robot begins.
-        timestep: of the engine [s]; default 0.5 ms, less in DART for legs so light that their damping would not be stable.
-        engine: "mujoco", or "dart", the engine of Gazebo.
-        noise_seed: of the noise alone, for several runs of one robot; default `seed`.
+        payload: payload on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
+        seed: seed of everything drawn. Robots of the same seed have the same errors in all engines.
+        start: posture with which the robot begins.
+        timestep: time step of the engine [s]; default 0.5 ms, less in DART for legs so light that their damping would
+            not be stable.
+        engine: name of the engine: "mujoco", or "dart", the engine of Gazebo.
+        noise_seed: seed of the noise alone, for several runs of one robot; default `seed`.
 
     Raises:
         MissingDependencyError: the engine is not installed.

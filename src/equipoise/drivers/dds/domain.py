@@ -48,8 +48,8 @@ class RawSample:
     cyclonedds takes a robot's state apart in 0.4 ms, which is much of a control period; struct takes microseconds.
 
     Attributes:
-        data: from an inbox, or for an outbox.
-        sample_info: what cyclonedds knows of a sample that it has read.
+        data: data from an inbox, or for an outbox.
+        sample_info: description of a sample by cyclonedds, when it was read.
     """
 
     sample_info: Any = None
@@ -166,9 +166,10 @@ class DdsDomain:
     """One DDS domain on one network interface.
 
     Args:
-        domain: its number.
-        interface: by name, as "eth0"; on "lo" nothing leaves this computer, and others are found without multicast.
-        peers: addresses to look for others at, besides what multicast finds.
+        domain: number of the domain.
+        interface: name of the network interface, as "eth0"; on "lo" nothing leaves this computer, and others are found
+            without multicast.
+        peers: addresses at which to look for others, besides what multicast finds.
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
 
     Raises:

@@ -26,8 +26,8 @@ class DdsProcess:
     """Another process on a domain.
 
     Attributes:
-        name: of the process, with its number and its computer, as far as it says them.
-        version: of its Cyclone DDS.
+        name: name of the process, with its number and its computer, as far as it says them.
+        version: version of its Cyclone DDS.
     """
 
     name: str
@@ -38,7 +38,7 @@ class DiscoveryNotes:
     """A file in memory into which Cyclone notes whom it discovers; it grows with others that come, not with time.
 
     Attributes:
-        path: of the file, for Cyclone's configuration.
+        path: path of the file, for Cyclone's configuration.
     """
 
     def __init__(self) -> None:
@@ -89,9 +89,9 @@ def check_company(installed: str, accepted: str, others: list[DdsProcess], where
 
     Args:
         installed: version of cyclonedds here.
-        accepted: the same, if the user has named it.
+        accepted: version that the user has named, if any.
         others: processes that were seen.
-        where: they were seen, as in "domain 0 on eth0".
+        where: place where they were seen, as in "domain 0 on eth0".
 
     Raises:
         SettingsError: one of them has a version of another series.

@@ -44,11 +44,11 @@ class StampClock:
     """The times of samples, counted from the second in which the first was stamped, and how fast they pass.
 
     Args:
-        by_header: take the messages' stamps; else the times of their arrival.
+        by_header: whether to take the messages' stamps; else the times of their arrival.
 
     Attributes:
-        health: says so if the robot's time passes much faster or slower than ours: a simulation in slow motion, which would
-            be moved too fast.
+        health: warning if the robot's time passes much faster or slower than ours: a simulation in slow motion, which
+            would be moved too fast.
     """
 
     def __init__(self, by_header: bool) -> None:
@@ -83,8 +83,8 @@ class _Topic:
     """Messages of one topic.
 
     Attributes:
-        newest: sample, or None.
-        damaged: messages that could not be read.
+        newest: newest sample, or None.
+        damaged: number of messages that could not be read.
     """
 
     kind: Any

@@ -22,19 +22,20 @@ class Ros2Settings:
 
     Attributes:
         interface: network interface of this computer; on "lo" ROS runs here too, and is told to stay here (docs/ros2.md).
-        domain: ROS_DOMAIN_ID of the robot.
-        peers: addresses to look for the robot at, besides what multicast finds.
+        domain: number of the robot's domain, its ROS_DOMAIN_ID.
+        peers: addresses at which to look for the robot, besides what multicast finds.
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
-        joint_state_topic: of sensor_msgs/JointState.
-        imu_topic: of sensor_msgs/Imu; with Gazebo often "/imu".
-        command_type: "float64_multi_array" or "joint_trajectory".
-        command_topic: empty: the usual name of a controller that takes such commands.
-        joint_order: joints as the position controller lists them; empty: as the model does. A trajectory names its joints.
-        command_rate: how often a command is sent [Hz]; 0: 500 a second, or 100 trajectories.
-        time_from_start: of the one point of a trajectory [s]; 0: at once, as a forwarding controller.
-        stiffness: of a soft position controller [Nm/rad], into whose targets the feed-forward torque is folded; 0: it is
-            stiff, or takes no such hint, and torques are left aside.
-        stamps: "header": the robot's times, which are a simulation's in Gazebo; "arrival": this computer's.
+        joint_state_topic: topic of sensor_msgs/JointState.
+        imu_topic: topic of sensor_msgs/Imu; with Gazebo often "/imu".
+        command_type: kind of command, "float64_multi_array" or "joint_trajectory".
+        command_topic: topic of commands; empty: the usual name of a controller that takes such commands.
+        joint_order: names of joints as the position controller lists them; empty: as the model does. A trajectory names
+            its joints.
+        command_rate: rate of commands [Hz]; 0: 500 a second, or 100 trajectories.
+        time_from_start: time of the one point of a trajectory [s]; 0: at once, as a forwarding controller.
+        stiffness: stiffness of a soft position controller [Nm/rad], into whose targets the feed-forward torque is
+            folded; 0: it is stiff, or takes no such hint, and torques are left aside.
+        stamps: source of times, "header": the robot's, which are a simulation's in Gazebo; "arrival": this computer's.
     """
 
     interface: str = "lo"

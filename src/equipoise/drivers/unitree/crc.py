@@ -15,7 +15,7 @@ def crc32_words(data: bytes | bytearray | memoryview) -> int:
     the bytes of each word are swapped, and the bits of each byte and of the result reversed.
 
     Args:
-        data: a whole number of words.
+        data: bytes, a whole number of words.
     """
     swapped = bytearray(len(data))
     for byte in range(_WORD):

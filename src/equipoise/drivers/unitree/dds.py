@@ -40,12 +40,12 @@ class UnitreeDdsLink:
     """To a Go2 or a B2: the link of a `HardwarePlatform`.
 
     Args:
-        robot: with three joints a leg.
-        settings: of a Go2 or a B2.
-        beside: another process has taken the robot over, and this one only speaks where somebody hears it.
+        robot: model of a robot with three joints a leg.
+        settings: settings of a Go2 or a B2.
+        beside: whether another process has taken the robot over, and this one only speaks where somebody hears it.
 
     Attributes:
-        damaged: samples that arrived and were left out.
+        damaged: number of samples that arrived and were left out.
 
     Raises:
         SettingsError: the robot has other legs, or a setting cannot be used here.

@@ -13,13 +13,13 @@ class UnitreeDdsSettings:
     """How a Go2 is reached.
 
     Attributes:
-        interface: of this computer, that the robot's cable is in; "lo" for a simulated robot.
-        domain: DDS domain; 0 on the robots, 1 in their makers' simulator.
-        peers: addresses to look for the robot at, where multicast does not find it.
-        release_sport_mode: have the robot's own controller let go of the motors before the first command.
-        hanging: the robot hangs in a frame; otherwise it must lie when its controller lets go.
-        check_crc: leave out samples with a wrong checksum.
-        silence: without a sample after which the link counts as lost [s].
+        interface: network interface of this computer, that the robot's cable is in; "lo" for a simulated robot.
+        domain: number of the DDS domain; 0 on the robots, 1 in their makers' simulator.
+        peers: addresses at which to look for the robot, where multicast does not find it.
+        release_sport_mode: whether to have the robot's own controller let go of the motors before the first command.
+        hanging: whether the robot hangs in a frame; otherwise it must lie when its controller lets go.
+        check_crc: whether samples with a wrong checksum are left out.
+        silence: time without a sample after which the link counts as lost [s].
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
     """
 

@@ -21,7 +21,7 @@ class FormSearch:
     plainly), it is the one that it was asked in.
 
     Args:
-        forms: by name, the likeliest first.
+        forms: formats by name, the likeliest first.
         check: whether answers with a wrong checksum are none.
 
     Attributes:

@@ -106,13 +106,13 @@ class PacketFormat:
     """How a robot writes numbers.
 
     Attributes:
-        command: what is sent to it.
-        state: what it sends.
+        command: structured type of the command packet.
+        state: structured type of the state packet.
         begins: first bytes of both packets, by which they are known.
-        state_lengths: that states may have [bytes]; what is longer is padding.
-        counts: per SI unit, of fields that are integers.
+        state_lengths: lengths that states may have [bytes]; what is longer is padding.
+        counts: counts per SI unit, of fields that are integers.
         scrambled: whether the checksum of commands is scrambled; states are then taken either way.
-        bandwidth: a field of commands whose meaning is not known.
+        bandwidth: value of a field of commands whose meaning is not known.
     """
 
     command: np.dtype[Any]

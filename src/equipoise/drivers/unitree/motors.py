@@ -16,7 +16,7 @@ def joints_of_motors(robot: RobotModel, who: str) -> NDArray[np.intp]:
     """(12,) which of the model's joints each motor moves.
 
     Args:
-        who: has the motors, for the message.
+        who: name of what has the motors, for the message.
 
     Raises:
         SettingsError: the robot has not three joints a leg.

@@ -42,11 +42,11 @@ class MotorCommands:
     """What the twelve motors should do: (12,) in the order FR FL RR RL.
 
     Attributes:
-        position: target, or POSITION_STOP [rad].
-        velocity: target, or VELOCITY_STOP [rad/s].
-        torque: [Nm].
-        kp: [Nm/rad].
-        kd: [Nm s/rad].
+        position: (12,) position targets, or POSITION_STOP [rad].
+        velocity: (12,) velocity targets, or VELOCITY_STOP [rad/s].
+        torque: (12,) feed-forward torques [Nm].
+        kp: (12,) position gains [Nm/rad].
+        kd: (12,) velocity gains [Nm s/rad].
     """
 
     position: FloatArray
@@ -67,15 +67,15 @@ class SensorReadings:
     """What the robot says: (12,) in the order FR FL RR RL, and the IMU.
 
     Attributes:
-        position: [rad].
-        velocity: [rad/s].
-        torque: as the motors estimate it [Nm].
-        temperature: of the motors [deg C].
-        gyroscope: (3,) [rad/s].
-        accelerometer: (3,) +g upward at rest [m/s2].
-        tick: the robot's clock, modulo 2^32.
-        battery_charge: from 0 to 1; None on robots that do not say.
-        battery_voltage: [V]; None on robots that do not say.
+        position: (12,) joint positions [rad].
+        velocity: (12,) joint velocities [rad/s].
+        torque: (12,) joint torques as the motors estimate them [Nm].
+        temperature: (12,) temperatures of the motors [deg C].
+        gyroscope: (3,) angular velocity in the IMU frame [rad/s].
+        accelerometer: (3,) specific force in the IMU frame, +g upward at rest [m/s2].
+        tick: count of the robot's clock, modulo 2^32.
+        battery_charge: charge of the battery, from 0 to 1; None on robots that do not say.
+        battery_voltage: voltage of the battery [V]; None on robots that do not say.
     """
 
     position: FloatArray
@@ -151,8 +151,8 @@ def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> Sensor
     """What a state packet says, as the driver reads it.
 
     Args:
-        packets: the robot's.
-        data: one datagram.
+        packets: packet format of the robot.
+        data: bytes of one datagram.
         check: whether a wrong checksum is damage.
     """
     if len(data) not in packets.state_lengths:

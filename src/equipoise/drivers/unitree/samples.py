@@ -121,10 +121,10 @@ class RecordLayout:
     """Of one message.
 
     Attributes:
-        memory: as a record.
-        motors: its field with one record a motor.
-        first_motor: where that begins in memory [bytes].
-        first_mode: where the first motor's mode is on the wire, after the header [bytes].
+        memory: structured type of the message in memory.
+        motors: name of its field with one record a motor.
+        first_motor: place where that begins in memory [bytes].
+        first_mode: place of the first motor's mode on the wire, after the header [bytes].
     """
 
     memory: np.dtype[Any]
@@ -154,7 +154,7 @@ class Message:
     """A message that is filled in again and again.
 
     Attributes:
-        record: its fields; write into them.
+        record: fields of the message; write into them.
     """
 
     def __init__(self, layout: RecordLayout) -> None:
@@ -174,8 +174,8 @@ def read_message(layout: RecordLayout, data: bytes, check: bool = True) -> NDArr
     """A record with a message's fields, or None if it is damaged.
 
     Args:
-        data: as it came over the wire.
-        check: the checksum, where there is one: public simulators leave it zero.
+        data: bytes as they came over the wire.
+        check: whether to look at the checksum, where there is one: public simulators leave it zero.
     """
     memory = layout.to_memory(data)
     if memory is None:

@@ -34,8 +34,8 @@ class MotionSwitcher:
     """The service that starts and ends the robot's own controllers ("normal", "ai", ... : sport mode).
 
     Args:
-        domain: of the robot.
-        robot: its name, for messages.
+        domain: domain of the robot.
+        robot: name of the robot, for messages.
     """
 
     def __init__(self, domain: DdsDomain, robot: str) -> None:
@@ -104,7 +104,7 @@ def outlook(switcher: MotionSwitcher, asks: bool, may_let_go: bool) -> CheckupFi
     """What `calibrate` will meet when it takes over the motors; nothing lets go of them meanwhile.
 
     Args:
-        switcher: of the robot; is asked for its mode alone.
+        switcher: mode switcher of the robot; is asked for its mode alone.
         asks: whether `calibrate` will have the robot's own controller let go (release_sport_mode).
         may_let_go: whether the robot would not fall then: it lies, or hangs.
     """

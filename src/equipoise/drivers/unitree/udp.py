@@ -38,10 +38,10 @@ class PacketCounts:
     """What arrived.
 
     Attributes:
-        samples: good packets.
-        damaged: others from the robot, by what is wrong with them.
-        strangers: datagrams from elsewhere.
-        unread: that were too old when somebody looked.
+        samples: number of good packets.
+        damaged: numbers of others from the robot, by what is wrong with them.
+        strangers: number of datagrams from elsewhere.
+        unread: number of those that were too old when somebody looked.
     """
 
     samples: int = 0
@@ -62,13 +62,13 @@ class UnitreeUdpLink:
     notes when datagrams arrive; they are fetched whenever something is sent or asked for, and read when samples are asked for.
 
     Args:
-        robot: with three joints a leg.
-        settings: of an A1 or a Go1.
-        beside: another process has the local port, and may hang: it is shared from the first command on, not before, for it
-            takes what the robot sends away from the other one. The robot hears the sender that it knows.
+        robot: model of a robot with three joints a leg.
+        settings: settings of an A1 or a Go1.
+        beside: whether another process has the local port, and may hang: it is shared from the first command on, not
+            before, for it takes what the robot sends away from the other one. The robot hears the sender that it knows.
 
     Attributes:
-        counts: what arrived so far.
+        counts: counts of what arrived so far.
 
     Raises:
         SettingsError: the robot has other legs.

@@ -19,14 +19,16 @@ class UnitreeUdpSettings:
     """How the robot is reached, and what is not known about it before it answers.
 
     Attributes:
-        protocol: whose packets: "a1" or "go1".
-        address: of the robot's motion controller (IPv4).
-        port: that it listens on.
-        local_address: of this computer's network interface; default: the one on the way to the robot.
-        local_port: that this computer listens on; default: 8080 for an A1, 8090 for a Go1.
-        silence: without a sample after which the link counts as lost [s].
-        form: of the packets: "compressed" or "struct" (A1), "plain" or "scrambled" (Go1); default: what the robot answers.
-        tick: a step of the robot's clock [s]; 0: it has none, samples get the time when they arrive; default: learnt.
+        protocol: name of the robot whose packets it speaks: "a1" or "go1".
+        address: address of the robot's motion controller (IPv4).
+        port: port that it listens on.
+        local_address: address of this computer's network interface; default: the one on the way to the robot.
+        local_port: port that this computer listens on; default: 8080 for an A1, 8090 for a Go1.
+        silence: time without a sample after which the link counts as lost [s].
+        form: format of the packets: "compressed" or "struct" (A1), "plain" or "scrambled" (Go1); default: what the
+            robot answers.
+        tick: time step of the robot's clock [s]; 0: it has none, samples get the time when they arrive; default:
+            learnt.
         check: whether samples with a wrong checksum are left out.
     """
 

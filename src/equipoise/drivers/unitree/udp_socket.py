@@ -46,8 +46,8 @@ def address_towards(robot: Address, name: str) -> str:
     """This computer's address on the way to a robot, at which nobody from another network can reach us.
 
     Args:
-        robot: its address.
-        name: of the link, for the message.
+        robot: address of the robot.
+        name: name of the link, for the message.
 
     Raises:
         CommunicationError: there is no way.
@@ -72,8 +72,8 @@ def receive(opened: socket.socket, ahead: float) -> tuple[float, bytes, Address]
     """A datagram that waits: when it arrived by the monotonic clock [s], what, and from where; None: there is none.
 
     Args:
-        opened: socket.
-        ahead: of the system's clock, by which it notes arrivals, is the monotonic one [s].
+        opened: socket that was opened.
+        ahead: time by which the monotonic clock is ahead of the system's, which notes arrivals [s].
     """
     try:
         data, notes, _, sender = opened.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMESTAMP.size))
