@@ -23,9 +23,9 @@ class Belief:
     """What the law is designed on.
 
     Attributes:
-        model: the robot with the believed base; its legs are the model file's.
+        model: model of the robot with the believed base; its legs are the model file's.
         sensors: sensor errors that are taken off.
-        source: where it comes from, in words.
+        source: source of the belief, in words.
     """
 
     model: RobotModel
@@ -68,7 +68,8 @@ def displaced(robot: RobotModel, stance: Stance, truth: RobotInertia, diagonal: 
     """The simulated truth with the centre of mass displaced.
 
     Args:
-        error: along the horizontal normal of the diagonal's support line; positive: believed too far forward [m].
+        error: displacement along the horizontal normal of the diagonal's support line; positive: believed too far
+            forward [m].
     """
     com = truth.composite.com + error * forward_of(stance, diagonal)
     model = with_composite(robot, stance, truth.composite.mass, com, truth.base.inertia)
@@ -94,9 +95,10 @@ def with_composite(
     """The robot with such a base that the whole of it has a mass and a centre of mass at its stance.
 
     Args:
-        mass: of the whole robot [kg].
-        com: (3,) of the whole robot, in the base frame [m].
-        base_inertia: (3, 3) of the base about its own centre of mass [kg m2]; default: the model's.
+        mass: mass of the whole robot [kg].
+        com: (3,) centre of mass of the whole robot, in the base frame [m].
+        base_inertia: (3, 3) inertia of the base about its own centre of mass, in base axes [kg m2]; default: the
+            model's.
 
     Raises:
         SettingsError: no base can do that.

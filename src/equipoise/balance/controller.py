@@ -46,13 +46,13 @@ class BalanceLaw:
     """The regulator and its filter at work: one call of `update` per control period.
 
     Attributes:
-        offset: how far the true centre of mass is in front of the believed one, as observed; zero if it is not [m].
+        offset: distance of the true centre of mass in front of the believed one, as observed; zero if it is not [m].
 
     Args:
-        model: to balance.
-        period: of control [s].
-        delay: control periods from a sample's moment until a command that follows from it acts.
-        scale: the robot's m g h over an A1's.
+        model: model of the robot to balance.
+        period: control period [s].
+        delay: number of control periods from a sample's moment until a command that follows from it acts.
+        scale: torque scale: the robot's m g h over an A1's.
         observe_offset: whether to observe the offset, and stand accordingly.
     """
 
@@ -95,14 +95,14 @@ class BalanceLaw:
         """The offset of the joint targets for the coming period.
 
         Args:
-            joint_deviation: (nj,) from the reference posture [rad].
+            joint_deviation: (nj,) deviation of the joints from the reference posture [rad].
             lean: (2,) rotation of the base about x and y [rad].
-            angular_velocity_in_base: (3,) of the base, in base axes [rad/s].
+            angular_velocity_in_base: (3,) angular velocity of the base, in its own axes [rad/s].
             active: whether to act; else the offset of the targets is zero.
             observe: whether the offset of the centre of mass may change.
 
         Returns:
-            (nj,) [rad].
+            (nj,) offsets of the joint targets [rad].
         """
         surprise = np.concatenate([joint_deviation, lean, angular_velocity_in_base]) - self._sense @ self._expected
         self.state = self._expected + self._gain @ surprise

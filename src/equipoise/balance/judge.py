@@ -30,17 +30,18 @@ class Verdict:
 
     Attributes:
         balanced: whether it stood on two feet for all of the time that was asked for.
-        time_balanced: how long it did [s].
-        failure: what ended it, in words; None if nothing did.
-        judged_by: "truth" or "senses".
+        time_balanced: time for which it did [s].
+        failure: event that ended it, in words; None if nothing did.
+        judged_by: source of the verdict: "truth" or "senses".
         sway: rms of the centre of mass about its mean, across the support line [m]; None if it fell too soon.
         off_line: mean of the distance of the centre of mass in front of the line [m]; likewise.
-        tilt: of the base, mean of the last second [rad].
-        largest_tilt: of the base [rad].
-        largest_torque: of any joint, as reported [Nm]; None where torques are not.
-        rms_torque: over all joints [Nm]; likewise.
-        foot_travel: farthest that the centre of a standing foot moved [m]; None without a bystander.
-        observed_error: how far the believed centre of mass was in front of the true one, as observed [m]; None if it was not.
+        tilt: tilt of the base, mean of the last second [rad].
+        largest_tilt: largest tilt of the base [rad].
+        largest_torque: largest torque of any joint, as reported [Nm]; None where torques are not.
+        rms_torque: root mean square of the torques of all joints [Nm]; likewise.
+        foot_travel: largest distance that the centre of a standing foot moved [m]; None without a bystander.
+        observed_error: distance of the believed centre of mass in front of the true one, as observed [m]; None if it
+            was not.
     """
 
     balanced: bool
@@ -66,12 +67,12 @@ class BalanceTraces:
     """What is judged: from the lift on, by whichever eyes.
 
     Attributes:
-        time: (n,) from the lift's start [s].
-        clearance: (n,) of the lower lifted foot [m].
-        com_ahead: (n,) of the centre of mass in front of the line [m].
-        tilt: (n,) [rad].
-        planted: (n,) how far the higher standing foot is off the floor [m], or None.
-        travel: (n,) how far standing feet's centres have moved [m], or None.
+        time: (n,) times from the lift's start [s].
+        clearance: (n,) height of the lower lifted foot over the floor [m].
+        com_ahead: (n,) distance of the centre of mass in front of the support line [m].
+        tilt: (n,) tilt of the base [rad].
+        planted: (n,) height of the higher standing foot over the floor [m], or None.
+        travel: (n,) largest distance that a standing foot's centre has moved [m], or None.
     """
 
     time: FloatArray

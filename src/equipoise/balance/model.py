@@ -30,11 +30,11 @@ class LinearModel:
     """Motions near a posture on two feet, z (1 + shape modes): the first is the rotation about +left [rad].
 
     Attributes:
-        mass: (nz, nz) M.
-        stiffness: (nz, nz) K, of gravity alone.
-        of_joints: (nj, nz) H: joint positions by z.
-        of_base: (3, nz) rotation of the base in its own axes by z.
-        of_offset: (nz,) G: generalised force of a centre of mass that is 1 m in front of the believed one [N].
+        mass: (nz, nz) mass matrix M.
+        stiffness: (nz, nz) stiffness matrix K, of gravity alone.
+        of_joints: (nj, nz) matrix H from z to joint positions.
+        of_base: (3, nz) matrix from z to the rotation of the base, in its own axes.
+        of_offset: (nz,) generalised force G of a centre of mass that is 1 m in front of the believed one [N].
         kp, kd: joint gains [Nm/rad], [Nm s/rad].
     """
 
@@ -80,8 +80,8 @@ def linear_model(
     """Linearise about a posture.
 
     Args:
-        robot: as it is believed to be.
-        gains: kp [Nm/rad] and kd [Nm s/rad] of the joints.
+        robot: model of the robot as it is believed to be.
+        gains: stiffness kp [Nm/rad] and damping kd [Nm s/rad] of the joints' position control.
         armature: rotor inertia seen at each joint [kg m2].
     """
     configuration = robot.configuration(posture.joint_position)

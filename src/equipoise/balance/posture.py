@@ -24,11 +24,12 @@ class Posture:
     """A level robot at rest whose centre of mass is over its support line. The base frame is at the origin.
 
     Attributes:
-        joint_position: (nj,) [rad].
-        torque: (nj,) that hold it on the two feet [Nm].
-        foot_force: (6,) of the ground on the right foot and on the left one, least along the line between them [N].
-        com: (3,) [m].
-        middle: (3,) of the line between the two contact points [m].
+        joint_position: (nj,) joint positions [rad].
+        torque: (nj,) joint torques that hold the robot on the two feet [Nm].
+        foot_force: (6,) forces of the ground on the right foot and on the left one, least along the line between them
+            [N].
+        com: (3,) centre of mass [m].
+        middle: (3,) middle of the line between the two contact points [m].
         left: (3,) unit vector along the support line, to the robot's left.
         forward: (3,) its horizontal normal, left x up: a robot that turns about +left tips this way.
     """
@@ -82,11 +83,11 @@ def posture_over_line(
     """The level posture over given footholds in which the centre of mass is over the middle of the support line.
 
     Args:
-        robot: as it is believed to be.
+        robot: model of the robot as it is believed to be.
         feet: (4, 3) centres of the planted feet, in axes of which the third is vertical; where their origin is does not
             matter [m].
-        swing_height: how far the other two feet are above their footholds [m].
-        guess: (nj,) joint positions to start from.
+        swing_height: height of the other two feet above their footholds [m].
+        guess: (nj,) joint positions to start from [rad].
 
     Raises:
         ReachError: the posture is out of the legs' reach.

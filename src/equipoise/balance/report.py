@@ -24,12 +24,12 @@ class BalanceTrial:
     """One diagonal.
 
     Attributes:
-        run: what happened.
-        verdict: how it went.
-        traces: what it was judged by.
-        believed_error: how far the believed centre of mass is in front of the true one, along the horizontal normal of the
-            support line at the stance [m]; None where the truth is not known.
-        source: where the law's model comes from.
+        run: run that was judged.
+        verdict: verdict on the run.
+        traces: time series that it was judged by.
+        believed_error: distance of the believed centre of mass in front of the true one, along the horizontal normal of
+            the support line at the stance [m]; None where the truth is not known.
+        source: source of the law's model, in words.
     """
 
     run: BalanceRun
@@ -53,10 +53,10 @@ class BalanceReport:
     """All trials.
 
     Attributes:
-        robot: its name.
+        robot: name of the robot.
         sensors_known: whether known sensor errors were taken off.
-        settings: how it was done.
-        trials: in order.
+        settings: settings of the trials.
+        trials: trials in order.
         provenance: version, and in simulation seed, noise and payload.
     """
 

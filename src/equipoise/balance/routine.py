@@ -37,18 +37,19 @@ class BalanceSettings:
     """How a robot is put on two feet and kept there.
 
     Attributes:
-        duration: how long it is to balance [s].
+        duration: time for which it is to balance [s].
         observe_offset: observe how far the true centre of mass is from the believed one, and stand accordingly. The robot
             then balances although its model is wrong: a measurement, no proof of the model.
-        swing_height: of the lifted feet, over the hip height.
-        delay: from a sample's moment until a command that follows from it acts [s].
+        swing_height: height of the lifted feet, over the hip height.
+        delay: time from a sample's moment until a command that follows from it acts [s].
         armature: rotor inertia seen at each joint, on an A1 [kg m2].
-        tilt_limit: at which the robot counts as falling and its feet come down [rad].
-        rest_time, move_time, unload_time, lift_time, lower_time: of the phases [s].
-        catch_time, recover_time: of a fall: until it rests on a third foot, and for the way back to four [s].
-        engage_time: from the lift's start until the law acts [s]; while feet still touch it would act on another robot.
-        observe_time: from the lift's start until the offset is observed [s].
-        weights: of the law.
+        tilt_limit: tilt at which the robot counts as falling and its feet come down [rad].
+        rest_time, move_time, unload_time, lift_time, lower_time: durations of the phases [s].
+        catch_time, recover_time: times of a fall: until it rests on a third foot, and for the way back to four [s].
+        engage_time: time from the lift's start until the law acts [s]; while feet still touch it would act on another
+            robot.
+        observe_time: time from the lift's start until the offset is observed [s].
+        weights: weights of the law.
     """
 
     duration: float = 10.0
@@ -87,12 +88,12 @@ def balance(
     """Balance on a diagonal by joint encoders and IMU alone. A robot that falls is data: its feet are put down.
 
     Args:
-        platform: the robot, real or simulated.
-        robot: its model file; the joint gains follow from it.
-        believed: the same robot with the inertia that the law is designed on.
-        diagonal: "FL_RR" or "FR_RL".
+        platform: robot, real or simulated.
+        robot: model of the robot by its file; the joint gains follow from it.
+        believed: model of the same robot with the inertia that the law is designed on.
+        diagonal: diagonal to stand on, "FL_RR" or "FR_RL".
         knowledge: sensor errors that are known; default: none.
-        watch: called after every control period; what it returns is not used.
+        watch: function that is called after every control period; what it returns is not used.
 
     Raises:
         SettingsError: the diagonal is unknown, or the platform's joints are not the robot's.
@@ -192,7 +193,7 @@ class _Trial:
         """Lift two feet quickly, and let the law act as soon as they are off the ground.
 
         Returns:
-            when the lift began [s], why it ended, and the model that the law was designed on.
+            time at which the lift began [s], reason why it ended, and model that the law was designed on.
         """
         settings, period = self.settings, self.platform.control_period
         armature = settings.armature * self._scale

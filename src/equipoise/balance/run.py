@@ -25,11 +25,12 @@ class Felt:
     """What the robot felt of itself, by joint encoders, IMU and the believed model, once a control period.
 
     Attributes:
-        time: (n,) from the moment at which two feet began to lift [s].
-        up_in_base: (n, 3) unit vector against gravity.
-        com_ahead: (n,) how far the believed centre of mass was in front of the support line [m].
-        clearance: (n,) of the lower one of the lifted feet, over where it stood [m].
-        offset: (n,) how far the true centre of mass was in front of the believed one, as observed; zero if it was not [m].
+        time: (n,) times from the moment at which two feet began to lift [s].
+        up_in_base: (n, 3) unit vector against gravity, in base axes.
+        com_ahead: (n,) distance of the believed centre of mass in front of the support line [m].
+        clearance: (n,) height of the lower one of the lifted feet, over where it stood [m].
+        offset: (n,) distance of the true centre of mass in front of the believed one, as observed; zero if it was not
+            [m].
     """
 
     time: FloatArray
@@ -49,16 +50,16 @@ class BalanceRun:
     """One trial on one diagonal.
 
     Attributes:
-        robot: its name.
-        diagonal: that it stood on.
-        duration: how long it was to balance, once its feet were up [s].
-        swing_height: of the lifted feet, as commanded [m].
+        robot: name of the robot.
+        diagonal: diagonal that it stood on.
+        duration: time for which it was to balance, once its feet were up [s].
+        swing_height: height of the lifted feet, as commanded [m].
         observing: whether the offset of the centre of mass was observed.
-        lift_off: when two feet began to lift [s].
-        ending: why the law was switched off.
-        recording: all of it, with phases rest, move, unload, lift, balance, lower.
-        felt: from the lift to the end.
-        unstable_pole: at which the believed robot with locked joints tips over [1/s].
+        lift_off: time at which two feet began to lift [s].
+        ending: reason why the law was switched off.
+        recording: recording of all of it, with phases rest, move, unload, lift, balance, lower.
+        felt: samples from the lift to the end.
+        unstable_pole: rate at which the believed robot with locked joints tips over [1/s].
     """
 
     robot: str

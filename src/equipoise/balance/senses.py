@@ -31,7 +31,7 @@ class SensorKnowledge:
     Attributes:
         joint_zero: (nj,) encoder reading less joint position [rad].
         imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
-        accelerometer_bias: (3,) [m/s2].
+        accelerometer_bias: (3,) bias of the accelerometer, in the IMU frame [m/s2].
     """
 
     joint_zero: FloatArray
@@ -63,10 +63,10 @@ class Senses:
     """Turns sensor samples into joint positions, the direction of up and the angular velocity, in base axes.
 
     Args:
-        robot: where the IMU is mounted.
+        robot: model of the robot, which says where the IMU is mounted.
         knowledge: sensor errors to take off.
         rest: samples of the robot at rest on four feet: they tell where up is and the gyroscope's bias.
-        period: between samples [s].
+        period: time between samples [s].
 
     Raises:
         FallError: the robot does not stand upright at rest.
@@ -119,9 +119,9 @@ class Bearings:
         footholds: (4, 3) centres of the planted feet, from the base frame's origin, the third axis vertical [m].
 
     Args:
-        believed: the robot; its centre of mass is what is over the line.
-        diagonal: that it will stand on.
-        senses: of the robot at rest on four feet.
+        believed: model of the robot, whose centre of mass is over the line.
+        diagonal: diagonal that it will stand on.
+        senses: senses of the robot at rest on four feet.
     """
 
     def __init__(self, believed: RobotModel, diagonal: str, senses: Senses) -> None:

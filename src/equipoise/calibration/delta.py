@@ -33,15 +33,15 @@ class Delta:
     """What was added.
 
     Attributes:
-        robot: its name.
+        robot: name of the robot.
         payload: mass, CoM in the base frame and inertia about its own CoM of what was added. Of what was taken off, if
             `removed`. CoM and inertia are not estimated if no mass can be told from none. Verdicts say how sure a mass
             is beside itself, a CoM beside the robot's size, an inertia beside the payload's largest moment.
         change: differences of the whole robot's ten quantities at its stance, after less before. Verdicts say whether a
             change can be told from none.
         removed: whether the robot became lighter.
-        warnings: what speaks against the result.
-        provenance: version, time, runs, what a scale said.
+        warnings: sentences that speak against the result.
+        provenance: version, time, runs, readings of a scale.
     """
 
     robot: str
@@ -83,9 +83,9 @@ def find_delta(
     """What was added between two runs of the method `precise`.
 
     Args:
-        before, after: recordings of each.
-        scale: what a scale said in each.
-        priors: what is believed before anything is measured.
+        before, after: recordings of each run.
+        scale: readings of a scale in each run.
+        priors: standard deviations of the unknowns before anything is measured.
 
     Raises:
         RecordingError: a run has nothing that can be used.
@@ -122,7 +122,7 @@ def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> Body:
     """A body from (10,) parameters about the base's origin; of nothing, only the mass.
 
     Args:
-        length: what a position is compared with [m].
+        length: length that a position is compared with [m].
     """
     if vector[0] <= NORMAL_95 * np.sqrt(covariance[0, 0]):
         alone, variance = np.full(10, np.nan), np.full((10, 10), np.nan)

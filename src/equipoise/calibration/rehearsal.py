@@ -24,11 +24,11 @@ class Rehearsal:
     """What a calibration would do.
 
     Attributes:
-        robot: the robot.
-        method: of the calibration.
-        doing: what it does between standing up and lying down, in words.
-        postures: in order; lying first.
-        duration: of all of it, on the robot [s].
+        robot: model of the robot.
+        method: method of the calibration.
+        doing: motions between standing up and lying down, in words.
+        postures: postures in order; lying first.
+        duration: time that all of it takes on the robot [s].
     """
 
     robot: RobotModel

@@ -20,8 +20,9 @@ class Repeated:
     """One parameter of the whole robot, over the repetitions; SI units.
 
     Attributes:
-        quantity: its mean over the repetitions, with the median of the standard deviations that they say they have.
-        spread: standard deviation over the repetitions.
+        quantity: quantity whose value is the mean over the repetitions, with the median of the standard deviations that
+            they state.
+        spread: standard deviation of the values over the repetitions.
     """
 
     quantity: Quantity

@@ -27,11 +27,12 @@ def calibrate(
     The robot may stand or lie when it begins; it ends where it began.
 
     Args:
-        platform: the robot, real or simulated.
-        robot: what is known about it.
-        method: what to do, with its settings; default: `Precise()`.
-        keep: called with every recording as soon as it is complete, and with the last, broken one if the routine ends early.
-        report: called before every trial.
+        platform: robot, real or simulated.
+        robot: model of the robot.
+        method: method with its settings; default: `Precise()`.
+        keep: function that gets every recording as soon as it is complete, and the last, broken one if the routine ends
+            early.
+        report: function that is called before every trial.
 
     Raises:
         MotionError: the robot could not do, or did not do, what was asked.
@@ -73,9 +74,9 @@ def estimate(robot: RobotModel, recordings: Sequence[Recording], method: Method 
     """What the recordings of a calibration say. Moves nothing and needs no platform.
 
     Args:
-        robot: what is known about the robot that was recorded.
-        recordings: those of one run, in order; broken ones (of an interrupted trial) are passed over.
-        method: that of the run; default: `Precise()`.
+        robot: model of the robot that was recorded.
+        recordings: recordings of one run, in order; broken ones (of an interrupted trial) are passed over.
+        method: method of the run; default: `Precise()`.
 
     Raises:
         RecordingError: they do not hold what the method needs.

@@ -65,7 +65,7 @@ class RunFolder:
     What was made or is gone on with is open for writing: use it as a context manager, or close it.
 
     Attributes:
-        path: the folder.
+        path: path of the folder.
     """
 
     def __init__(self, path: Path, header: Mapping[str, Any], log: RunLog | None = None) -> None:
@@ -130,7 +130,7 @@ class RunFolder:
         """A run that was interrupted, to go on with behind its last complete recording; and what its log held.
 
         Args:
-            path: the folder.
+            path: path of the folder.
             repeats: whether what was played behind that will be played again exactly, as a simulation does. A real robot's
                 motion stays in the log.
 

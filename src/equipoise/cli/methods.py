@@ -39,7 +39,7 @@ def refuse_flags_of_other_methods(verb: Verb, arguments: Sequence[str], this: st
     """Say whose a flag is that a verb has not.
 
     Args:
-        this: what the verb is about, as "--method paper".
+        this: method or platform of the verb, as "--method paper".
         judging: whether only flags count with which recordings may be estimated again.
 
     Raises:

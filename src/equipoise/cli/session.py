@@ -30,8 +30,8 @@ class Place:
 
     Attributes:
         platform: name of a simulator or a robot's platform, or MODULE:CLASS.
-        given: the driver's settings.
-        noise, payload, seed, start, noise_seed: of a simulated robot.
+        given: settings of the driver.
+        noise, payload, seed, start, noise_seed: errors, payload, seeds and beginning of a simulated robot.
     """
 
     platform: str
@@ -86,8 +86,8 @@ class Session:
     """A place that is open: runs calibrations, one after the other.
 
     Args:
-        place: where.
-        robot: what is known about the robot.
+        place: platform that the flags name, with its settings.
+        robot: model of the robot.
     """
 
     def __init__(self, place: Place, robot: RobotModel) -> None:
@@ -118,7 +118,7 @@ class Session:
         """One calibration into a run folder.
 
         Args:
-            content: of the folder's log, if the run is gone on with.
+            content: content of the folder's log, if the run is gone on with.
         """
         from equipoise.calibration.routine import calibrate
         from equipoise.terminal.calibration import TrialProgress

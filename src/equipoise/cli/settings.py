@@ -26,11 +26,11 @@ class SettingFlag:
     """A setting as a flag.
 
     Attributes:
-        name: of the flag, with underscores.
+        name: name of the flag, with underscores.
         path: names of the fields that lead to it.
-        kind: its type.
-        default: its value where the flag is not given.
-        words: what it is.
+        kind: type of the value.
+        default: value where the flag is not given.
+        words: help of the flag.
     """
 
     name: str
@@ -99,9 +99,9 @@ def flags_class(
     """A class whose fields are flags.
 
     Args:
-        title: its name.
-        words: what stands above its flags.
-        settings: one flag each; of settings with one name the first.
+        title: name of the class.
+        words: text that stands above its flags.
+        settings: settings, with one flag each; of those with one name the first.
         others: name, type and default of further flags, which come first.
     """
     rows: dict[str, Any] = {name: (name, kind, dataclasses.field(default=default)) for name, kind, default in others}

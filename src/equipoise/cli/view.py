@@ -151,8 +151,8 @@ class Watch:
 
     Attributes:
         view: whether to open a page.
-        port: of it.
-        rerun: file to write when the run is over.
+        port: port of the page.
+        rerun: Rerun file to write when the run is over.
     """
 
     view: bool = False
@@ -185,7 +185,7 @@ class Watch:
         """Look on while a run is made into a folder, and save what was seen.
 
         Args:
-            quiet: say nothing but where the page is.
+            quiet: whether to say nothing but where the page is.
             stays: whether the page stays after the run, until Enter or Ctrl-C, if somebody is at the terminal.
         """
         if not self.view:

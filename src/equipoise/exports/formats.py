@@ -25,14 +25,14 @@ class Format:
     """One consumer.
 
     Attributes:
-        name: as --to takes it.
-        bodies: what it wants, "base", "composite" or both; they must be identified.
-        file: the user's file that is edited: the "model" of the run, one "given" with --file if there is one, or none.
+        name: name that --to takes.
+        bodies: names of the bodies that it wants, "base", "composite" or both; they must be identified.
+        file: user's file that is edited: the "model" of the run, one "given" with --file if there is one, or none.
         payload: whether it can hold what was added as a link of its own.
-        where: where the numbers go.
+        where: place that the numbers go to, in words.
         output: default name of the file that is written; an edited file keeps its own.
-        write: what writes it.
-        page: under docs/controllers, or an address; empty: none.
+        write: function that writes it.
+        page: page under docs/controllers, or an address; empty: none.
         samples: whether it lists drawn bodies too.
     """
 
@@ -80,11 +80,11 @@ class Export:
     """What goes into a file.
 
     Attributes:
-        format: its row in the table.
-        content: the file's bytes.
-        file_name: what it is called by default.
-        header: what it says of itself: which body in which frame, from which run, at which stance.
-        notes: what speaks against the numbers, worst first.
+        format: row of the format in the table.
+        content: bytes of the file.
+        file_name: name of the file by default.
+        header: lines that the file begins with: which body in which frame, from which run, at which stance.
+        notes: sentences that speak against the numbers, worst first.
     """
 
     format: Format
@@ -133,14 +133,14 @@ def export(
     """A result in the form that a consumer reads.
 
     Args:
-        result: of a calibration; for urdf and mjcf with its model, as `RunFolder.result` has it.
-        format: a name in the table, as `find_format` takes it.
-        file: the user's file to edit; urdf and mjcf know the run's own.
-        payload_link: write what was added to the model as a link of its own (urdf, mjcf, sdf).
-        force: write what is not identified all the same, and say so in the file.
-        samples: how many drawn bodies to list (mjlab, isaaclab).
-        seed: of everything drawn.
-        run: what the file says it is from.
+        result: result of a calibration; for urdf and mjcf with its model, as `RunFolder.result` has it.
+        format: name of a format, as `find_format` takes it.
+        file: user's file to edit; urdf and mjcf know the run's own.
+        payload_link: whether to write what was added to the model as a link of its own (urdf, mjcf, sdf).
+        force: whether to write what is not identified all the same, and say so in the file.
+        samples: number of drawn bodies to list (mjlab, isaaclab).
+        seed: seed of everything drawn.
+        run: name of the run that the file says it is from.
 
     Raises:
         SettingsError: no such format, or it does not take what was asked for.

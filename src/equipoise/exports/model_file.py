@@ -31,9 +31,9 @@ class EditedLink:
     """A link that moves with the base: its own part alone.
 
     Attributes:
-        name: of the link.
-        placement: of its frame in the base frame.
-        vector: (10,) its inertial parameters in the base frame, Pinocchio's order, about the origin.
+        name: name of the link.
+        placement: placement of the link's frame in the base frame.
+        vector: (10,) inertial parameters of the link in the base frame, Pinocchio's order, about the base's origin.
     """
 
     name: str
@@ -170,7 +170,7 @@ def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> N
     """Read what was written again.
 
     Args:
-        wanted: (10,) the composite that it must have.
+        wanted: (10,) parameters of the composite that it must have.
 
     Raises:
         ModelError: it has another.

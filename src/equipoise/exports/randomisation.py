@@ -40,8 +40,8 @@ class Spread:
     """Bodies about one that was found.
 
     Attributes:
-        entries: (n, 10) of U, in the order of ENTRIES.
-        bodies: (n, 10) the same bodies in the order of COMPONENTS.
+        entries: (n, 10) entries of U, in the order of ENTRIES.
+        bodies: (n, 10) parameters of the same bodies in the order of COMPONENTS.
     """
 
     entries: FloatArray
@@ -69,11 +69,11 @@ def spread(
     """Draw bodies for the base.
 
     Args:
-        base: such that the legs make it the composite.
-        composite: that was found.
-        covariance: (10, 10) of the composite, in the order of COMPONENTS.
-        seed: of the draws.
-        draws: how many.
+        base: parameters of the base that the legs make the composite.
+        composite: parameters of the composite that was found.
+        covariance: (10, 10) covariance of the composite, in the order of COMPONENTS.
+        seed: seed of the draws.
+        draws: number of draws.
 
     Raises:
         NotIdentifiedError: hardly any body that is drawn can exist.
@@ -113,8 +113,8 @@ def stretched(pseudo: FloatArray, entries: FloatArray) -> FloatArray:
     """(10,) the body, in the order of COMPONENTS, whose pseudo-inertia is U J0 U'.
 
     Args:
-        pseudo: (4, 4) J0.
-        entries: (10,) of U, in the order of ENTRIES.
+        pseudo: (4, 4) pseudo-inertia J0.
+        entries: (10,) entries of U, in the order of ENTRIES.
     """
     alpha, d1, d2, d3, s12, s13, s23, t1, t2, t3 = entries
     upper = np.exp(alpha) * np.array(

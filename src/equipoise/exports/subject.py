@@ -34,13 +34,13 @@ class Subject:
     """What a writer is given.
 
     Attributes:
-        result: the calibration.
-        run: where it is from, as the user named it; empty for one in memory.
-        file: the user's own file, if there is one.
+        result: result of the calibration.
+        run: name of the run it is from, as the user gave it; empty for one in memory.
+        file: user's own file, if there is one.
         payload_link: whether what was added is to be a link of its own.
-        samples: how many bodies to draw and list.
-        seed: of everything drawn.
-        notes: what speaks against the numbers, worst first.
+        samples: number of bodies to draw and list.
+        seed: seed of everything drawn.
+        notes: sentences that speak against the numbers, worst first.
         forced: whether to write the nearest body where no body can have what was added.
     """
 
@@ -98,8 +98,8 @@ class Subject:
         """What every output says of itself, a sentence a line.
 
         Args:
-            about: which body, in which frame, about which point.
-            notes: what else speaks against the numbers.
+            about: words that say which body, in which frame, about which point.
+            notes: further sentences that speak against the numbers.
         """
         result = self.result
         time = result.provenance.get("time")
@@ -176,7 +176,7 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
     """A body in another frame's axes, about the same CoM.
 
     Args:
-        placement: of that frame in the one that the body is given in.
+        placement: placement of that frame in the one that the body is given in.
     """
     rotation = np.array(placement.rotation)
     com = rotation.T @ (body.com - np.array(placement.translation))

@@ -36,8 +36,8 @@ class Element:
     """An element and where it is in `Document.data`.
 
     Attributes:
-        tag: as written, prefix included.
-        attributes: their values, entities resolved.
+        tag: name of the element as written, prefix included.
+        attributes: values of the attributes by name, entities resolved.
         start, inside, inside_end, end: where it begins, its content begins and ends, and it ends; an element without
             content (`<a/>`) has none, and inside = inside_end = end.
         closed: whether it is written with an end tag.
@@ -72,9 +72,9 @@ class Document:
     """An XML file that is to be edited.
 
     Attributes:
-        path: what messages call it.
-        data: its text in UTF-8, without the byte order mark.
-        root: the outermost element.
+        path: path that messages call it by.
+        data: text of the file in UTF-8, without the byte order mark.
+        root: outermost element.
     """
 
     def __init__(self, content: bytes, path: Path) -> None:

@@ -26,9 +26,9 @@ class Messages:
     """Messages with the same texts and lengths.
 
     Attributes:
-        rows: (n,) their indices among all messages of the topic.
-        numbers: by path, as "header.stamp.sec" or "motor_state.3.q": (n,) or (n, k).
-        texts: by path, as "header.frame_id" or "name.0".
+        rows: (n,) indices of the messages among all of the topic.
+        numbers: numbers by path, as "header.stamp.sec" or "motor_state.3.q": (n,) or (n, k).
+        texts: texts by path, as "header.frame_id" or "name.0".
     """
 
     rows: NDArray[np.intp]
@@ -45,7 +45,7 @@ def read_messages(types: Mapping[str, Any], message_type: str, bodies: Sequence[
 
     Args:
         types: field definitions by name, as rosbags parses them.
-        bodies: as they were on the wire.
+        bodies: messages as they were on the wire.
 
     Raises:
         ValueError, IndexError, KeyError: a message is damaged, or of a type that is not defined.
@@ -73,7 +73,7 @@ class _Walk:
 
     Attributes:
         names: paths of the numbers.
-        texts: by path.
+        texts: texts by path.
         fixed: offsets of the bytes that a message must share to be alike.
     """
 

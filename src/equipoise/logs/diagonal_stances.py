@@ -46,9 +46,9 @@ def why_no_lift(paths: FootPaths, stances: Sequence[DiagonalStance], rest: Logge
     """What speaks against the first diagonal stance after a rest being a lift, or None.
 
     Args:
-        paths: of the feet since that rest.
-        stances: all that follow it.
-        stance: the robot's nominal one.
+        paths: paths of the feet since that rest.
+        stances: diagonal stances that follow the rest.
+        stance: nominal stance of the robot.
     """
     scale, first = stance.scale, stances[0]
     for other in stances[1:]:

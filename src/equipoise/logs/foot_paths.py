@@ -27,11 +27,12 @@ class FootPaths:
     """The feet of n steps after a rest, in base axes at that rest.
 
     Attributes:
-        time: (n,) [s].
-        way: (n, 4, 3) of each foot since the rest, rolling taken off, all with the same unknown way of the base [m].
-        height: (n, 4) of the ways, against gravity [m].
-        drawn_up: (n, 4) by how much each foot is nearer to the base than at the rest, along up then [m].
-        turned: (n,) angle that the base has turned by [rad].
+        time: (n,) times [s].
+        way: (n, 4, 3) displacement of each foot since the rest, rolling taken off, all with the same unknown one of the
+            base [m].
+        height: (n, 4) heights of these displacements, against gravity [m].
+        drawn_up: (n, 4) distance by which each foot is nearer to the base than at the rest, along up then [m].
+        turned: (n,) angle of the base's rotation since the rest [rad].
     """
 
     time: FloatArray
@@ -45,7 +46,7 @@ class FootPaths:
         """From a rest's end to a time [s].
 
         Args:
-            track: with the gyroscope's bias taken off.
+            track: samples with the gyroscope's bias taken off.
         """
         part = track.indices(rest.end, end)
         time, position, angular_velocity_in_base = (
@@ -97,7 +98,7 @@ class FootPaths:
         """The longest stretch in which no foot moves, though they moved before or after; None if it is shorter than that.
 
         Args:
-            shortest: [s].
+            shortest: shortest duration that counts [s].
         """
         window = max(2, round(_PLANTED_WINDOW * stance.scale.time / float(np.diff(self.time).mean())))
         if len(self.time) <= window:

@@ -37,10 +37,10 @@ class GyroscopeComparison:
     """The gyroscope against the legs.
 
     Attributes:
-        offset: to be added to the IMU's stamps so that it agrees with the joints [s].
+        offset: time to be added to the IMU's stamps so that it agrees with the joints [s].
         unexplained: fraction of the base's angular velocity by the legs that the gyroscope leaves unexplained.
-        agrees: whether that is little enough to believe the offset.
-        time: of motion that was compared [s].
+        agrees: whether that fraction is small enough to believe the offset.
+        time: duration of the motion that was compared [s].
     """
 
     offset: float

@@ -54,9 +54,9 @@ class JointMatch:
     """One joint of the robot and the log's column for it.
 
     Attributes:
-        robot_joint, log_joint: names.
+        robot_joint, log_joint: names of the joint in the model and in the log.
         column: index of the log's joint.
-        how: "given", "same name", "spelling" or "leg and place".
+        how: reason of the match: "given", "same name", "spelling" or "leg and place".
     """
 
     robot_joint: str
@@ -70,7 +70,7 @@ class JointMap:
     """All joints of the robot, in its order, and what the log has besides.
 
     Attributes:
-        matches: one for each joint of the robot.
+        matches: matches, one for each joint of the robot.
         ignored: names of the log's other joints.
     """
 
@@ -93,7 +93,7 @@ def map_joints(robot: RobotModel, log_joints: Sequence[str], given: Mapping[str,
 
     Args:
         log_joints: names in the order of the log's columns.
-        given: what the user says: the log's name or column by the robot's name.
+        given: log's name or column by the robot's name, as the user says.
 
     Raises:
         SettingsError: what the user says names a joint that is not there.
@@ -127,8 +127,8 @@ def map_by_order(robot: RobotModel, legs: Sequence[str], motors: Sequence[str]) 
     """Of a robot whose messages have no names but three motors a leg, from the hip down, leg after leg.
 
     Args:
-        legs: in the order of the messages.
-        motors: what to call the columns.
+        legs: names of the legs in the order of the messages.
+        motors: names to call the columns by.
 
     Raises:
         RecordingError: the robot's legs have not three joints.

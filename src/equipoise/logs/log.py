@@ -32,9 +32,9 @@ class RawJoints:
 
     Attributes:
         time: (n,) stamps, from the log's own origin [s].
-        names: (k) of the columns.
-        position: (n, k) [rad].
-        velocity, torque: (n, k) or None [rad/s], [Nm].
+        names: (k,) names of the columns.
+        position: (n, k) joint positions [rad].
+        velocity, torque: (n, k) joint velocities and torques, or None [rad/s], [Nm].
     """
 
     time: FloatArray
@@ -58,10 +58,10 @@ class RawLog:
     """What a reader found.
 
     Attributes:
-        joints, imu, commands: the streams.
-        about: where they are from, as topics, columns and stamps, for people.
-        findings: of the reader.
-        joint_map: if the log's format says which joint is which.
+        joints, imu, commands: streams of the log.
+        about: topics, columns and stamps that the streams are from, for people.
+        findings: findings of the reader.
+        joint_map: joint map, if the log's format says which joint is which.
     """
 
     joints: RawJoints
@@ -77,10 +77,10 @@ class Log:
     """A log as the robot's own recording.
 
     Attributes:
-        recording: without events; time zero is the first sample.
-        joint_map: which joint of the log is which of the robot.
-        about: where the streams are from.
-        findings: what was seen on the way.
+        recording: recording without events; time zero is the first sample.
+        joint_map: map from the robot's joints to the log's.
+        about: topics, columns and stamps that the streams are from.
+        findings: findings of reader and conversion.
     """
 
     recording: Recording
@@ -98,8 +98,8 @@ def assemble(
     """The recording that a raw log holds.
 
     Args:
-        given: the user's joint map.
-        span: from when until when to read, after the log's first sample [s].
+        given: joint map of the user.
+        span: start and end of what is read, after the log's first sample [s].
 
     Raises:
         RecordingError: joints cannot be told, streams do not overlap, or too many samples are no samples.

@@ -29,10 +29,10 @@ class LogReport:
     """What a log holds.
 
     Attributes:
-        log: as it was read.
-        segments: every piece of it, and whether it is used.
-        findings: what was seen in it.
-        not_told: what cannot be told from it and why, a sentence each.
+        log: log as it was read.
+        segments: pieces of the log, and whether they are used.
+        findings: findings of reader, conversion and clocks.
+        not_told: sentences on what cannot be told from the log, and why.
     """
 
     log: Log

@@ -24,8 +24,8 @@ class Oscillation:
     """A steady part of a motion.
 
     Attributes:
-        start, end: [s].
-        frequencies: by axis about which a sinusoid dominates [Hz].
+        start, end: times at which it begins and ends [s].
+        frequencies: frequencies by base axis about which a sinusoid dominates [Hz].
     """
 
     start: float
@@ -43,8 +43,8 @@ def find_oscillation(time: FloatArray, angular_velocity_in_base: FloatArray, tim
     """The longest steady part, if a sinusoid dominates it about one axis at least.
 
     Args:
-        time: (n,) evenly spaced [s].
-        angular_velocity_in_base: (n, 3) angular velocity in base axes [rad/s].
+        time: (n,) evenly spaced times [s].
+        angular_velocity_in_base: (n, 3) angular velocity of the base, in its own axes [rad/s].
         time_scale: factor on times, of the robot's scale; one on an A1.
     """
     if len(time) < 8 or time[-1] - time[0] < _SHORTEST * time_scale:

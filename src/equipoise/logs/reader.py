@@ -22,9 +22,9 @@ class LogReader(Protocol):
         """The streams of a log.
 
         Args:
-            path: an existing file.
-            robot: that was logged, for formats without joint names.
-            topics: that the user names, for formats that have topics.
+            path: path of an existing file.
+            robot: model of the robot that was logged, for formats without joint names.
+            topics: topics that the user names, for formats that have topics.
 
         Raises:
             RecordingError: it cannot be read, or lacks what is needed; any other exception becomes one.
@@ -59,9 +59,9 @@ def read_log(
 
     Args:
         path: folder of a rosbag2 bag, an .mcap, .db3, .csv or .parquet file, or one for which a package brings a reader.
-        robot: that was logged.
-        topics: of a bag, where their types do not say which.
-        joint_map: the log's joint name or column, by the robot's name, where names do not say which.
+        robot: model of the robot that was logged.
+        topics: topics of a bag, where their types do not say which.
+        joint_map: log's joint name or column, by the robot's name, where names do not say which.
         span: from when until when to read, after the log's first sample [s].
 
     Raises:

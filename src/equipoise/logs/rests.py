@@ -36,13 +36,13 @@ class LoggedRest:
     """A piece of time in which nothing moves.
 
     Attributes:
-        start, end: [s].
-        joint_position: (nj,) mean [rad].
-        up: (3,) against gravity, in base axes, by the accelerometer.
-        angular_velocity_in_base: (3,) mean angular velocity, in base axes: the gyroscope's bias [rad/s].
-        acceleration: (3,) mean, in base axes [m/s2].
+        start, end: times at which the rest begins and ends [s].
+        joint_position: (nj,) mean of the joint positions [rad].
+        up: (3,) unit vector against gravity, in base axes, by the accelerometer.
+        angular_velocity_in_base: (3,) mean of the gyroscope, in base axes: its bias [rad/s].
+        acceleration: (3,) mean of the accelerometer, in base axes [m/s2].
         folded: whether the legs are folded, as those of a robot that lies.
-        why_not: why the robot does not stand on four feet here, or None if it does.
+        why_not: reason why the robot does not stand on four feet here, or None if it does.
     """
 
     start: float

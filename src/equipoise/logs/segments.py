@@ -51,11 +51,11 @@ class LogSegment:
     """A piece of a recording.
 
     Attributes:
-        start, end: [s].
-        kind: what it is.
-        what: the same in words.
-        why_not: why it is not used, or None if it is.
-        recording: with the events that the estimators expect, if it is used on its own.
+        start, end: times at which the piece begins and ends [s].
+        kind: kind of motion.
+        what: kind in words.
+        why_not: reason why it is not used, or None if it is.
+        recording: recording with the events that the estimators expect, if it is used on its own.
     """
 
     start: float

@@ -27,10 +27,10 @@ class Stamps:
     """When the messages of a topic were made.
 
     Attributes:
-        topic: its name.
-        received: (n,) when the recorder got them [ns since 1970].
-        header: (n,) their own stamps [ns], or empty if they have none.
-        ticks: (n,) count of a clock on board in an unknown unit, or empty.
+        topic: name of the topic.
+        received: (n,) times at which the recorder got the messages [ns since 1970].
+        header: (n,) stamps in the messages [ns], or empty if they have none.
+        ticks: (n,) counts of a clock on board in an unknown unit, or empty.
     """
 
     topic: str
@@ -67,7 +67,7 @@ def common_times(
     """Times of all streams after the earliest sample [s], and which clock they are by.
 
     Args:
-        needed: topics that decide: joints and IMU.
+        needed: names of the topics that decide: joints and IMU.
     """
     sensed = [stream for stream in streams if stream.topic in needed]
     reasons = [f"{stream.topic}: {why}" for stream in sensed if (why := stream.why_not_header()) is not None]

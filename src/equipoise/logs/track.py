@@ -25,14 +25,14 @@ class Track:
     """n equal steps of a recording.
 
     Attributes:
-        time: (n,) middles of the steps [s].
-        step: [s].
-        joint_position: (n, nj) [rad].
-        angular_velocity_in_base: (n, 3) angular velocity in base axes, as sensed [rad/s].
-        acceleration: (n, 3) specific force in base axes, at the IMU [m/s2].
-        joint_torque: (n, nj) [Nm], or None.
-        gyro_noise: white noise of the steps' angular velocity, per axis [rad/s].
-        encoder_noise: of the steps' joint positions [rad].
+        time: (n,) times of the steps' middles [s].
+        step: duration of a step [s].
+        joint_position: (n, nj) joint positions [rad].
+        angular_velocity_in_base: (n, 3) angular velocity of the base as sensed, in its own axes [rad/s].
+        acceleration: (n, 3) specific force at the IMU, in base axes [m/s2].
+        joint_torque: (n, nj) joint torques [Nm], or None.
+        gyro_noise: standard deviation of the steps' angular velocity, per axis [rad/s].
+        encoder_noise: standard deviation of the steps' joint positions [rad].
     """
 
     time: FloatArray

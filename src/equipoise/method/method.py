@@ -32,10 +32,10 @@ class Method(ABC):
     and None as a prefix leaves them without flags.
 
     Attributes:
-        name: that users choose it by, as in `--method precise`.
-        summary: what it does, in a sentence.
-        estimates: names of what it estimates of the whole robot: "mass", "com_x", "com_y", "com_z", "Ixx", "Iyy", "Izz",
-            "Ixy", "Ixz", "Iyz".
+        name: name that users choose it by, as in `--method precise`.
+        summary: sentence that says what it does.
+        estimates: names of the parameters of the whole robot that it estimates: "mass", "com_x", "com_y", "com_z",
+            "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz".
         judging: names of the settings that matter to `estimate` alone, and with which recordings may be estimated again.
         timestep: largest time step of a simulation that leaves the method's results as they are [s].
     """
@@ -66,10 +66,10 @@ class Method(ABC):
         """Do the trials, from the stance; recordings go where `planted.keep` takes them.
 
         Args:
-            planted: the robot, on four feet at its stance.
-            stance: its nominal stance.
-            recordings: those that were kept so far: decisions depend on them alone.
-            report: called before every trial.
+            planted: robot, on four feet at its stance.
+            stance: nominal stance of the robot.
+            recordings: recordings that were kept so far: decisions depend on them alone.
+            report: function that is called before every trial.
 
         Raises:
             MotionError: the robot could not do, or did not do, what was asked.
@@ -112,8 +112,8 @@ class Method(ABC):
         """The same method, told what a scale says; itself if it does not use that.
 
         Args:
-            mass: of the whole robot [kg].
-            deviation: standard deviation of that [kg].
+            mass: mass of the whole robot [kg].
+            deviation: standard deviation of that mass [kg].
         """
         del mass, deviation
         return self

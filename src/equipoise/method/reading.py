@@ -13,11 +13,12 @@ class LiftPlane:
     """What one lift says: a plane in the base frame at the nominal stance.
 
     Attributes:
-        trial: index of the recording.
-        diagonal: that the robot stood on.
-        point: (3,) on it [m]: where the lift puts the CoM, or, with a verdict, on the support line.
-        normal: (3,) unit, forward.
-        verdict: which way the robot tipped, so on which side the CoM is; None: the plane holds the CoM.
+        trial: index of the lift's recording.
+        diagonal: diagonal that the robot stood on.
+        point: (3,) point on the plane, in the base frame [m]: where the lift puts the CoM, or, with a verdict, on the
+            support line.
+        normal: (3,) unit normal of the plane in base axes, pointing forward.
+        verdict: direction in which the robot tipped, so the side that the CoM is on; None: the plane holds the CoM.
     """
 
     trial: int
@@ -32,11 +33,11 @@ class ComEstimate:
     """What is known of the CoM after so many trials.
 
     Attributes:
-        trials: complete recordings that it is from.
-        com: (3,) of the whole robot at the nominal stance, in the base frame [m].
-        half: (3,) 95 % interval to either side, or half the bracket [m]; nan where the method does not estimate it.
-        covariance: (3, 3) [m2], or None.
-        brackets: of the offset, by diagonal [m], where the method has them.
+        trials: number of complete recordings that it is from.
+        com: (3,) CoM of the whole robot at the nominal stance, in the base frame [m].
+        half: (3,) half width of the 95 % interval, or of the bracket [m]; nan where the method does not estimate it.
+        covariance: (3, 3) covariance of the CoM [m2], or None.
+        brackets: bounds of the offset, by diagonal [m], where the method has them.
     """
 
     trials: int

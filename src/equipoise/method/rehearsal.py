@@ -20,10 +20,10 @@ class RehearsedPosture:
     """One posture.
 
     Attributes:
-        what: it is, in words.
-        joint_position: (nj,) [rad].
-        torque: (nj,) that holds it, by the model [Nm].
-        times: how often it is taken; 0 at the far end of a turn or a sway, which is counted at the near one.
+        what: description of the posture in words.
+        joint_position: (nj,) joint positions [rad].
+        torque: (nj,) joint torques that hold the posture, by the model [Nm].
+        times: number of times it is taken; 0 at the far end of a turn or a sway, which is counted at the near one.
     """
 
     what: str
@@ -37,9 +37,9 @@ class Course:
     """What a method does between standing up and lying down.
 
     Attributes:
-        doing: all of it in words, as in "the robot stands up, ... and ends where it began".
-        duration: on the robot [s].
-        postures: in order, beside the nominal stance.
+        doing: motions in words, as in "the robot stands up, ... and ends where it began".
+        duration: time that it takes on the robot [s].
+        postures: postures in order, beside the nominal stance.
     """
 
     doing: str
@@ -51,10 +51,11 @@ class Forecast(Protocol):
     """How accurate a result will be, and after which trials.
 
     Attributes:
-        robot_time: expected [s].
-        body: (10,) mass [kg], CoM [m] and inertia [kg m2] of the whole robot, as thought of before.
-        deviation: (10,) predicted standard deviations of that.
-        left_out: what the robot cannot do, and why.
+        robot_time: expected time on the robot [s].
+        body: (10,) mass [kg], CoM in the base frame [m] and inertia about it [kg m2] of the whole robot, as thought of
+            before.
+        deviation: (10,) predicted standard deviations of these.
+        left_out: motions that the robot cannot do, and why.
     """
 
     @property
@@ -86,9 +87,9 @@ def held_posture(
     """A posture with the torques that hold it.
 
     Args:
-        feet: (4, 3) in the base frame [m].
-        guess: (nj,) joint positions near it [rad].
-        legs: that stand.
+        feet: (4, 3) centres of the feet in the base frame [m].
+        guess: (nj,) joint positions near the posture [rad].
+        legs: names of the legs that stand.
 
     Raises:
         ReachError: the legs do not reach it.

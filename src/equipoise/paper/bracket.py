@@ -17,9 +17,9 @@ class TriedOffset:
     """What one lift of a search showed.
 
     Attributes:
-        offset: x_m [m].
+        offset: offset x_m of the support line along the base's x axis [m].
         lift_height: commanded height of the lifted feet [m].
-        verdict: which way the robot tipped.
+        verdict: direction in which the robot tipped.
         plane: support plane at the nominal stance in the base frame, or None if it is not at hand.
     """
 
@@ -34,10 +34,10 @@ class Bracket:
     """Bounds between which the offset lies at which the robot balances.
 
     Attributes:
-        lower, upper: x_l and x_u, offsets of the support line [m].
-        tolerance: width at which the search ends [m].
+        lower, upper: offsets x_l and x_u of the support line along the base's x axis [m].
+        tolerance: width of the bracket at which the search ends [m].
         highest_lift: height from which on a robot that does not tip counts as balanced [m]; below, it is lifted higher.
-        at_lower, at_upper: the lift tried at each end, tipping forward and backward; None where an end is only assumed.
+        at_lower, at_upper: lift tried at each end, tipping forward and backward; None where an end is only assumed.
             The same lift, if the robot stayed balanced in it.
         widened: whether an end was moved outward because the robot tipped the wrong way there.
     """

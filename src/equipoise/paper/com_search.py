@@ -24,9 +24,9 @@ class SupportVector:
     """Where one diagonal's search ended.
 
     Attributes:
-        diagonal: "FL_RR" or "FR_RL".
-        bracket: the last bounds x_l and x_u; equal if the robot stayed balanced there.
-        lifts: in the order they were done.
+        diagonal: diagonal that the robot stood on, "FL_RR" or "FR_RL".
+        bracket: last bounds x_l and x_u [m]; equal if the robot stayed balanced there.
+        lifts: lift trials in the order they were done.
     """
 
     diagonal: str

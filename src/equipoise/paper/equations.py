@@ -26,9 +26,9 @@ class Sinusoid:
     """omega_j(t) = a sin(2 pi F t + phi) (equation 3).
 
     Attributes:
-        frequency: F [Hz].
-        amplitude: a [rad/s].
-        phase: phi at t = 0 [rad].
+        frequency: frequency F [Hz].
+        amplitude: amplitude a of the angular velocity [rad/s].
+        phase: phase phi at t = 0 [rad].
     """
 
     frequency: float
@@ -50,14 +50,14 @@ class AxisFit:
     """What one sway gave.
 
     Attributes:
-        axis: "roll", "pitch" or "yaw".
-        inertia: I_j [kg m2].
-        damping: C_j [Nm s/rad].
-        sinusoid: the dominant sinusoid of the angular velocity.
-        time: (n,) of the samples below [s].
-        angular_velocity: (n,) measured, about the axis [rad/s].
-        torque: (n,) about the CoM, about the axis, less its mean [Nm].
-        fitted_torque: (n,) I d(omega)/dt + C omega [Nm].
+        axis: base axis of the sway: "roll", "pitch" or "yaw".
+        inertia: moment of inertia I_j about the axis [kg m2].
+        damping: damping C_j about the axis [Nm s/rad].
+        sinusoid: dominant sinusoid of the angular velocity about the axis.
+        time: (n,) times of the samples below [s].
+        angular_velocity: (n,) measured angular velocity of the base about the axis [rad/s].
+        torque: (n,) torque about the axis through the CoM, less its mean [Nm].
+        fitted_torque: (n,) fitted torque I d(omega)/dt + C omega [Nm].
     """
 
     axis: Axis
@@ -77,8 +77,8 @@ def find_intersection(planes: Sequence[SupportPlane], com_height: float) -> Floa
     height does not matter. With measured gravity the planes lean by a fraction of a degree, and it matters little.
 
     Args:
-        planes: one per diagonal.
-        com_height: z of the CoM in the base frame [m], by the nominal model.
+        planes: support planes in the base frame, one per diagonal.
+        com_height: height z of the CoM in the base frame, by the nominal model [m].
     """
     normals = np.array([plane.normal for plane in planes])
     levels = np.array([plane.normal @ plane.point for plane in planes]) - normals[:, 2] * com_height
@@ -95,7 +95,7 @@ def commanded_plane(feet_in_base: FloatArray, diagonal: str) -> SupportPlane:
     """The support plane through feet where they were sent (r_hat of Algorithm 1), under a level base.
 
     Args:
-        feet_in_base: (4, 3) commanded [m].
+        feet_in_base: (4, 3) commanded centres of the feet in the base frame [m].
     """
     a, b = (feet_in_base[LEG_NAMES.index(leg)] for leg in DIAGONALS[diagonal])
     line = a - b if a[1] > b[1] else b - a
@@ -111,8 +111,8 @@ def dominant_sinusoid(time: FloatArray, signal: FloatArray) -> Sinusoid:
     which is 1/T wide: an error of half a bin turns the phase by a quarter of a period over the record.
 
     Args:
-        time: (n,) evenly spaced [s].
-        signal: (n,).
+        time: (n,) evenly spaced times [s].
+        signal: (n,) samples at these times.
 
     Raises:
         RecordingError: fewer than eight samples, or no oscillation.
@@ -152,7 +152,7 @@ def fit_axis(
     """I_j and C_j of one sway (equations 2 to 5).
 
     Args:
-        recording: with a phase "sway" in which the base oscillates steadily.
+        recording: recording with a phase "sway" in which the base oscillates steadily.
         com_at_stance: (3,) CoM in the base frame at the nominal stance [m]: x and y as found, z by the model.
         stance: (nj,) joint positions of the nominal stance [rad].
 

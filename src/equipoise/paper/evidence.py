@@ -15,7 +15,7 @@ class SwayEvidence(Evidence):
     """Of a run with sways.
 
     Attributes:
-        fits: equations 2 to 5 by axis.
+        fits: fits of equations 2 to 5, by axis.
     """
 
     fits: Mapping[str, AxisFit]

@@ -37,8 +37,8 @@ def com_by_iteration(calibration: Calibration, start: Bracket) -> FloatArray:
     While a bracket's end has not been tried, the plane in its middle is the nearest one tried, shifted along x.
 
     Args:
-        calibration: by this method, with its evidence.
-        start: the bracket that the search began with.
+        calibration: result of this method, with its evidence.
+        start: bracket that the search began with.
 
     Raises:
         NotEstimatedError: the calibration came from a JSON file, which holds no planes.

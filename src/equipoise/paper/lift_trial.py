@@ -27,11 +27,11 @@ def lift_trial(
     Phases: replant, move, settle, rest, unload, lift, watch, lower.
 
     Args:
-        planted: the robot.
-        diagonal: to stand on.
-        offset: of the support line from where it is at the nominal stance, along the base's x axis [m].
-        feet_in_base: (4, 3) where all four feet are to be in the base frame, still planted [m].
-        settings: height, times and limits.
+        planted: robot on four feet.
+        diagonal: diagonal to stand on.
+        offset: shift of the support line from where it is at the nominal stance, along the base's x axis [m].
+        feet_in_base: (4, 3) centres that all four feet are to have in the base frame, still planted [m].
+        settings: height, times and limits of the lift.
 
     Raises:
         TrackingError: the joints did not come to rest near their targets.
@@ -72,9 +72,9 @@ class LiftReading:
     """What the recording of a lift trial says.
 
     Attributes:
-        trial: what was commanded.
-        recording: all of it.
-        tilt: which way the robot tipped.
+        trial: lift as it was commanded.
+        recording: samples of the whole trial.
+        tilt: rotation by which the robot tipped, and its direction.
         plane: support plane at the nominal stance in the base frame.
     """
 
@@ -93,8 +93,8 @@ def read_lift_trial(robot: RobotModel, recording: Recording, stance: FloatArray)
     """Read a complete lift trial.
 
     Args:
-        robot: the robot.
-        recording: of the trial.
+        robot: model of the robot.
+        recording: recording of the trial.
         stance: (nj,) joint positions of the nominal stance [rad].
 
     Raises:

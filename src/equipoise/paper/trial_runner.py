@@ -135,10 +135,10 @@ class TrialRunner:
         highest shows none either, the robot is balanced.
 
         Args:
-            diagonal: to stand on.
-            x_m: offset of the support lines [m].
-            bracket: that it lies in, for the progress report.
-            lifts: to append to.
+            diagonal: diagonal to stand on.
+            x_m: offset of the support lines along the base's x axis [m].
+            bracket: bracket that the offset lies in, for the progress report.
+            lifts: list to append the lifts to.
 
         Raises:
             MotionError: no tilt was seen because the feet hardly left the floor.
@@ -183,10 +183,10 @@ def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: flo
     By the model, and the pendulum of `tipping`: it must come to rest well inside them when it lands on its lifted feet.
 
     Args:
-        robot: the robot.
-        stance: its nominal stance.
-        x_m: offset of the support lines [m].
-        lift_height: of the lifted feet [m].
+        robot: model of the robot.
+        stance: nominal stance of the robot.
+        x_m: offset of the support lines along the base's x axis [m].
+        lift_height: height of the lifted feet [m].
     """
     feet = shifted_feet(stance, x_m)
     position = inverse_kinematics(robot, feet, stance.joint_position)

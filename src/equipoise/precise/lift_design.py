@@ -33,9 +33,9 @@ class LiftDesign:
     """One lift trial of the precise method.
 
     Attributes:
-        posture: of the base.
-        diagonal: to stand on.
-        side: on which side of the CoM the line is: 1 ahead, -1 behind, 0 under it.
+        posture: posture of the base over its planted feet.
+        diagonal: diagonal to stand on.
+        side: side of the CoM that the support line is on: 1 ahead, -1 behind, 0 under it.
         turn: rotation of the body about its own CoM while on two feet, or None.
     """
 
@@ -91,7 +91,7 @@ def lift_feet(
     """(4, 3) planted and lifted feet in the base frame [m].
 
     Args:
-        drift: how far ahead of where it is sent the CoM comes to be [m].
+        drift: distance by which the CoM comes to be ahead of where it is sent [m].
     """
     feet = feet_in_posture(stance, com, design.posture, design.diagonal, offset_of(stance, design.side) + drift)
     lifted = feet.copy()
@@ -119,7 +119,7 @@ def check_lift(
     """Refuse a lift that is out of reach, too weak or not safe, before anything moves.
 
     Args:
-        doubt: (3, 3) of the CoM [m2]; default `found_doubt`.
+        doubt: (3, 3) covariance of the CoM in the base frame [m2]; default `found_doubt`.
 
     Raises:
         ReachError: says what is wrong.

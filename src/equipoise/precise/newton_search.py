@@ -30,7 +30,7 @@ def find_com_fast(trials: PreciseTrials, report: Callable[[str], None]) -> None:
     """The planar CoM by lifts on both diagonals; `trials.com` and the robot under command follow as it is found.
 
     Args:
-        report: told the diagonal before every lift.
+        report: function that is told the diagonal before every lift.
     """
     model, size = trials.planted.robot, trials.stance.scale.length
     for diagonal in DIAGONALS:

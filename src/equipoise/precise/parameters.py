@@ -22,8 +22,8 @@ class Unknowns:
     Attributes:
         rows: table of unknowns.
         size: length of the vector.
-        scale: (size,) what one unit is, in the unit of each one's row; one for the base.
-        tabled: slice of all but the base.
+        scale: (size,) size of one unit of each unknown, in the unit of its row; one for the base.
+        tabled: slice of all unknowns but the base's.
         torque_scale: m g h of the robot over that of an A1.
     """
 

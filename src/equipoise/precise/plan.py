@@ -112,11 +112,11 @@ class Plan:
     """What will be done.
 
     Attributes:
-        visits: in order.
-        robot_time: expected, search and way back included [s].
+        visits: postures with their lifts, in order.
+        robot_time: expected time on the robot, search and way back included [s].
         deviation: (10,) predicted posterior standard deviations of the whole robot, in the order of COMPONENTS.
-        prior_deviation: (10,) before anything.
-        body: (10,) the whole robot as it was thought to be.
+        prior_deviation: (10,) standard deviations of these before any motion.
+        body: (10,) parameters of the whole robot as it was thought to be, in the order of COMPONENTS.
         left_out: postures and lifts that the robot cannot do, and why.
     """
 
@@ -182,11 +182,11 @@ class Candidates:
     """Everything that may be done, and what each would teach.
 
     Attributes:
-        doubt: (3, 3) of the CoM, as `check_lift` takes it [m2].
+        doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
         lifts: possible lifts.
-        postures: of planted moves, from the first posture.
-        information: (size, size) of each lift, then of each posture's move.
-        left_out: why others are not possible.
+        postures: postures of planted moves, from the first posture.
+        information: (size, size) information of each lift, then of each posture's move.
+        left_out: reasons why others are not possible.
     """
 
     predictor: Predictor
@@ -281,9 +281,9 @@ def make_plan(
     """The best set of trials within a budget of robot time.
 
     Args:
-        budget: of robot time that is left [s].
-        goals: what accuracy is worth.
-        known: (size, size) information there is already; default: the priors, a mass, and a search to come.
+        budget: time on the robot that is left [s].
+        goals: standard deviations that accuracy is measured by.
+        known: (size, size) information that there is already; default: the priors, a mass, and a search to come.
         used: lifts that were done already; they are done again only if there are few.
         searched: whether the search was done (and is part of `known`).
 

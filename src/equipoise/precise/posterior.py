@@ -37,7 +37,7 @@ class Posterior:
     """The estimate.
 
     Attributes:
-        unknowns: layout of x.
+        unknowns: layout of the vector x.
         x: (size,) most probable unknowns.
         covariance: (size, size) covariance of x.
         information: (size, size) information that each motion adds, by motion index.
@@ -105,7 +105,7 @@ class MapProblem:
     """What one run adds to a maximum a posteriori estimate: residual blocks and priors, in a run's unknowns.
 
     Args:
-        mass: mass from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
+        mass: mass of the whole robot from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
         lifts_needed: whether evidence without any lift is refused.
 
     Raises:

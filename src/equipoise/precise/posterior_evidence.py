@@ -14,8 +14,8 @@ class PosteriorEvidence(Evidence):
     """Of a run of this method.
 
     Attributes:
-        motions: what was read from each recording.
-        posterior: the estimate with its information by motion.
+        motions: readings of the recordings, in order.
+        posterior: estimate with its information by motion.
     """
 
     motions: tuple[MotionReading, ...]

@@ -60,7 +60,7 @@ class ResidualBlock(ABC):
 
     Attributes:
         depends_on: names of the unknowns that the rows depend on.
-        columns: places of these in the vector of unknowns: the Jacobian's columns.
+        columns: indices of these in the vector of unknowns: the Jacobian's columns.
         motions: index of each recording, and its rows.
     """
 
@@ -211,7 +211,7 @@ def tilt_noise(lift: LiftSamples, by_velocity: float, growth: float) -> FloatArr
     """(n, n) covariance of a lift's residual [rad2/s2].
 
     Args:
-        by_velocity: how the residual changes with a joint's velocity.
+        by_velocity: derivative of the residual by a joint's velocity.
         growth: M g h over the moment of inertia about the line: what an attitude error adds per second [1/s2].
     """
     alive()
@@ -283,7 +283,7 @@ class TorqueBlock(ResidualBlock):
     """Rows of the torque balance, at the last round's values of all that it is not linear in. Whitened.
 
     Attributes:
-        normalised_residual: misfit of all rows.
+        normalised_residual: root mean square of all rows' residuals over what their noise explains.
     """
 
     actuators = ("torque_gain", "coulomb", "viscous", "armature")

@@ -30,7 +30,7 @@ def found_doubt(stance: Stance, payload: float = 0.0) -> FloatArray:
     """After a search.
 
     Args:
-        payload: that it found, as a fraction of the robot's mass.
+        payload: mass of the payload that the search found, as a fraction of the robot's.
     """
     return np.diag(stance.hip_height * np.array([*_FOUND[:2], _FOUND[2] + _PAYLOAD_HEIGHT * payload])) ** 2
 
@@ -39,8 +39,8 @@ def doubt_after_a_lift(stance: Stance, doubt: FloatArray, across: FloatArray) ->
     """After a lift of the search.
 
     Args:
-        doubt: before it.
-        across: (3,) horizontal vector across its line.
+        doubt: (3, 3) covariance of the CoM in the base frame before the lift [m2].
+        across: (3,) horizontal vector across the lift's support line, in the base frame.
     """
     measured = np.outer(across, across) / float(across @ across)
     rest = np.eye(3) - measured

@@ -50,7 +50,7 @@ class PreciseTrials:
 
     Attributes:
         com: (3,) CoM in the base frame as far as it is known: lines are placed under it, bodies turn about it [m].
-        doubt: (3, 3) of it, as `safe_lift` has it [m2].
+        doubt: (3, 3) covariance of that CoM, as `safe_lift` has it [m2].
     """
 
     def __init__(self, planted: PlantedRobot, stance: Stance, com: FloatArray) -> None:

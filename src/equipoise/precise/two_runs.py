@@ -33,9 +33,9 @@ class ScaleReadings:
     """What a scale said of the whole robot in the two runs.
 
     Attributes:
-        masses: mass in each run [kg]; None: it was not weighed.
+        masses: mass of the whole robot in each run [kg]; None: it was not weighed.
         gain: standard deviation of the scale's factor, which both readings have in common.
-        noise: standard deviation of each reading beside that, over the mass.
+        noise: standard deviation of each reading beside that factor, over the mass.
     """
 
     masses: tuple[float | None, float | None] = (None, None)
@@ -58,7 +58,7 @@ class TwoRuns:
     Attributes:
         unknowns: layout of a run's unknowns.
         first, second: (size,) unknowns of each run.
-        covariance: (2 size, 2 size) covariance of both.
+        covariance: (2 size, 2 size) covariance of the unknowns of both runs.
         converged: whether the last step was small.
     """
 

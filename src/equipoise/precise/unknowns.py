@@ -32,7 +32,7 @@ class Each:
     """What there is one of an unknown of.
 
     Attributes:
-        name: in words.
+        name: name of it in words.
         labels: names of all of them, for a robot.
     """
 
@@ -45,8 +45,8 @@ class Measure:
     """What the number that a prior is given as is a fraction of.
 
     Attributes:
-        name: in words.
-        of: its size in the unknown's unit.
+        name: name of it in words.
+        of: function that gives its size in the unknown's unit.
     """
 
     name: str
@@ -77,19 +77,19 @@ class Unknown:
 
     Attributes:
         meaning: noun phrase, with sign and frame.
-        unit: SI; empty for a fraction.
-        each: what there is one of it of.
-        source: of the prior.
-        name: in code, in settings and as a key.
-        measure: what the prior's number is a fraction of.
+        unit: SI unit; empty for a fraction.
+        each: parts of the robot that have one each, as its joints.
+        source: source of the prior.
+        name: name in code, in settings and as a key.
+        measure: quantity that the prior's number is a fraction of.
         label: name of one of them in prose, with {each}.
         finding: name of one of them among the findings, in reports and JSON, with {each}; empty: not reported.
         advice: sentence about one of them, with {each}, {value}, {deviation} and {size}, the value without its sign, in the
             unit shown.
         advice_below: the same where the value is not above zero; empty: no difference.
-        shown: how many of the unit shown are one in the unit.
+        shown: number of the unit shown that are one in the unit.
         notable: least value that is worth fixing.
-        drift: what it changes by between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
+        drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
         judged: whether a value far from zero speaks against a result.
     """
 
@@ -112,9 +112,9 @@ class Unknown:
         """What is to be said of one of them.
 
         Args:
-            each: its label.
-            value: in the row's unit.
-            deviation: posterior standard deviation of that.
+            each: label of the unknown.
+            value: value in the row's unit.
+            deviation: posterior standard deviation of the value.
         """
         form = self.advice_below if self.advice_below and value <= 0 else self.advice
         value, deviation = value * self.shown, deviation * self.shown

@@ -97,10 +97,10 @@ class Body(_Group):
     """One body's inertial parameters; in a loop the ten quantities in the order of COMPONENTS, arrays are (10,).
 
     Attributes:
-        mass: [kg].
+        mass: mass of the body [kg].
         com_in_base: centre of mass in the base frame [m].
         inertia: inertia tensor about the CoM in base axes [kg m2].
-        covariance: (10, 10) of the ten quantities; None: the method gives none.
+        covariance: (10, 10) covariance of the ten quantities, SI units; None: the method gives none.
     """
 
     mass: Quantity
@@ -120,9 +120,9 @@ class Body(_Group):
 
         Args:
             values: (10,) estimates in the order of COMPONENTS, SI units.
-            covariance: (10, 10) of them.
-            compared_with: (10,) what each standard deviation is small or large beside.
-            model: the body by the model file.
+            covariance: (10, 10) covariance of the values.
+            compared_with: (10,) quantities that each standard deviation is small or large beside, in the values' units.
+            model: body by the model file.
         """
         table: dict[str, Any] = {"value": np.asarray(values, dtype=float)}
         if covariance is not None:

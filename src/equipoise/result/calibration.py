@@ -39,11 +39,11 @@ class SwayEstimate:
     """The paper's I and C about one axis (equation 2).
 
     Attributes:
-        moment: I [kg m2].
-        damping: C [Nm s/rad].
-        frequency: of the sway, as found [Hz].
-        amplitude: of the base's rotation, as found [rad].
-        note: why there is no estimate, or what speaks against it; None if nothing does.
+        moment: moment of inertia I about the sway's axis [kg m2].
+        damping: damping C about the sway's axis [Nm s/rad].
+        frequency: frequency of the sway, as found [Hz].
+        amplitude: amplitude of the base's rotation, as found [rad].
+        note: reason why there is no estimate, or what speaks against it; None if nothing does.
     """
 
     moment: Maybe
@@ -58,15 +58,15 @@ class Trial:
     """One motion and what it showed.
 
     Attributes:
-        kind: "lift", "sway", "posture" or "stand".
-        about: the diagonal of a lift, the axis of a sway, a posture in words.
-        offset: of the support line, for a lift [m].
-        lift_height: commanded [m].
-        tilt: of the CoM about the line, positive forward [rad].
-        verdict: "forward", "backward" or "balanced".
-        duration: [s].
-        misfit: root mean square of its residual over what its noise explains.
-        note: why it was left out, or None.
+        kind: kind of trial: "lift", "sway", "posture" or "stand".
+        about: diagonal of a lift, axis of a sway, or posture, in words.
+        offset: offset of the support line along the base's x axis, for a lift [m].
+        lift_height: commanded height of the lifted feet [m].
+        tilt: rotation of the CoM about the support line, positive forward [rad].
+        verdict: direction in which the robot tipped: "forward", "backward" or "balanced".
+        duration: duration of the recording [s].
+        misfit: normalised residual: root mean square of the trial's residual over what its noise explains.
+        note: reason why the trial was left out, or None.
     """
 
     kind: str
@@ -85,9 +85,9 @@ class SupportLine:
     """Where one diagonal's search ended.
 
     Attributes:
-        offset: at which the robot balances [m].
-        lower, upper: the last bounds [m].
-        point, normal: of the support plane, carried to the nominal stance, in the base frame [m].
+        offset: offset along the base's x axis at which the robot balances [m].
+        lower, upper: last bounds of that offset [m].
+        point, normal: point [m] and unit normal of the support plane at the nominal stance, in the base frame.
     """
 
     offset: float
@@ -112,8 +112,8 @@ class Evidence:
     """What the pictures show: too large for the JSON file, and made again from the recordings. Methods add theirs.
 
     Attributes:
-        feet_in_base: (4, 3) of the nominal stance [m].
-        recordings: all that were estimated from, in order.
+        feet_in_base: (4, 3) centres of the feet at the nominal stance, in the base frame [m].
+        recordings: recordings that were estimated from, in order.
     """
 
     feet_in_base: FloatArray
@@ -128,24 +128,24 @@ class Calibration:
     file's value, and in simulation the truth.
 
     Attributes:
-        robot: its name.
-        method: its name.
-        joint_position: the nominal stance that all refers to, by joint name [rad].
+        robot: name of the robot.
+        method: name of the method.
+        joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
         model: format, hash and base link of the model file.
-        composite: the whole robot at the stance.
-        base: the base link with all that is fixed to it.
-        stance_effective: the paper's body: base, hips and thighs about their own CoM.
-        sways: the paper's I and C, by axis; `paper` only.
-        support_lines: by diagonal; `paper` only.
-        sensors: what was found wrong with the sensors; `precise` only.
-        checks: what the result says about itself, failed ones first.
-        trials: every motion, in order.
-        settings: of the method, as JSON values; "method" is its name.
+        composite: body of the whole robot, frozen at the stance.
+        base: body of the base link with all that is fixed to it.
+        stance_effective: body of the paper: base, hips and thighs about their own CoM.
+        sways: moments of inertia I and damping C of the paper, by axis; `paper` only.
+        support_lines: support lines that were found, by diagonal; `paper` only.
+        sensors: errors of the sensors that were found; `precise` only.
+        checks: checks of the result by itself, failed ones first.
+        trials: all motions, in order.
+        settings: settings of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
-        warnings: what speaks against the result, worst first.
-        evidence: not in the JSON form.
-        robot_model: the model that was used; not in the JSON form.
-        timings: seconds that each stage of the estimate took; not in the JSON form.
+        warnings: sentences that speak against the result, worst first.
+        evidence: data that pictures show; not in the JSON form.
+        robot_model: model that was used; not in the JSON form.
+        timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
 
     robot: str

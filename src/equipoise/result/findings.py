@@ -14,10 +14,10 @@ class SensorFinding:
     """What a sensor, a joint or the floor was found to be off by.
 
     Attributes:
-        name: what, as "FL_thigh_joint zero".
-        value: in SI units.
-        deviation: posterior standard deviation.
-        sentence: for people; says what can be done where something can.
+        name: name of the sensor error, as "FL_thigh_joint zero".
+        value: estimate of the error, in SI units.
+        deviation: posterior standard deviation, in the same unit.
+        sentence: sentence for people; says what can be done where something can.
         notable: whether it is large enough to be worth fixing, and sure.
     """
 
@@ -62,9 +62,9 @@ class Check:
     """One question to the result about itself.
 
     Attributes:
-        name: of the check.
+        name: name of the check.
         passed: whether nothing speaks against the result.
-        message: what was looked at, and what speaks against it.
+        message: sentence on what was looked at, and what speaks against it.
     """
 
     name: str

@@ -12,10 +12,10 @@ class Quantity:
     """One number, in SI units. None stands for what is not known.
 
     Attributes:
-        name: "mass", "com_x", "Ixx", ...
-        unit: "kg", "m", "kg m2", ...
+        name: name of the quantity: "mass", "com_x", "Ixx", ...
+        unit: SI unit of the numbers below: "kg", "m", "kg m2", ...
         value: estimate; None: the method does not estimate it.
-        deviation: posterior standard deviation; None: the method gives none.
+        deviation: posterior standard deviation of the value; None: the method gives none.
         verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before.
         model: value by the model file.
         truth: value of the simulated robot.

@@ -60,7 +60,7 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, int]]:
     Trials of a worker that dies run again on another one.
 
     Args:
-        scheduler: address, as tcp://192.168.1.2:8786.
+        scheduler: address of the scheduler, as tcp://192.168.1.2:8786.
 
     Raises:
         MissingDependencyError: `dask.distributed` is not installed.

@@ -39,9 +39,9 @@ class TableRow:
     """A row of Table I, ours.
 
     Attributes:
-        method: that estimated, or "truth".
-        noise: of the simulated robot, whose legs weigh other than the model's where it is not "ideal".
-        values: by QUANTITIES; None where the method has none.
+        method: name of the method that estimated, or "truth".
+        noise: noise preset of the simulated robot, whose legs weigh other than the model's where it is not "ideal".
+        values: estimates by QUANTITIES; None where the method has none.
     """
 
     method: str
@@ -55,11 +55,11 @@ class Proportion:
 
     Attributes:
         foot_error: (n,) rms planar displacement of the feet by the joint zeros [m].
-        joint_error: (n,) rms joint zero [rad].
-        com_error: (n,) planar [m].
-        per_foot_error: slope over the feet's error [m/m].
-        per_joint_error: slope over the joint zeros [m/rad].
-        floor: what is left without any joint error [m].
+        joint_error: (n,) rms of the joint zeros [rad].
+        com_error: (n,) planar error of the CoM [m].
+        per_foot_error: slope of the CoM error over the feet's error [m/m].
+        per_joint_error: slope of the CoM error over the joint zeros [m/rad].
+        floor: CoM error that is left without any joint error [m].
     """
 
     foot_error: FloatArray
@@ -76,10 +76,10 @@ class Reproduction:
 
     Attributes:
         table: rows of Table I; each truth, then the estimates of it.
-        summaries: of the methods.
+        summaries: summaries of the methods.
         iterations: (n trials, k) norm of the planar CoM error after each halving [m]; nan for trials that failed.
         precise_errors: planar CoM errors of the precise method [m]; nan for trials that failed.
-        proportion: of the CoM error to joint and end-effector error.
+        proportion: proportion of the CoM error to joint and end-effector error.
     """
 
     table: tuple[TableRow, ...]
@@ -99,11 +99,11 @@ def reproduce(
     """Do it all; the studies' rows are kept in a folder, and gone on with after an interruption.
 
     Args:
-        folder: for the rows.
-        trials: of the paper's method, and of the proportionality.
-        precise_trials: the first so many of the same robots, by the precise method.
-        workers: processes; default one for each core.
-        report: told what is being done.
+        folder: folder for the rows.
+        trials: number of trials of the paper's method, and of the proportionality.
+        precise_trials: number of the same robots, the first ones, that the precise method calibrates.
+        workers: number of processes; default one for each core.
+        report: function that is told what is being done.
     """
     report("Table I", None)
     table = _table()

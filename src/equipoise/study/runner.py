@@ -29,10 +29,10 @@ class StudyProgress:
     """How far a study is.
 
     Attributes:
-        done: trials on hand, those of earlier runs included.
-        total: trials wanted.
-        failed: calibrations that failed, in this run.
-        rate: trials a second, in this run.
+        done: number of trials on hand, those of earlier runs included.
+        total: number of trials wanted.
+        failed: number of calibrations that failed, in this run.
+        rate: trials per second, in this run [1/s].
         remaining: time left at that rate [s]; None before the first trial.
     """
 
@@ -54,12 +54,12 @@ def run_study(
     """Run what a folder lacks of a study's first `trials` trials; returns the rows of all of them.
 
     Args:
-        study: what is drawn and done.
-        trials: how many; more than in an earlier run extends it.
-        folder: of the study; made if need be, and gone on with if it holds this study.
-        executor: any of `concurrent.futures`; None: a process for each core. It is not shut down.
-        workers: how many trials run at once; default the number of cores that this process may use.
-        report: told after every trial.
+        study: study that says what is drawn and done.
+        trials: number of trials; more than in an earlier run extends it.
+        folder: folder of the study; made if need be, and gone on with if it holds this study.
+        executor: executor of `concurrent.futures`; None: a process for each core. It is not shut down.
+        workers: number of trials that run at once; default the number of cores that this process may use.
+        report: function that is called after every trial.
 
     A script that calls this without an executor does so below `if __name__ == "__main__":`, as with any process pool.
 

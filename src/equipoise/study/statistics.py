@@ -33,7 +33,7 @@ class Rate:
     """How often something was so.
 
     Attributes:
-        count, of: in so many of so many.
+        count, of: number of cases, and number that they are out of.
     """
 
     count: int
@@ -60,13 +60,13 @@ class ErrorStatistics:
     """Errors of one quantity, estimate less truth.
 
     Attributes:
-        quantity: a component, "planar CoM", or a moment of the paper's sways.
-        unit: of what follows.
-        count: calibrations that gave an estimate.
-        bias, rms: over those.
-        percentile_95: of the error's size over all calibrations that should have given one; infinite where more than one
-            in twenty failed.
-        coverage: by level: how often the interval of that level held the truth; empty without intervals.
+        quantity: name of a component, "planar CoM", or a moment of the paper's sways.
+        unit: unit of what follows.
+        count: number of calibrations that gave an estimate.
+        bias, rms: mean and root mean square of the error over those.
+        percentile_95: 95th percentile of the error's size over all calibrations that should have given one; infinite
+            where more than one in twenty failed.
+        coverage: fraction of the intervals that held the truth, by their level; empty without intervals.
     """
 
     quantity: str
@@ -83,13 +83,13 @@ class MethodSummary:
     """What a method did over all trials.
 
     Attributes:
-        method: its name.
-        trials: how many.
-        failures: how many failed, by kind.
-        reasons: what the first one of each kind said.
-        within: 5 mm of the true planar CoM; failures are not.
-        errors: by quantity.
-        robot_time, cpu_time: medians of those that succeeded [s].
+        method: name of the method.
+        trials: number of trials.
+        failures: number of failures, by kind.
+        reasons: message of the first failure of each kind.
+        within: calibrations within 5 mm of the true planar CoM; failures are not.
+        errors: statistics of the errors, by quantity.
+        robot_time, cpu_time: medians of these times over those that succeeded [s].
     """
 
     method: str
@@ -111,10 +111,10 @@ class Slope:
     """What one error source does to the planar CoM: rms error = slope x size, the other sources' share taken off.
 
     Attributes:
-        method: that was used.
-        source: column of the rows.
-        slope: [m per unit of the source].
-        deviation: its standard error, by bootstrap.
+        method: name of the method that was used.
+        source: name of the rows' column.
+        slope: slope of the error over the source's size [m per unit of the source].
+        deviation: standard error of the slope, by bootstrap.
     """
 
     method: str
@@ -245,8 +245,8 @@ def lines_in_squares(sizes: FloatArray, errors: FloatArray) -> tuple[float, Floa
     Squared errors scatter as much as they are large: unweighted, a few would decide alone.
 
     Args:
-        sizes: (n, k).
-        errors: (n,).
+        sizes: (n, k) sizes of the k sources in n trials.
+        errors: (n,) errors of the trials.
     """
     from scipy.optimize import nnls  # noqa: PLC0415 - a third of a second to import
 

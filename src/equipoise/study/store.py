@@ -63,7 +63,7 @@ class TrialStore:
     """The rows of a study, in a folder. Open it again to go on.
 
     Attributes:
-        folder: where.
+        folder: folder of the rows.
         done: numbers of the trials whose rows are there, those not yet written included.
     """
 

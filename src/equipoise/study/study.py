@@ -39,9 +39,10 @@ class Study:
     """What is drawn for each trial, and what is done with it.
 
     Attributes:
-        robot: name or model file.
-        methods: that calibrate each drawn robot, with their settings; each on a fresh simulation of it with the same noise.
-        noise: a preset, scaled to the robot's m g h.
+        robot: name or model file of the robot.
+        methods: methods that calibrate each drawn robot, with settings; each on a fresh simulation of it with the same
+            noise.
+        noise: name of a noise preset, scaled to the robot's m g h.
         only: error sources that are kept, all others being left out; empty: all of the preset.
         vary_noise: each source's size is multiplied by its own random factor between 0 and 2, so that a study shows what
             each source does.
@@ -49,8 +50,8 @@ class Study:
         spread: of random robots around the model (see `robot.variation`); 0: always the model itself.
         scale_error: the robot is weighed with this relative error, for the methods that use it; None: it is not weighed.
         timestep: of the engine [s]; None: the largest that leaves a method's results as they are.
-        seed: of everything drawn.
-        description: what the user overrides in the model file.
+        seed: seed of everything drawn.
+        description: facts that the user overrides in the model file.
     """
 
     robot: str = "unitree_a1"
@@ -115,12 +116,12 @@ class Draw:
     """One trial's robot and its errors.
 
     Attributes:
-        robot: what the estimator knows.
-        stance: its nominal stance.
-        payload: what it does not, or None.
-        sizes: of its sensor and actuator errors.
-        seed: of the simulation: the errors themselves, and the noise.
-        scale_reading: relative error of what the scale reads, or None.
+        robot: model that the estimator knows.
+        stance: nominal stance of that model.
+        payload: payload that it does not know, or None.
+        sizes: sizes of the simulated robot's sensor and actuator errors.
+        seed: seed of the simulation: the errors themselves, and the noise.
+        scale_reading: relative error of the scale's reading, or None.
     """
 
     robot: RobotModel

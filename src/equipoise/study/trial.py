@@ -52,8 +52,8 @@ def run_trial(study: Study, trial: int, logs: str | None = None) -> list[Row]:
     """One row for each of the study's methods. A calibration that fails is a row too, never an exception.
 
     Args:
-        study: what is drawn and done.
-        trial: its number.
+        study: study that says what is drawn and done.
+        trial: number of the trial.
         logs: folder, in one that exists, for the recordings of calibrations that fail; None keeps none. (All can be run
             again by number.)
     """

@@ -64,8 +64,8 @@ def print_calibration(
     """What was found, beside the truth where that is known; what speaks against it comes first.
 
     Args:
-        files: that were written.
-        kept: the run folder or the JSON file that holds this very result, if one does.
+        files: paths of the files that were written.
+        kept: run folder or JSON file that holds this very result, if one does.
     """
     console = Console()
     for check in result.checks:

@@ -21,8 +21,8 @@ def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = Fa
     """Where the log's data are from, its joints, its pieces, and what was found.
 
     Args:
-        verbose: every piece in a row of its own, and every joint.
-        stderr: print there, where stdout is for something else.
+        verbose: whether every piece has a row of its own, and every joint.
+        stderr: whether to print there, where stdout is for something else.
     """
     console = Console(stderr=stderr)
     for what, where in report.log.about.items():

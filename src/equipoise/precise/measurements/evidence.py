@@ -26,11 +26,11 @@ class MotionReading:
     """One recording: what it is, and what could be read from it.
 
     Attributes:
-        index: of the recording.
-        trial: what it is; None if it does not say.
-        lift, move, torque: what it holds; None if it holds none.
-        left_out: why a lift could not be read, or None.
-        duration: [s].
+        index: index of the recording in the run.
+        trial: trial that it is of; None if it does not say.
+        lift, move, torque: samples of a lift, a planted move and joint torques; None if it holds none.
+        left_out: reason why a lift could not be read, or None.
+        duration: duration of the recording [s].
     """
 
     index: int
@@ -47,7 +47,7 @@ class RunEvidence:
     """All motions of a run.
 
     Attributes:
-        motions: in order.
+        motions: readings of all recordings, in order.
     """
 
     motions: tuple[MotionReading, ...]

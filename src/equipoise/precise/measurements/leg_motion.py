@@ -22,12 +22,12 @@ class LegMotion:
     """Links and feet of n samples, in base axes about the base's origin. Velocities lack the base origin's own.
 
     Attributes:
-        com: (n, 4, k, 3) CoM of each of the k links of each leg [m].
-        com_velocity: (n, 4, k, 3) velocity of that [m/s].
-        spin: (n, 4, k, 3) angular momentum of each link about its own CoM [kg m2/s].
-        foot: (n, 4, 3) centres of the feet [m].
-        foot_velocity: (n, 4, 3) velocity of that [m/s].
-        foot_angular_velocity: (n, 4, 3) angular velocity of the links below the knees [rad/s].
+        com: (n, 4, k, 3) CoM of each of the k links of each leg, in the base frame [m].
+        com_velocity: (n, 4, k, 3) velocity of that CoM, in base axes [m/s].
+        spin: (n, 4, k, 3) angular momentum of each link about its own CoM, in base axes [kg m2/s].
+        foot: (n, 4, 3) centres of the feet, in the base frame [m].
+        foot_velocity: (n, 4, 3) velocity of these centres, in base axes [m/s].
+        foot_angular_velocity: (n, 4, 3) angular velocity of the links below the knees, in base axes [rad/s].
     """
 
     com: FloatArray
@@ -42,7 +42,7 @@ class LegChains:
     """The four legs of a robot as arrays: leg FL FR RL RR first, then link from the hip down.
 
     Attributes:
-        joints: (4, k) indices in the joint vector.
+        joints: (4, k) indices of each leg's joints in the joint vector.
         mass: (4, k) mass of each link, with all that is fixed to it, by the model [kg].
         foot_radius: (4,) radius of each foot [m].
     """
@@ -83,7 +83,7 @@ class LegChains:
         Args:
             joint_position: (n, nj) joint positions [rad].
             joint_velocity: (n, nj) joint velocities [rad/s].
-            angular_velocity_in_base: (n, 3) angular velocity of the base [rad/s].
+            angular_velocity_in_base: (n, 3) angular velocity of the base, in its own axes [rad/s].
         """
         alive()
         count, links = len(joint_position), self.joints.shape[1]

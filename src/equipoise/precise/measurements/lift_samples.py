@@ -78,12 +78,12 @@ def read_lift(
     """The time on two feet of a lift trial, or why there is none.
 
     Args:
-        robot: the robot.
-        legs: its leg chains.
-        recording: with phases "rest", "unload" and "lower".
-        diagonal: that the robot stood on.
-        stance: nominal.
-        gyro_bias: (3,) in the IMU frame [rad/s].
+        robot: model of the robot.
+        legs: leg chains of the robot.
+        recording: recording with phases "rest", "unload" and "lower".
+        diagonal: diagonal that the robot stood on.
+        stance: nominal stance of the robot.
+        gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
     """
     clock = stance.scale.time
     rest = recording.phase(Phase.REST)

@@ -26,7 +26,7 @@ class RestReading:
 
     Attributes:
         joint_position: (nj,) mean of the joint positions [rad].
-        acceleration_in_imu: (3,) mean of the accelerometer [m/s2].
+        acceleration_in_imu: (3,) mean of the accelerometer, in the IMU frame [m/s2].
     """
 
     joint_position: FloatArray
@@ -43,7 +43,7 @@ class PlantedMove:
     """A move between two rests, all feet planted.
 
     Attributes:
-        before, after: rests on either side.
+        before, after: rests on either side of the move.
         rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
         rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
     """
@@ -80,7 +80,7 @@ class PlantedRows:
     """Residuals of planted moves and rests, at any values of the unknowns that they depend on.
 
     Attributes:
-        DEPENDS_ON: names of these unknowns.
+        DEPENDS_ON: names of the unknowns that the rows depend on.
     """
 
     DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "foot_radius")
@@ -98,7 +98,7 @@ class PlantedRows:
         """What should be zero at the right values.
 
         Returns:
-            (moves, 4, 3) by how much the feet seem to have moved relative to their mean, in base axes before [m];
+            (moves, 4, 3) displacements of the feet relative to their mean, in base axes before the move [m];
             (moves, 2, 4) heights of the feet's centres above their mean, against gravity, at the rests [m].
         """
         rotation = mounting(self._rotation, values["imu_tilt"])

@@ -43,7 +43,7 @@ class PlaneReading:
     Attributes:
         com: (3,) CoM at the nominal stance, in the base frame [m].
         deviation: (3,) standard deviations, from how well the planes meet [m].
-        misses: (n,) distance by which each plane misses it [m].
+        misses: (n,) distance by which each plane misses the CoM [m].
     """
 
     com: FloatArray

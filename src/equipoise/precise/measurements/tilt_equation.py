@@ -35,7 +35,7 @@ def mounting(rotation_imu_to_base: FloatArray, imu_tilt: FloatArray) -> FloatArr
     """(3, 3) the IMU's rotation to the base as it is.
 
     Args:
-        rotation_imu_to_base: (3, 3) as it should be.
+        rotation_imu_to_base: (3, 3) rotation from the IMU frame to the base frame, as it should be.
         imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
     """
     return rotation_imu_to_base @ Rotation.from_rotvec(imu_tilt).as_matrix()
@@ -45,7 +45,7 @@ class TiltEquation:
     """The rows of y(t) for a set of trials, at any values of the unknowns that it depends on.
 
     Attributes:
-        DEPENDS_ON: names of these unknowns, beside the inertial parameters in which the rows are linear.
+        DEPENDS_ON: names of the unknowns beside the inertial parameters, in which the rows are linear.
         trials: slices of the rows, by trial.
     """
 
@@ -169,11 +169,11 @@ class _Line:
     """The moving support line of n samples, in base axes.
 
     Attributes:
-        left: (n, 3) direction of the line, from the right foot to the left.
-        point: (n, 3) contact point of the right foot [m].
-        velocity: (n, 3) velocity of the point, as the contact travels over the floor [m/s].
-        left_rate: (n, 3) inertial rate of change of the direction [1/s].
-        base_velocity: (n, 3) velocity of the base's origin [m/s].
+        left: (n, 3) direction of the support line, from the right foot to the left, in base axes.
+        point: (n, 3) contact point of the right foot, in the base frame [m].
+        velocity: (n, 3) velocity of the point, as the contact travels over the floor, in base axes [m/s].
+        left_rate: (n, 3) inertial rate of change of the direction, in base axes [1/s].
+        base_velocity: (n, 3) velocity of the base's origin, in base axes [m/s].
     """
 
     left: FloatArray

@@ -40,7 +40,7 @@ class TorqueSamples:
         joint_torque: (n, nj) joint torques as reported [Nm].
         angular_velocity_in_imu, angular_acceleration_in_imu: (n, 3) angular velocity and acceleration of the IMU
             [rad/s], [rad/s2].
-        acceleration_in_imu: (n, 3) accelerometer readings [m/s2].
+        acceleration_in_imu: (n, 3) accelerometer readings, in the IMU frame [m/s2].
         period: (n,) time between two of the samples that were smoothed [s].
     """
 
@@ -107,9 +107,9 @@ class TorqueRows:
         links: (n, r, links) columns of a factor on each leg link.
         torque: (n, r, nj) columns of each joint's link torque, to be subtracted.
         reported: (n, nj) joint torques as reported [Nm].
-        friction_direction: (n, nj) tanh(v / v_0).
+        friction_direction: (n, nj) smoothed sign of each joint's velocity, tanh(v / v_0).
         joint_velocity, joint_acceleration: (n, nj) derivatives of the joint positions [rad/s], [rad/s2].
-        acceleration_rows: (n, r, 6) how the base's acceleration times the robot's inertia enters, for its noise.
+        acceleration_rows: (n, r, 6) coefficients of the base's acceleration times the robot's inertia, for its noise.
     """
 
     base: FloatArray
