@@ -105,7 +105,7 @@ def accuracy(rows: Iterable[Row]) -> str:
     if not told:
         return "- | - | - | -"
     error, truth = (np.array([row[name] for row in told]) for name in ("error", "truth"))
-    lengths = np.array([nominal_stance(load_robot(str(row["robot"]))).size for row in told])
+    lengths = np.array([nominal_stance(load_robot(str(row["robot"]))).scale.length for row in told])
     planar, height = 1e3 * np.linalg.norm(error[:, 1:3], axis=1) / lengths, 1e3 * error[:, 3] / lengths
     mass = 1 + error[:, :1] / truth[:, :1]
     moments = (1 + error[:, 4:7] / truth[:, 4:7]) / mass - 1
