@@ -26,7 +26,7 @@ test: export OMP_NUM_THREADS = 1
 test: $(DEV_STAMP)
 	@failed=0; \
 	$(BIN)/python -m pytest -m "not realtime" --numprocesses logical --dist worksteal || failed=1; \
-	$(BIN)/python -m pytest -m realtime --numprocesses 3 --dist worksteal || failed=1; \
+	$(BIN)/python -m pytest -m realtime --numprocesses 2 --dist worksteal || failed=1; \
 	exit $$failed
 
 lint: $(DEV_STAMP)

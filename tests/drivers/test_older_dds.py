@@ -1,5 +1,6 @@
 """The versions of cyclonedds that robots run: driver, peer and ROS 2 with them, and what pairs of versions do."""
 
+import itertools
 import subprocess
 import sys
 import time
@@ -85,7 +86,8 @@ def test_a_go2_is_calibrated(older, tmp_path):
         assert any("behind" in entry for entry in peer.log), told
     else:
         pytest.skip(f"this machine is too busy for real time: {told.splitlines()[-1]}")
-    modes = [entry["mode"] for entry in peer.log if "mode" in entry and entry["mode"] != "silence"]
+    heard = [entry["mode"] for entry in peer.log if "mode" in entry and entry["mode"] != "silence"]
+    modes = [mode for mode, _ in itertools.groupby(heard)]  # on a busy machine one begins anew behind a silence
     assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
     assert "mass" in told
 
