@@ -11,7 +11,7 @@ from hypothesis import settings
 from robots import load_text, quadruped_urdf
 
 import equipoise
-from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Paper, Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.experiments.stand import stand_up
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.trials import PreciseTrials
@@ -94,6 +94,15 @@ def precise_run(a1):
             truth=simulation.truth,
             seed=4,
         )
+
+
+@pytest.fixture(scope="session")
+def paper_result(a1):
+    """What the paper's method finds of a perfect A1, beside the truth; in steps of 1 ms."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
+        with simulate(a1, "ideal") as simulation:
+            return calibrate(simulation.platform, a1, Paper()).with_truth(simulation.truth)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from equipoise import Paper, calibrate, load_robot, simulate
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.plan_view import Ellipse, PlanLine, plan_view
@@ -18,10 +17,8 @@ def precise(precise_run):
 
 
 @pytest.fixture(scope="module")
-def paper():
-    robot = load_robot("unitree_a1")
-    with simulate(robot, "ideal") as simulation:
-        return calibrate(simulation.platform, robot, Paper()).with_truth(simulation.truth)
+def paper(paper_result):
+    return paper_result
 
 
 def test_the_ellipse_holds_95_percent():

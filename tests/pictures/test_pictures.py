@@ -13,13 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse
 from matplotlib.text import Annotation, Text
 
-from equipoise import Calibration, Paper, calibrate, load_robot
+from equipoise import Calibration, nominal_stance
 from equipoise.errors import OutputError
 from equipoise.pictures.files import save_plan_view
 from equipoise.pictures.plan_view import draw_plan_view
 from equipoise.result.body import Body
-from equipoise.robot.model import LEG_NAMES
-from equipoise.simulation.simulation import simulate
+from equipoise.robot.model import LEG_NAMES, RobotModel
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -37,10 +36,8 @@ assert "matplotlib.pyplot" not in sys.modules
 
 
 @pytest.fixture(scope="module")
-def calibration() -> Calibration:
-    robot = load_robot("unitree_a1")
-    with simulate(robot, "ideal") as simulation:
-        return calibrate(simulation.platform, robot, Paper()).with_truth(simulation.truth)
+def calibration(paper_result: Calibration) -> Calibration:
+    return paper_result
 
 
 def drawn(calibration: Calibration) -> Figure:
@@ -122,10 +119,9 @@ def test_it_names_the_robot_the_method_the_result_and_the_error(calibration: Cal
     assert f"error {error:.1f} mm" in shown
 
 
-def test_the_robot_is_seen_from_above_with_named_feet(calibration: Calibration) -> None:
-    assert calibration.evidence is not None
+def test_the_robot_is_seen_from_above_with_named_feet(calibration: Calibration, a1: RobotModel) -> None:
     overview = drawn(calibration).axes[0]
-    feet = calibration.evidence.feet_in_base[:, :2] * 1000
+    feet = nominal_stance(a1).feet_in_base[:, :2] * 1000
 
     right, left = sorted(overview.get_xlim())
     assert overview.get_xlim() == (left, right), "left is to the left"

@@ -15,7 +15,6 @@ from plotly.offline import get_plotlyjs
 from equipoise import (
     Calibration,
     ComSearchSettings,
-    Paper,
     Static,
     calibrate,
     load_robot,
@@ -49,10 +48,8 @@ def precise(precise_run):
 
 
 @pytest.fixture(scope="module")
-def paper():
-    robot = load_robot("unitree_a1")
-    with simulate(robot, "ideal") as simulation:
-        return calibrate(simulation.platform, robot, Paper()).with_truth(simulation.truth)
+def paper(paper_result):
+    return paper_result
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ import dataclasses
 import pytest
 from browser import open_browser
 
-from equipoise import Paper, calibrate, simulate
 from equipoise.report.page import save_comparison, save_report
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
@@ -23,10 +22,8 @@ def browser():
 
 
 @pytest.fixture(scope="module")
-def results(a1, precise_run):
-    with simulate(a1, "realistic", seed=4) as simulation:
-        paper = calibrate(simulation.platform, a1, Paper()).with_truth(simulation.truth)
-    return {"precise": precise_run.result.with_truth(precise_run.truth), "paper": paper}
+def results(paper_result, precise_run):
+    return {"precise": precise_run.result.with_truth(precise_run.truth), "paper": paper_result}
 
 
 @pytest.fixture(scope="module")

@@ -74,7 +74,7 @@ def test_what_the_precise_method_finds_is_where_its_estimates_end(a1, precise_ru
         assert np.allclose(newest.com, result.composite.com_in_base.values, atol=1e-9)
         assert np.allclose(newest.half, 1.96 * result.composite.com_in_base.deviations)
         assert len(closing_in.planes) >= 4
-        misses = [plane.normal @ (newest.com - plane.point) for plane in closing_in.planes]
+        misses = [lift.plane.distance_to(newest.com) for lift in closing_in.planes]
         assert np.abs(misses).max() < 0.01
         axes, half = ellipsoid(newest)
         assert np.allclose(axes @ np.diag(half**2) @ axes.T, newest.covariance * 7.815)
@@ -120,9 +120,9 @@ def test_the_com_of_a_frame_is_the_model_s_moved_by_what_was_found(viewing, a1):
     assert np.allclose(poses[0][1], 0)
     assert len(poses) == 13
     lines = plane_lines(frame, viewing.film.stance)
-    for line, plane in zip(lines, frame.planes, strict=True):
+    for line, lift in zip(lines, frame.planes, strict=True):
         for end in line:
-            assert plane.normal @ (end + frame.estimate.com - plane.point) == pytest.approx(0, abs=1e-9)
+            assert lift.plane.distance_to(end + frame.estimate.com) == pytest.approx(0, abs=1e-9)
 
 
 def test_the_words_say_the_trial_its_tilt_and_the_com(viewing):

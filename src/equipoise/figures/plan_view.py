@@ -245,12 +245,12 @@ def _cuts(lifts: LiftPlanes, height: float) -> list[PlanLine]:
     counts = Counter(lift.diagonal for lift in lifts)
     seen: Counter[str] = Counter()
     lines: list[PlanLine] = []
-    for diagonal, plane, verdict in lifts:
-        later = (counts[diagonal] - 1 - seen[diagonal]) / max(1, counts[diagonal] - 1)
-        seen[diagonal] += 1
-        if np.linalg.norm(plane.normal[:2]) > _UPRIGHT:
-            weight = 1.0 if verdict is None else 1 - (1 - _FAINTEST) * later
-            lines.append(PlanLine.cut(diagonal, plane, height, verdict, weight))
+    for lift in lifts:
+        later = (counts[lift.diagonal] - 1 - seen[lift.diagonal]) / max(1, counts[lift.diagonal] - 1)
+        seen[lift.diagonal] += 1
+        if np.linalg.norm(lift.plane.normal[:2]) > _UPRIGHT:
+            weight = 1.0 if lift.verdict is None else 1 - (1 - _FAINTEST) * later
+            lines.append(PlanLine.cut(lift.diagonal, lift.plane, height, lift.verdict, weight))
     return lines
 
 

@@ -87,7 +87,7 @@ def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> t
     velocity = np.gradient(track.joint_position, track.time, axis=0)
     motion = legs.motion(track.joint_position, velocity, np.zeros_like(track.angular_velocity_in_base))
     # A foot that rolls moves its centre by its angular velocity x radius: omega's part is in the design, the legs' here.
-    up = np.median(track.acceleration, axis=0)
+    up = np.median(track.acceleration_in_base, axis=0)
     up = up / np.linalg.norm(up)
     radius = legs.foot_radius[:, None] * up
     moved = cross(motion.foot_angular_velocity, np.broadcast_to(radius, motion.foot.shape)) - motion.foot_velocity

@@ -40,7 +40,7 @@ class LoggedRest:
         joint_position: (nj,) mean of the joint positions [rad].
         up: (3,) unit vector against gravity, in base axes, by the accelerometer.
         angular_velocity_in_base: (3,) mean of the gyroscope, in base axes: its bias [rad/s].
-        acceleration: (3,) mean of the accelerometer, in base axes [m/s2].
+        acceleration_in_base: (3,) mean of the accelerometer, in base axes [m/s2].
         folded: whether the legs are folded, as those of a robot that lies.
         why_not: reason why the robot does not stand on four feet here, or None if it does.
     """
@@ -50,7 +50,7 @@ class LoggedRest:
     joint_position: FloatArray
     up: FloatArray
     angular_velocity_in_base: FloatArray
-    acceleration: FloatArray
+    acceleration_in_base: FloatArray
     folded: bool
     why_not: str | None
 
@@ -71,7 +71,7 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRe
     legs = LegChains(robot)
     for first, last in _still_runs(track, max(_WINDOW, round(_SHORTEST / STEP))):
         part = slice(first, last)
-        position, acceleration = track.joint_position[part].mean(axis=0), track.acceleration[part].mean(axis=0)
+        position, acceleration = track.joint_position[part].mean(axis=0), track.acceleration_in_base[part].mean(axis=0)
         up = acceleration / max(float(np.linalg.norm(acceleration)), 1e-9)
         torque = None if track.joint_torque is None else track.joint_torque[part].mean(axis=0)
         feet = legs.feet(position[None])[0]

@@ -173,7 +173,7 @@ class _PieceReader:
             return None
         first = stances[0]
         why_not = why_no_lift(paths, stances, rest, self.stance)
-        felt = np.linalg.norm(self.track.acceleration[self.track.indices(first.start, first.end)], axis=1)
+        felt = np.linalg.norm(self.track.acceleration_in_base[self.track.indices(first.start, first.end)], axis=1)
         if why_not is None and felt.size and felt.min() < _FALLING:
             why_not = "it jumps: no foot is on the floor for a moment"
         if why_not is not None:

@@ -29,7 +29,7 @@ class Track:
         step: duration of a step [s].
         joint_position: (n, nj) joint positions [rad].
         angular_velocity_in_base: (n, 3) angular velocity of the base as sensed, in its own axes [rad/s].
-        acceleration: (n, 3) specific force at the IMU, in base axes [m/s2].
+        acceleration_in_base: (n, 3) specific force at the IMU, in base axes [m/s2].
         joint_torque: (n, nj) joint torques [Nm], or None.
         gyro_noise: standard deviation of the steps' angular velocity, per axis [rad/s].
         encoder_noise: standard deviation of the steps' joint positions [rad].
@@ -39,7 +39,7 @@ class Track:
     step: float
     joint_position: FloatArray
     angular_velocity_in_base: FloatArray
-    acceleration: FloatArray
+    acceleration_in_base: FloatArray
     joint_torque: FloatArray | None
     gyro_noise: float
     encoder_noise: float

@@ -6,25 +6,23 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from equipoise.conventions import FloatArray
+from equipoise.experiments.tilt import SupportPlane
 
 
 @dataclass(frozen=True, eq=False)
 class LiftPlane:
-    """What one lift says: a plane in the base frame at the nominal stance.
+    """What one lift says of the CoM.
 
     Attributes:
         trial: index of the lift's recording.
         diagonal: diagonal that the robot stood on.
-        point: (3,) point on the plane, in the base frame [m]: where the lift puts the CoM, or, with a verdict, on the
-            support line.
-        normal: (3,) unit normal of the plane in base axes, pointing forward.
+        plane: plane in the base frame at the nominal stance, that holds the CoM, or, with a verdict, the support line.
         verdict: direction in which the robot tipped, so the side that the CoM is on; None: the plane holds the CoM.
     """
 
     trial: int
     diagonal: str
-    point: FloatArray
-    normal: FloatArray
+    plane: SupportPlane
     verdict: str | None = None
 
 

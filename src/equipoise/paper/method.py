@@ -148,7 +148,7 @@ class Paper(Method):
                 *_weight_warning(robot, recordings),
                 *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
             ),
-            evidence=SearchEvidence(stance.feet_in_base, tuple(recordings), fits, tuple(lift.plane for lift in lifts)),
+            evidence=SearchEvidence(tuple(recordings), fits, tuple(lift.plane for lift in lifts)),
         )
 
 
@@ -255,9 +255,8 @@ class _SearchReport:
     """Turns a search's progress into the routine's."""
 
     def __init__(self, report: Callable[[Progress], None], settings: ComSearchSettings, stance: Stance) -> None:
-        lower, upper = settings.bounds(stance)
         self._report = report
-        self._per_diagonal = int(np.ceil(np.log2(max(1.0, (upper - lower) / settings.tolerance))))
+        self._per_diagonal = settings.halvings(stance)
 
     def __call__(self, progress: SearchProgress) -> None:
         first = progress.diagonal == next(iter(DIAGONALS))

@@ -36,8 +36,7 @@ class SearchReading:
     def planes(self) -> list[LiftPlane]:
         """As the robot's own sensors place them."""
         return [
-            LiftPlane(index, lift.trial.diagonal, lift.plane.point, lift.plane.normal, lift.tilt.verdict)
-            for index, lift in self._lifts.items()
+            LiftPlane(index, lift.trial.diagonal, lift.plane, lift.tilt.verdict) for index, lift in self._lifts.items()
         ]
 
     def estimate(self, trials: int) -> ComEstimate:

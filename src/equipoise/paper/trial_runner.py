@@ -76,7 +76,7 @@ class ComSearchSettings:
         return lower, upper
 
     def halvings(self, stance: Stance) -> int:
-        """How often the bracket is halved until it is as small as the tolerance."""
+        """How often the bracket is halved until it is as small as the tolerance: at least once, as `bounds` sees to."""
         lower, upper = self.bounds(stance)
         return int(np.ceil(np.log2((upper - lower) / self.tolerance)))
 

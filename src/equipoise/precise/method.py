@@ -168,7 +168,7 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-            evidence=PosteriorEvidence(stance.feet_in_base, tuple(recordings), evidence.motions, posterior),
+            evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior),
             timings=timings,
         )
 

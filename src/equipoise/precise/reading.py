@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
+from equipoise.experiments.tilt import SupportPlane
 from equipoise.method.reading import ComEstimate, LiftPlane
-from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
+from equipoise.precise.measurements.evidence import MotionReading, RunEvidence, read_evidence
 from equipoise.precise.measurements.support_planes import centre_shift
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.unknowns import Priors
@@ -16,6 +18,22 @@ from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+
+
+def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[MotionReading]) -> list[LiftPlane]:
+    """Where each lift puts the CoM, with everything else by the model.
+
+    Args:
+        robot: model that everything else is taken from.
+        com: (3,) CoM of that model at the nominal stance, in the base frame [m].
+        motions: readings of the trials.
+    """
+    lifts = [(motion.index, motion.lift) for motion in motions if motion.lift]
+    shifts = [(index, lift.diagonal, centre_shift(robot, lift)) for index, lift in lifts]
+    return [
+        LiftPlane(index, diagonal, SupportPlane(com + shift.distance * shift.normal, shift.normal))
+        for index, diagonal, shift in shifts
+    ]
 
 
 class PreciseReading:
@@ -33,14 +51,9 @@ class PreciseReading:
         self._motions = read_evidence(robot, stance, recordings).motions
 
     def planes(self) -> list[LiftPlane]:
-        """With everything else by the model."""
+        """See `planes_through_com`."""
         com = composite_parameters(self._robot, self._stance.joint_position).com
-        lifts = [(motion.index, motion.lift) for motion in self._motions if motion.lift]
-        shifts = [(index, lift.diagonal, centre_shift(self._robot, lift)) for index, lift in lifts]
-        return [
-            LiftPlane(index, diagonal, com + shift.distance * shift.normal, shift.normal)
-            for index, diagonal, shift in shifts
-        ]
+        return planes_through_com(self._robot, com, self._motions)
 
     def estimate(self, trials: int) -> ComEstimate:
         """The posterior of the first trials."""

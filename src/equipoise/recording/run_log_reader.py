@@ -79,19 +79,6 @@ def read_log(path: Path) -> LogContent:
         raise RecordingError(f"the recording {str(path)!r} is damaged: {error!r}") from error
 
 
-def load_recording(path: Path) -> Recording:
-    """The recording in a file that holds one.
-
-    Raises:
-        RecordingError: the file is missing, damaged, of another format, or holds another number of recordings.
-    """
-    content = read_log(path)
-    found = [*content.recordings, *([] if content.unfinished is None else [content.unfinished])]
-    if len(found) != 1:
-        raise RecordingError(f"{str(path)!r} holds {len(found)} recordings where one is expected")
-    return found[0]
-
-
 @dataclass
 class LoggedPiece:
     """Messages of one piece, by topic, under what its entry says."""

@@ -16,6 +16,9 @@ from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import verdict_of
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, RobotInertia, components
 
+BODIES = tuple(field.name for field in dataclasses.fields(RobotInertia))
+"""The bodies that are told of, by name; attributes of a result."""
+
 _UNITS = ("kg", *3 * ("m",), *6 * ("kg m2",))
 
 
@@ -260,15 +263,12 @@ def parameters_from_dict(table: Mapping[str, Any]) -> InertialParameters:
 
 def inertia_to_dict(inertia: RobotInertia) -> dict[str, Any]:
     """JSON form of the three bodies."""
-    return {name: parameters_to_dict(getattr(inertia, name)) for name in _BODIES}
+    return {name: parameters_to_dict(getattr(inertia, name)) for name in BODIES}
 
 
 def inertia_from_dict(table: Mapping[str, Any]) -> RobotInertia:
     """From the JSON form."""
-    return RobotInertia(**{name: parameters_from_dict(table[name]) for name in _BODIES})
-
-
-_BODIES = tuple(field.name for field in dataclasses.fields(RobotInertia))
+    return RobotInertia(**{name: parameters_from_dict(table[name]) for name in BODIES})
 
 
 def _components_of(table: Mapping[str, Any]) -> FloatArray:

@@ -18,7 +18,7 @@ from equipoise._version import __version__
 from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.recording.recording import Recording
-from equipoise.result.body import Body, inertia_from_dict, inertia_to_dict
+from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
 from equipoise.result.findings import Check, JointFindings, SensorFinding
 from equipoise.result.quantity import Quantity
 from equipoise.robot.inertial import InertialParameters, RobotInertia
@@ -26,8 +26,6 @@ from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
 
 Maybe = float | None
-BODIES = ("composite", "base", "stance_effective")
-"""Attributes of a result that are bodies."""
 
 SCHEMA = "equipoise.calibration/3"
 _BEFORE = "equipoise.calibration/2"
@@ -112,11 +110,9 @@ class Evidence:
     """What the pictures show: too large for the JSON file, and made again from the recordings. Methods add theirs.
 
     Attributes:
-        feet_in_base: (4, 3) centres of the feet at the nominal stance, in the base frame [m].
         recordings: recordings that were estimated from, in order.
     """
 
-    feet_in_base: FloatArray
     recordings: tuple[Recording, ...]
 
 

@@ -153,7 +153,8 @@ def plane_lines(frame: Frame, stance: Stance) -> FloatArray:
     if frame.estimate is None:
         return np.empty((0, 2, 3))
     lines: list[FloatArray] = []
-    for plane in frame.planes:
+    for lift in frame.planes:
+        plane = lift.plane
         along = np.cross(plane.normal, [0, 0, 1.0])
         along *= _LINE_LENGTH * stance.scale.length / float(np.linalg.norm(along))
         across = plane.normal * [1, 1, 0]

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.experiments.tilt import SupportPlane
 from equipoise.figures.plan_view import Ellipse, PlanLine, PlanMark, PlanView
 from equipoise.method.reading import ComEstimate, LiftPlane
 from equipoise.view.colours import COM, VERDICTS, html
@@ -43,10 +42,7 @@ def seen_from_above(
     model = PlanMark("model", "model file", nominal_com_in_base[:2])
     newest = history[-1] if history else None
     com = nominal_com_in_base if newest is None else newest.com
-    lifts = [
-        PlanLine.cut(plane.diagonal, SupportPlane(plane.point, plane.normal), float(com[2]), plane.verdict)
-        for plane in planes
-    ]
+    lifts = [PlanLine.cut(lift.diagonal, lift.plane, float(com[2]), lift.verdict) for lift in planes]
     trail = np.array([estimate.com[:2] for estimate in history]).reshape(-1, 2)
     marks = (model,) if newest is None else (_found(newest), model)
     return PlanView(marks, com[:2], _half_width(newest), tuple(lifts), trail=trail)
