@@ -71,14 +71,11 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
         "document.querySelector('#numbers .scroll').scrollWidth <= document.querySelector('#numbers').clientWidth"
     )
     page.evaluate(DRAW_ALL)
-    page.wait_for_timeout(300)
-    drawn = page.evaluate(DRAWN)
-    assert len(drawn) >= FIGURES[kind]
-    assert all(drawn)
+    page.wait_for_function(f"{DRAWN}.every(Boolean)")
+    assert len(page.evaluate(DRAWN)) >= FIGURES[kind]
     assert page.locator("#plan-view svg ellipse").count() == {"precise": 1, "paper": 0, "comparison": 1}[kind]
     page.set_viewport_size({"width": 400, "height": 800})
-    page.wait_for_timeout(300)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.wait_for_function("document.documentElement.scrollWidth <= 400")
 
 
 def test_the_theme_is_the_systems_until_the_button_says_otherwise(visit, pages):
@@ -120,8 +117,7 @@ def test_the_scene_looks_at_the_robot_or_at_the_com(visit, pages):
     width = "(() => { const [a, b] = figures.find((f) => f.block.webgl).plot._fullLayout.scene.xaxis.range; return b - a; })()"
     far = page.evaluate(width)
     page.get_by_role("button", name="around the CoM").click()
-    page.wait_for_timeout(300)
-    assert page.evaluate(width) < far / 5
+    page.wait_for_function(f"{width} < {far / 5}")
 
 
 def test_without_webgl_a_sentence_stands_in_for_the_scene(visit, pages):

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
 from equipoise import Precise, calibrate, find_delta, load_robot, nominal_stance, simulate
@@ -49,6 +50,7 @@ def draw_bisection() -> Figure:
         left.plot([], [], "^", color=colour, label=f"on {diagonal.replace('_', ' and ')}")
     left.set_title("The bracket closes")
     left.set_xlabel("lift")
+    left.xaxis.set_major_locator(MaxNLocator(integer=True))
     left.set_ylabel("offset of the support line [mm]")
     left.set_ylim(-42, 42)
     left.grid(axis="y")
@@ -104,10 +106,11 @@ def draw_tipping() -> Figure:
         )
         colour = ORANGE if trial.verdict == "forward" else BLUE
         axes.plot(time, angle, color=colour, linewidth=1.6)
-        axes.annotate(f"{1000 * trial.offset:+.0f} mm", (time[-1], angle[-1]), (4, 0), textcoords="offset points",
-                      fontsize=9, color=colour, va="center")  # fmt: skip
+        above = trial.verdict == "forward"
+        axes.annotate(f"{1000 * trial.offset:+.0f} mm", (time[-1], angle[-1]), (0, 4 if above else -4), fontsize=9,
+                      textcoords="offset points", color=colour, ha="center", va="bottom" if above else "top")  # fmt: skip
     axes.axhline(0, color=FAINT, linewidth=1)
-    axes.margins(x=0.12)
+    axes.margins(x=0.05, y=0.15)
     axes.set_xlabel("time since two feet began to rise [s]")
     axes.set_ylabel("turned about the line [deg]")
     axes.annotate("forward", (0.01, 0.95), xycoords="axes fraction", color=ORANGE, fontsize=9, va="top")
