@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from equipoise import simulate
+from equipoise.drivers import checkup
 from equipoise.drivers.checkup import examine, joint_table, watch
+from equipoise.errors import CommunicationError
 from equipoise.platform.platform import Health
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
@@ -78,6 +80,14 @@ def test_watching_gives_each_sample_once_and_no_commands(a1):
     assert whole.commands is None
     assert np.allclose(np.diff(whole.joints.time), simulation.platform.control_period)
     assert whole.duration == pytest.approx(1.1, abs=0.01)
+
+
+def test_a_clock_that_stands_still_ends_the_look(a1, monkeypatch):
+    monkeypatch.setattr(checkup, "_PATIENCE", 0.05)
+    with simulate(a1, "realistic", seed=2) as simulation:
+        stopped = Altered(simulation.platform, with_(time=lambda state: 1.5))
+        with pytest.raises(CommunicationError, match=r"time has been 1\.5 s for 0\.05 s: its clock stands still"):
+            examine(stopped, a1)
 
 
 def test_the_joint_table_has_every_joint_once(a1):

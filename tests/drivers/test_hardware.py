@@ -10,7 +10,7 @@ from guarded import MemoryLink, hold, is_damped
 from equipoise import nominal_stance, simulate
 from equipoise.drivers import hardware
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.errors import MotionError, OverrunError
+from equipoise.errors import CommunicationError, LimitError, MotionError, OverrunError
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import JointCommand
 
@@ -41,6 +41,32 @@ def test_a_command_that_slept_on_its_way_is_not_sent(platform, link, stand, monk
     with pytest.raises(OverrunError, match=r"^this program stood still for \d{3} ms while the robot moved$"):
         platform.step(replace(stand, kp=np.ones(12)))
     assert link.sent[-1].kp is sent.kp is None
+
+
+@pytest.mark.parametrize(
+    ("raised", "error", "message"),
+    [
+        (
+            OSError("no route"),
+            CommunicationError,
+            "platform 'a robot in memory' cannot be reached: {} fails (no route)",
+        ),
+        (KeyError("motor"), MotionError, "platform 'a robot in memory': {} fails (KeyError: 'motor')"),
+        (LimitError("too far"), LimitError, "too far"),
+    ],
+)
+@pytest.mark.parametrize("method", ["receive", "send", "release"])
+def test_what_a_link_of_somebody_raises_is_an_error_of_ours(
+    platform, link, stand, monkeypatch, method, raised, error, message
+):
+    def fail(*arguments):
+        raise raised
+
+    platform.step(stand)
+    monkeypatch.setattr(link, method, fail)
+    with pytest.raises(error) as caught:
+        platform.close() if method == "release" else platform.step(stand)
+    assert str(caught.value) == message.format(method)
 
 
 def test_closing_releases_once_and_sends_no_more(platform, link, stand):

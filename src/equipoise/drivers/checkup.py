@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from equipoise.conventions import AT_REST_IN_UNITS_OF_G, GRAVITY, WELL_SCALED_ACCELERATION_AT_REST, FloatArray
+from equipoise.errors import CommunicationError
 from equipoise.platform.platform import JointCommand, Platform, RobotState
 from equipoise.platform.stepping import recording_of
 from equipoise.recording.recording import Recording
@@ -20,6 +21,7 @@ from equipoise.robot.stance import lies, nominal_stance
 from equipoise.robot.statics import carried_mass
 
 _PIECE_TIME = 0.25  # [s]
+_PATIENCE = 3.0  # [s] with a clock that stands still; links that notice silence do so before
 _SLOWEST = 100.0  # [Hz] below which a lift is too quick to be seen
 _JITTER = 5e-3  # [s]
 _LEAN = np.radians(
@@ -75,12 +77,16 @@ def watch(
     Args:
         duration: time to watch [s]; None: until the caller has seen enough.
         arrived: list that takes the times at which samples arrived, by this computer's clock [s].
+
+    Raises:
+        CommunicationError: nothing arrives, or the robot's clock stands still.
     """
     begin = platform.read()
     hold = JointCommand(begin.joint_position)
     states, last = [begin], None
     end = np.inf if duration is None else begin.time + duration
     piece_end = begin.time + _PIECE_TIME
+    moved = time.monotonic()
     while states[-1].time < end:
         if begin.received is None:
             state = platform.step(hold)
@@ -89,6 +95,13 @@ def watch(
             state = platform.read()
         if arrived is not None and state is not states[-1]:
             arrived += [sample.received for sample in (*state.earlier, state) if sample.received is not None]
+        if state.time > states[-1].time:
+            moved = time.monotonic()
+        elif time.monotonic() - moved > _PATIENCE:
+            raise CommunicationError(
+                f"the robot's time has been {state.time:.6g} s for {_PATIENCE:g} s: its clock stands still, or nothing comes. "
+                "Is the robot on? A driver that has the setting tick takes samples' times of arrival with tick=0"
+            )
         states.append(state)
         if state.time >= min(piece_end, end):
             yield _piece(robot, states, last)

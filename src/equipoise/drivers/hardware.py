@@ -11,6 +11,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
+from equipoise.drivers.foreign import translated
 from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.platform.platform import JointCommand, RobotState, TiltLimit, Trajectory
 from equipoise.platform.stepping import play_by_stepping
@@ -195,10 +196,10 @@ class HardwarePlatform:
         self._closed = True
         try:
             if self.commanded:  # who only looked has nothing to give back
-                self._link.release()
+                translated(self.name, "release", self._link.release)
         finally:
-            self._link.close()
             sys.setswitchinterval(self._turn)
+            translated(self.name, "close", self._link.close)
 
     def __enter__(self) -> HardwarePlatform:
         return self
@@ -209,19 +210,22 @@ class HardwarePlatform:
     def _send(self, command: JointCommand) -> None:
         if self._closed:
             raise MotionError(f"{self.name} is closed; open it again to move it")
-        self._link.send(command)
+        translated(self.name, "send", lambda: self._link.send(command))
         self.commanded = True
+
+    def _receive(self) -> list[RobotState]:
+        return translated(self.name, "receive", self._link.receive)
 
     def _sense(self, patience: float) -> RobotState:
         """The newest sample, the others that arrived in `earlier`; waits for one if none has arrived.
 
         The newest is the one that was taken last: a sample that others overtook on the way is no news.
         """
-        arrived = self._link.receive()
+        arrived = self._receive()
         until = time.monotonic() + patience
         while not arrived and time.monotonic() < until:
             time.sleep(0.5e-3)
-            arrived = self._link.receive()
+            arrived = self._receive()
         if arrived:
             known = () if self._newest is None else (self._newest,)
             newest = max((*reversed(arrived), *known), key=lambda sample: sample.time)

@@ -10,8 +10,9 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.checkup import CheckupFinding, foretold
+from equipoise.drivers.foreign import translated
 from equipoise.drivers.settings import read_values, settings_of_constructor
-from equipoise.errors import CommunicationError, EquipoiseError, MotionError, PluginError, SensorError
+from equipoise.errors import CommunicationError, EquipoiseError, PluginError, SensorError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
 from equipoise.robot.model import RobotModel
@@ -74,14 +75,14 @@ class HomeBuilt(SteppedPlatform):
         return self._sensed("step", lambda: self._inner.step(command))
 
     def close(self) -> None:
-        self._done("close", self._inner.close)
+        translated(self.name, "close", self._inner.close)
 
     def foretell(self) -> list[CheckupFinding]:
         """What it knows of what its first command will meet; commands nothing."""
         return foretold(self._inner)
 
     def _sensed(self, what: str, act: Callable[[], Any]) -> RobotState:
-        state = self._done(what, act)
+        state = translated(self.name, what, act)
         if not isinstance(state, RobotState):
             raise SensorError(f"platform {self.name!r}: {what} gives a {type(state).__name__}; it must be a RobotState")
         joints = (len(self.joint_names),)
@@ -96,14 +97,3 @@ class HomeBuilt(SteppedPlatform):
                     f"platform {self.name!r}: {what} gives as {field} {found}; it must be an array of shape {shape}"
                 )
         return state
-
-    def _done(self, what: str, act: Callable[[], Any]) -> Any:
-        """What a foreign method returns; whatever it raises, the error is ours."""
-        try:
-            return act()
-        except EquipoiseError:
-            raise
-        except OSError as error:
-            raise CommunicationError(f"platform {self.name!r} cannot be reached: {what} fails ({error})") from error
-        except Exception as error:
-            raise MotionError(f"platform {self.name!r}: {what} fails ({type(error).__name__}: {error})") from error

@@ -1,0 +1,33 @@
+"""Code of other people: whatever it raises, the error is ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from equipoise.errors import CommunicationError, EquipoiseError, MotionError
+
+Returned = TypeVar("Returned")
+
+
+def translated(name: str, what: str, act: Callable[[], Returned]) -> Returned:
+    """What a method of a platform or of a driver's link returns.
+
+    Args:
+        name: name of the platform.
+        what: name of the method.
+        act: what calls it.
+
+    Raises:
+        EquipoiseError: as it was raised.
+        CommunicationError: it raised an OSError.
+        MotionError: it raised something else.
+    """
+    try:
+        return act()
+    except EquipoiseError:
+        raise
+    except OSError as error:
+        raise CommunicationError(f"platform {name!r} cannot be reached: {what} fails ({error})") from error
+    except Exception as error:
+        raise MotionError(f"platform {name!r}: {what} fails ({type(error).__name__}: {error})") from error
