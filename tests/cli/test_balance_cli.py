@@ -7,7 +7,7 @@ import pytest
 from equipoise.cli import main
 from equipoise.cli.balance import metres
 from equipoise.errors import SettingsError
-from equipoise.recording.run_log_reader import load_recording
+from equipoise.recording.run_log_reader import read_log
 from equipoise.simulation.mujoco import MujocoPlatform
 
 SHORT = ["--duration", "1s", "--quiet", "--noise", "ideal"]
@@ -80,7 +80,7 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(MujocoPlatform, "step", interrupted)
     assert main(["balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
     assert f"what was recorded so far is kept in {tmp_path / 'run'}" in capsys.readouterr().err
-    recording = load_recording(tmp_path / "run" / "balance-FL_RR-broken-off.mcap")
+    (recording,) = read_log(tmp_path / "run" / "balance-FL_RR-broken-off.mcap").recordings
     assert recording.has_phase("lower")
     assert recording.joints.time[-1] > stopped[0]
 
