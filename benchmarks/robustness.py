@@ -1,0 +1,304 @@
+"""What each effect of the world does to a result, and whether anybody is told: `make bench-robustness`.
+
+The preset `realistic` with one effect of the table besides (docs/method/world.md), at half, once and twice the size that it is
+tried with on an A1 and once on a Go2 and an ANYmal C; the presets `ideal` and `realistic` alone, and `stress`; by the precise
+method for 120 s of an A1's robot time, with a payload drawn from the seed and a scale that errs by 0.5 %. Each run appends a
+row to benchmarks/results/robustness.jsonl: interrupted, it goes on where it was. benchmarks/results/robustness.md is made from
+the rows.
+
+    python benchmarks/robustness.py                   # what is missing, then the page
+    python benchmarks/robustness.py --first 2         # the first two seeds of every case only
+    python benchmarks/robustness.py --only springs    # cases of some effects only
+    python benchmarks/robustness.py --keep DIR        # keep the recordings; with --again, estimate kept ones anew
+    python benchmarks/robustness.py --check 5         # five rows at random again; fails if one moved
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import random
+import shutil
+import sys
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
+    os.environ.setdefault(_name, "1")
+
+import numpy as np
+from accuracy import payload_of, rms, rounded
+from commit import commit
+
+from equipoise import Calibration, Precise, RobotModel, RunFolder, calibrate, estimate, load_robot, nominal_stance, simulate
+from equipoise.errors import EquipoiseError
+from equipoise.robot.inertial import RobotInertia
+from equipoise.robot.scale import Scale
+from equipoise.simulation.effects import IDEAL, REALISTIC, STRESS, SensorErrors
+
+RESULTS = Path(__file__).parent / "results"
+ROWS = RESULTS / "robustness.jsonl"
+SEEDS = range(10_000, 10_012)
+FACTORS = {"unitree_a1": (1.0, 0.5, 2.0), "go2": (1.0,), "anymal_c": (1.0,)}
+ALONE = ("ideal", "realistic")  # presets as they are, for false alarms
+BUDGET = 120.0  # [s] on an A1
+SCALE = 0.005  # a scale's error, as a fraction
+SILENT = 4.0  # standard deviations off, with every check green
+MOVED = 0.02  # standard deviations, by which a row made again may differ
+EFFECTS = tuple(row.name for row in SensorErrors.rows() if row.by_itself != row.realistic)
+"""Those that `realistic` does not have, or has smaller."""
+
+Row = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: an effect or a preset, so many times, on a robot; the seed draws payload, world, sensors and scale."""
+
+    name: str
+    factor: float
+    robot: str
+    seed: int
+
+    @property
+    def key(self) -> str:
+        return f"{self.robot}/{self.name}/{self.factor:g}/{self.seed}"
+
+    def sizes(self, scale: Scale) -> SensorErrors:
+        """What the simulated robot has."""
+        if self.name in ALONE:
+            return {"ideal": IDEAL, "realistic": REALISTIC}[self.name].scaled_to(scale)
+        if self.name == "stress":
+            varied = [name for name in EFFECTS if SensorErrors.row(name).varied and SensorErrors.row(name).alone is None]
+            return STRESS.scaled_to(scale).times(dict.fromkeys(varied, self.factor))
+        return REALISTIC.scaled_to(scale).having({self.name: None}, scale).times({self.name: self.factor})
+
+
+def cases(seeds: Sequence[int], only: Sequence[str]) -> list[Case]:
+    """All of them, seed by seed: half a benchmark is a smaller one."""
+    named = [
+        (name, factor, robot)
+        for robot, factors in FACTORS.items()
+        for factor in factors
+        for name in (*ALONE, "stress", *EFFECTS)
+        if (factor == 1.0 or name not in ALONE) and (not only or name in only)
+    ]
+    return [Case(*which, seed) for seed in seeds for which in named]
+
+
+@cache
+def robot_called(name: str) -> RobotModel:
+    return load_robot(name)
+
+
+def run(case: Case, keep: Path | None, again: bool) -> Row:
+    """One row."""
+    warnings.simplefilter("ignore")
+    robot = robot_called(case.robot)
+    scale = nominal_stance(robot).scale
+    generator = np.random.default_rng([case.seed, 77])
+    payload = payload_of(robot, generator)
+    row: Row = {"key": case.key, **dataclasses.asdict(case), "payload": payload, "commit": commit()}
+    try:
+        with simulate(robot, case.sizes(scale), payload, case.seed) as simulation:
+            truth = simulation.truth
+            weighed = truth.composite.mass * (1 + SCALE * generator.standard_normal())
+            settings = Precise(budget=BUDGET * scale.time, mass=weighed, mass_sd=SCALE * weighed)
+            folder = None if keep is None else keep / case.key.replace("/", "-")
+            if again and folder is not None and (folder / "truth.json").exists():
+                result = estimate(robot, RunFolder.open(folder).recordings(), settings)
+            elif folder is None:
+                result = calibrate(simulation.platform, robot, settings)
+            else:
+                result = _kept(simulation.platform, robot, settings, truth, folder)
+    except EquipoiseError as error:
+        return {**row, "failed": f"{type(error).__name__}: {error}"}
+    return row | told(result.with_truth(truth))
+
+
+def _kept(platform: object, robot: RobotModel, settings: Precise, truth: RobotInertia, folder: Path) -> Calibration:
+    shutil.rmtree(folder, ignore_errors=True)  # of a run that was cut short
+    with RunFolder.create(folder, robot, settings, {}) as store:
+        store.save_truth(truth)
+        return calibrate(platform, robot, settings, store.keep)
+
+
+def told(result: Calibration) -> Row:
+    """What a user reads of the whole robot, beside the truth; every interval is the one that is printed."""
+    body = list(result.composite)
+    return {
+        "truth": [quantity.truth for quantity in body],
+        "error": [quantity.error for quantity in body],
+        "sd": [quantity.deviation for quantity in body],
+        "holds": [not quantity.missed for quantity in body],
+        "verdict": [quantity.verdict for quantity in body],
+        "file_error": [quantity.model - quantity.truth for quantity in body],
+        "alarms": [check.name for check in result.checks if not check.passed],
+        "robot_time": sum(trial.duration for trial in result.trials),
+    }
+
+
+def deviates(row: Row) -> np.ndarray:
+    """(10,) errors in standard deviations."""
+    return np.array(row["error"]) / np.array(row["sd"])
+
+
+def is_silent(row: Row) -> bool:
+    """Whether something is far off and no check says so."""
+    return not row["alarms"] and bool(np.abs(deviates(row)).max() > SILENT)
+
+
+def in_units(row: Row, name: str) -> np.ndarray:
+    """(7,) errors: mass in %, CoM in mm, moments of inertia in %."""
+    true = np.array(row["truth"])[:7]
+    return np.array(row[name])[:7] * np.concatenate([[100 / true[0]], [1000.0] * 3, 100 / true[4:7]])
+
+
+HEAD = (
+    "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | hold | doubtful | "
+    "checks | silent |"
+)
+
+
+def line(label: str, size: str, rows: Sequence[Row]) -> str:
+    """A line of the table."""
+    good = [row for row in rows if "failed" not in row]
+    runs = f"{len(good)}" if len(good) == len(rows) else f"{len(good)} of {len(rows)}"
+    if not good:
+        return f"| {label} | {size} | {runs} |" + " - |" * 9
+    ours, file = (rms(np.array([in_units(row, name) for row in good])) for name in ("error", "file_error"))
+    doubtful = np.mean([[verdict == "doubtful" for verdict in row["verdict"]] for row in good])
+    worse = ours > file
+    cells = [f"**{value:.2f}**" if bad and doubtful < 1 else f"{value:.2f}" for value, bad in zip(ours, worse, strict=True)]
+    alarms = Counter(alarm for row in good for alarm in row["alarms"])
+    fired = sum(bool(row["alarms"]) for row in good)
+    names = ", ".join(f"{name} {count}" for name, count in alarms.most_common())
+    return (
+        f"| {label} | {size} | {runs} | {cells[0]} | {' '.join(cells[1:4])} | {' '.join(cells[4:])} | {file[0]:.1f}; "
+        f"{' '.join(f'{value:.1f}' for value in file[1:4])}; {' '.join(f'{value:.1f}' for value in file[4:])} | "
+        f"{max(np.abs(deviates(row)).max() for row in good):.1f} | {np.mean([row['holds'] for row in good]):.0%} | "
+        f"{doubtful:.0%} | {fired} {names} | {sum(map(is_silent, good))} |"
+    )
+
+
+def size_of(name: str, factor: float) -> str:
+    """The size on an A1 in words."""
+    if name in ALONE or name == "stress":
+        return f"{factor:g} x"
+    effect = SensorErrors.row(name)
+    return f"{effect.times(effect.by_itself, factor):.3g} {effect.unit}".strip()
+
+
+def tables(rows: Sequence[Row]) -> list[str]:
+    """A table for each robot and factor."""
+    text: list[str] = []
+    for robot, factors in FACTORS.items():
+        for factor in sorted(factors):
+            text += ["", f"## {robot}, {factor:g} times the size", "", HEAD, "|" + "---|" * (HEAD.count("|") - 1)]
+            for name in (*ALONE, "stress", *EFFECTS):
+                of = [row for row in rows if (row["robot"], row["factor"], row["name"]) == (robot, factor, name)]
+                text += [line(name, size_of(name, factor), of)] if of else []
+    return text
+
+
+def verdict(rows: Sequence[Row]) -> list[str]:
+    """The figures that were asked for."""
+    good = [row for row in rows if "failed" not in row]
+    silent = [row for row in good if is_silent(row)]
+    text = [f"- Silent runs (an error above {SILENT:g} sd with every check green): **{len(silent)} of {len(good)}**."]
+    first = {}
+    for row in sorted(silent, key=lambda row: row["factor"]):
+        first.setdefault((row["robot"], row["name"]), row["factor"])
+    if first:
+        sizes = (f"{name} on {robot} at {size_of(name, factor)}" for (robot, name), factor in first.items())
+        text.append(f"- Smallest size at which a run is silent: {'; '.join(sizes)}.")
+    for name, factor in (("ideal", 1.0), ("realistic", 1.0), ("stress", 0.5)):
+        of = [row for row in good if (row["name"], row["factor"]) == (name, factor)]
+        if of:
+            fired = sum(bool(row["alarms"]) for row in of)
+            text.append(f"- A check fires on `{name}` at {factor:g} times the size: {fired} of {len(of)}.")
+    return text
+
+
+ABOUT = """# What the world does to a result, and whether anybody is told
+
+`make bench-robustness`; rows made at commit {commits}; {seeds}. The preset `realistic` with one effect besides, a payload drawn
+from the seed, a scale of 0.5 %, the precise method, 120 s of an A1's robot time. Sizes are an A1's; what they are and why is in
+[docs/method/world.md](../../docs/method/world.md). Errors are root mean square, of the whole robot; *file*: the same of the
+model file, which does not know the payload. **Bold**: worse than the file. *Hold*: share of all ten 95 % intervals, as printed,
+that hold the truth; all runs count. *Doubtful*: share of the values whose verdict says so. *Checks*: runs in which one fired,
+and which. *Silent*: runs with an error above {silent:g} standard deviations and no check.
+"""
+
+
+def page(rows: Sequence[Row]) -> str:
+    """The page."""
+    commits = ", ".join(sorted({str(row["commit"]) for row in rows}))
+    used = sorted({int(str(row["seed"])) for row in rows})
+    about = ABOUT.format(commits=commits, seeds=f"seeds {used[0]} to {used[-1]}", silent=SILENT)
+    failed = [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]
+    return "\n".join([about, *verdict(rows), *tables(rows), *(["", "Ended by name:", "", *failed] if failed else []), ""])
+
+
+def load_rows() -> dict[str, Row]:
+    text = ROWS.read_text(encoding="utf-8") if ROWS.exists() else ""
+    return {row["key"]: row for row in map(json.loads, text.splitlines())}
+
+
+def moved(case: Case, before: Row) -> str | None:
+    """By what a row differs from the same made again; None: by rounding."""
+    now = rounded(run(case, None, again=False))
+    if "failed" in before or "failed" in now:
+        return None if before.get("failed") == now.get("failed") else f"{before.get('failed')} -> {now.get('failed')}"
+    change = np.abs(np.array(now["error"]) - np.array(before["error"])) / np.array(before["sd"])
+    return None if change.max() < MOVED else f"by {change.max():.2f} sd"
+
+
+def check(rows: dict[str, Row], count: int) -> int:
+    """Some rows again; the number that moved."""
+    chosen = random.sample(sorted(rows), min(count, len(rows)))
+    fields = [field.name for field in dataclasses.fields(Case)]
+    found = {key: moved(Case(**{name: rows[key][name] for name in fields}), rows[key]) for key in chosen}
+    for key, how in found.items():
+        print(key, how or "as before", flush=True)
+    return sum(how is not None for how in found.values())
+
+
+def made(missing: Iterable[Case], keep: Path | None, again: bool) -> Iterable[Row]:
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for future in as_completed([pool.submit(run, case, keep, again) for case in missing]):
+            yield rounded(future.result())
+
+
+def main() -> None:
+    """What is missing, then the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--first", type=int, default=len(SEEDS), metavar="N", help="seeds of every case")
+    parser.add_argument("--only", nargs="*", default=[], metavar="EFFECT", help="effects and presets")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder for recordings")
+    parser.add_argument("--again", action="store_true", help="estimate kept recordings again")
+    parser.add_argument("--tables", action="store_true", help="the page only")
+    parser.add_argument("--check", type=int, metavar="N", help="make N rows again and compare")
+    given = parser.parse_args()
+    rows = load_rows()
+    if given.check:
+        sys.exit(check(rows, given.check))
+    wanted = [] if given.tables else cases(SEEDS[: given.first], given.only)
+    for row in made([case for case in wanted if given.again or case.key not in rows], given.keep, given.again):
+        rows[str(row["key"])] = row
+        with ROWS.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        print(row["key"], row.get("failed") or f"largest z {np.abs(deviates(row)).max():.1f} {row['alarms']}", flush=True)
+    (RESULTS / "robustness.md").write_text(page(list(rows.values())), encoding="utf-8")
+    print(*verdict(list(rows.values())), sep="\n")
+
+
+if __name__ == "__main__":
+    main()
