@@ -5,13 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from equipoise import simulate
+from equipoise import SensorErrors, nominal_stance, simulate
 from equipoise.drivers import checkup
 from equipoise.drivers.checkup import examine, joint_table, watch
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import Health
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.recording import Recording
+from equipoise.simulation.mujoco import MujocoPlatform
+from equipoise.simulation.mujoco_model import build_simulated_robot
+from equipoise.simulation.sensors import DrawnErrors
 
 
 class Altered(PlatformWrapper):
@@ -80,6 +83,16 @@ def test_watching_gives_each_sample_once_and_no_commands(a1):
     assert whole.commands is None
     assert np.allclose(np.diff(whole.joints.time), simulation.platform.control_period)
     assert whole.duration == pytest.approx(1.1, abs=0.01)
+
+
+def test_what_few_samples_hide_is_said(a1):
+    stance = nominal_stance(a1)
+    simulated = build_simulated_robot(a1, stance, DrawnErrors.draw(SensorErrors(), 12, 0), None, 1e-3)
+    with MujocoPlatform(a1, simulated, stance, control_period=5e-3) as platform:
+        findings = {finding.name: finding for finding in examine(platform, a1, 1.0)}
+    for name in ("joint samples", "IMU samples"):
+        assert findings[name].fine is None
+        assert "250 Hz and more are better" in findings[name].advice
 
 
 def test_a_clock_that_stands_still_ends_the_look(a1, monkeypatch):

@@ -23,6 +23,7 @@ from equipoise.robot.statics import carried_mass
 _PIECE_TIME = 0.25  # [s]
 _PATIENCE = 3.0  # [s] with a clock that stands still; links that notice silence do so before
 _SLOWEST = 100.0  # [Hz] below which a lift is too quick to be seen
+_USUAL = 250.0  # [Hz] below which what happens between samples makes heights err by millimetres
 _JITTER = 5e-3  # [s]
 _LEAN = np.radians(
     6
@@ -170,7 +171,12 @@ def _rate(name: str, times: FloatArray) -> CheckupFinding:
     rate, longest = 1 / float(np.median(steps)), float(steps.max())
     value = f"{rate:.0f} Hz, jitter {steps.std() * 1000:.2f} ms, longest gap {longest * 1000:.1f} ms"
     fine = rate >= _SLOWEST and float(np.quantile(steps, 0.99)) - float(np.median(steps)) < _JITTER
-    return CheckupFinding(name, value, fine, "" if fine else "lifts are short: use a cable, and at least 100 Hz")
+    if not fine:
+        return CheckupFinding(name, value, False, f"lifts are short: use a cable, and at least {_SLOWEST:.0f} Hz")
+    if rate < _USUAL:
+        advice = f"heights may err by millimetres more than is said: {_USUAL:.0f} Hz and more are better"
+        return CheckupFinding(name, value, None, advice)
+    return CheckupFinding(name, value, True)
 
 
 def _arrival(arrived: FloatArray, stamps: FloatArray) -> list[CheckupFinding]:

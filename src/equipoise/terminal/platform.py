@@ -34,9 +34,10 @@ def print_checkup(
     for finding in findings:
         looked.add_row(_MARKS[finding.fine], finding.name, escape(finding.value))
     console.print(looked)
-    wrong = [finding for finding in findings if finding.fine is False]
-    for finding in wrong:
-        console.print(f"{finding.name}: {escape(finding.advice)}")
+    for finding in findings:
+        if finding.advice:
+            console.print(f"{finding.name}: {escape(finding.advice)}")
+    wrong = any(finding.fine is False for finding in findings)
     console.print("nothing was moved" if wrong else "nothing was moved; nothing speaks against a calibration")
 
 
