@@ -39,7 +39,8 @@ LEVEL = {name: level for level, names in enumerate(FLOORS) for name in names}
 ENGINES = {
     "mujoco": {
         "simulation/mujoco.py", "simulation/mujoco_model.py", "simulation/mujoco_truth.py", "simulation/simulation.py",
-        "simulation/disturbance.py",
+        "simulation/disturbance.py", "simulation/mujoco_contacts.py", "simulation/mujoco_drive.py",
+        "simulation/mujoco_legs.py",
     },
     "dartpy": {
         "simulation/dart.py", "simulation/dart_links.py", "simulation/dart_model.py", "simulation/dart_truth.py",

@@ -34,6 +34,8 @@ from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation import mujoco_model
+from equipoise.simulation.leg_errors import LegErrors
+from equipoise.simulation.mujoco_contacts import add_contacts
 from equipoise.simulation.sensors import IDEAL, REALISTIC, DrawnErrors
 from peers.filtered import kind_of
 
@@ -274,7 +276,7 @@ def nominal_spec(robot: RobotModel, stance: Stance) -> mujoco.MjSpec:
     base = mujoco_model._floating_base(spec, robot)
     mujoco_model._strip(spec)
     mujoco_model._weld_held_joints(spec, robot)
-    mujoco_model._add_contacts(spec, robot, stance, base, errors)
+    add_contacts(spec, robot, stance, base, errors, LegErrors.of(robot, stance, errors), "own")
     mujoco_model._add_actuators_and_sensors(spec, robot, base, errors)
     mujoco_model.set_options(spec, mujoco_model.TIMESTEP)
     spec.option.gravity = [0, 0, -9.81]

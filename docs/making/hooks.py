@@ -16,6 +16,7 @@ from formulas import with_formulas
 
 from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TorqueBlock
 from equipoise.precise.unknowns import Priors
+from equipoise.simulation.effects import SensorErrors
 
 ROOT = Path(__file__).parents[2]
 _SHOWN = ("CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/results/**/*.md", "benchmarks/results/**/*.png")
@@ -23,6 +24,7 @@ _LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 _PICTURE = re.compile(r"!\[([^\]]*)\]\((\S+?\.svg)\)")
 _ROWS = re.compile(r"^<!-- rows of (\S+), table (\d+): (.+) -->$", re.MULTILINE)
 _UNKNOWNS = "<!-- table of unknowns -->"
+_EFFECTS = "<!-- table of effects -->"
 _EVIDENCE = {"lifts": TiltBlock, "moves": PlantedBlock, "torques": TorqueBlock}
 
 
@@ -38,7 +40,7 @@ def on_files(files, config):
 def on_page_markdown(markdown, page, config, files):
     """The page as MkDocs wants it."""
     markdown = _ROWS.sub(lambda found: rows(ROOT / found[1], int(found[2]), found[3]), markdown)
-    markdown = markdown.replace(_UNKNOWNS, unknowns())
+    markdown = markdown.replace(_UNKNOWNS, unknowns()).replace(_EFFECTS, effects())
     here = posixpath.dirname(_in_repository(page.file.src_uri))
     markdown = _PICTURE.sub(lambda found: _inlined(found[1], ROOT / posixpath.normpath(f"{here}/{found[2]}")), markdown)
     markdown = _LINK.sub(lambda found: _linked(found[1], page.file.src_uri, here), markdown)
@@ -64,6 +66,25 @@ def unknowns() -> str:
         enters = ", ".join(name for name, block in _EVIDENCE.items() if row.name in block.depends_on)
         lines.append(f"| `{row.name}`: {row.meaning} | {row.each.name} | {prior} | {row.source} | {enters} |")
     return "\n".join(lines)
+
+
+def effects() -> str:
+    """The simulation's table of effects."""
+    lines = [
+        "| what | one for each | size is | `realistic` | `stress` | by itself | grows with | why | engines |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in SensorErrors.rows():
+        sizes = (row.realistic, row.in_stress, row.by_itself)
+        cells = [f"`{row.name}`: {row.meaning}", row.each.name, row.law.name]
+        cells += ["" if size == row.none else f"{_short(size)} {row.unit}".strip() for size in sizes]
+        lines.append("| " + " | ".join([*cells, row.measure.name, row.source, ", ".join(row.engines)]) + " |")
+    return "\n".join(lines)
+
+
+def _short(size: float) -> str:
+    """Three digits, and no exponents for what is large."""
+    return f"{size:.0f}" if size >= 100 else f"{size:.3g}"
 
 
 def _in_repository(uri: str) -> str:

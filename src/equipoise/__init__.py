@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from equipoise.robot.inertial import InertialParameters
     from equipoise.robot.model import RobotModel
     from equipoise.robot.stance import Stance, nominal_stance
+    from equipoise.simulation.effects import SensorErrors
     from equipoise.simulation.payload import Payload
-    from equipoise.simulation.sensors import SensorErrors
     from equipoise.simulation.simulation import Simulation, simulate
     from equipoise.static.method import Static
 
@@ -85,7 +85,7 @@ _HOME = {
     "RobotState": "platform.platform",
     "RunFolder": "calibration.run_folder",
     "ScaleReadings": "precise.two_runs",
-    "SensorErrors": "simulation.sensors",
+    "SensorErrors": "simulation.effects",
     "SettingsError": "errors",
     "Simulation": "simulation.simulation",
     "Stance": "robot.stance",

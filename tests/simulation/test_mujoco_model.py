@@ -156,7 +156,7 @@ def test_steps_that_would_soften_contacts_are_refused(a1):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"noise": "loud"}, "noise 'loud' is not known; it is one of ideal, realistic, or SensorErrors"),
+        ({"noise": "loud"}, "noise 'loud' is not known; it is one of ideal, realistic, stress, or SensorErrors"),
         ({"start": "sitting"}, "a robot starts 'standing' or 'lying', not 'sitting'"),
         ({"payload": "heavy"}, "payload 'heavy' is not MASS,X,Y,Z"),
     ],

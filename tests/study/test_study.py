@@ -13,6 +13,7 @@ from robots import quadruped_urdf
 from equipoise import ComSearchSettings, Paper, Static
 from equipoise.errors import EquipoiseError, ModelError, SettingsError
 from equipoise.robot.description import RobotDescription
+from equipoise.simulation.effects import SensorErrors
 from equipoise.simulation.sensors import REALISTIC
 from equipoise.study.study import SOURCES, Study, draw
 from equipoise.study.trial import check_study
@@ -81,17 +82,38 @@ def test_what_is_switched_off_leaves_the_rest_as_it_was(change, kept):
             assert views[name](one) == views[name](other)
 
 
-def test_varied_sizes_go_from_nothing_to_twice_the_usual(a1):
-    usual = draw(Study(), 0).sizes
-    drawn = [draw(Study(vary_noise=True), trial).sizes for trial in range(60)]
-    for name in SOURCES:
-        ratios = np.array([getattr(sizes, name) for sizes in drawn]) / getattr(usual, name)
+@pytest.mark.parametrize("noise", ["realistic", "stress"])
+def test_varied_sizes_go_from_nothing_to_twice_the_usual(noise):
+    usual = draw(Study(noise=noise), 0).sizes
+    drawn = [draw(Study(noise=noise, vary_noise=True), trial).sizes for trial in range(60)]
+    for row in SensorErrors.rows():
+        size = getattr(usual, row.name)
+        if not row.varied or size == row.none:
+            assert {getattr(sizes, row.name) for sizes in drawn} == {size}
+            continue
+        ratios = np.array([row.amount(getattr(sizes, row.name)) for sizes in drawn]) / row.amount(size)
         assert (ratios >= 0).all()
         assert (ratios <= 2).all()
         assert ratios.min() < 0.3
         assert ratios.max() > 1.7
         assert np.unique(ratios).size == len(drawn)
-    assert {sizes.floor_friction for sizes in drawn} == {REALISTIC.floor_friction}
+
+
+def test_what_was_varied_before_there_were_more_effects_is_drawn_as_ever():
+    drawn = draw(Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5), 3)
+    assert (drawn.sizes.joint_zero, drawn.sizes.floor_slope) == (0.00843092179016249, 0.00403770334773202)
+    assert drawn.seed == 3447195048259697815
+
+
+def test_one_more_effect_changes_no_other_ones_factor():
+    more, less = (draw(Study(noise="stress", without=w, vary_noise=True, seed=2), 1).sizes for w in ((), ("backlash",)))
+    assert dataclasses.replace(more, backlash=0.0) == less
+    assert more.backlash
+
+
+def test_a_study_has_effects_beside_a_preset(a1):
+    sizes = draw(Study(effects={"springs": 3000.0, "cable": None}, without=("joint_zero",)), 0).sizes
+    assert (sizes.springs, sizes.cable, sizes.joint_zero) == (3000.0, 0.15, 0.0)
 
 
 @pytest.mark.parametrize("vary_noise", [False, True])
@@ -136,7 +158,9 @@ def test_the_scale_errs_by_as_much_as_it_is_said_to():
     [
         ({"methods": ()}, ["precise, paper, static"]),
         ({"methods": (Static(), Static())}, ["static, static", "once"]),
-        ({"noise": "loud"}, ["'loud'", "ideal, realistic"]),
+        ({"noise": "loud"}, ["'loud'", "ideal, realistic, stress"]),
+        ({"effects": {"wind": None}}, ["'wind'", "no effect", "joint_zero"]),
+        ({"without": ("sprngs",)}, ["'sprngs'", "did you mean springs"]),
         ({"only": ("gremlins",)}, ["'gremlins'", "joint_zero"]),
         ({"only": ("floor_friction",)}, ["'floor_friction'", "floor_slope"]),
         ({"payload": "heavy"}, ["'heavy'", "MASS,X,Y,Z"]),
@@ -177,7 +201,8 @@ def test_what_every_trial_would_fail_with_is_refused_first(settings, error, word
 def test_studies_are_told_apart_and_a_model_file_counts_by_what_it_says(tmp_path):
     assert Study().fingerprint == Study().fingerprint
     methods = ({"methods": (Static(),)}, {"methods": (Paper(feet="commanded"),)})
-    for change in ({"seed": 1}, {"robot": "go1"}, *methods, {"spread": 0.1}, {"timestep": 1e-3}):
+    others = ({"effects": {"cable": 0.1}}, {"without": ("cable",)}, {"contacts": "file"})
+    for change in (*others, {"seed": 1}, {"robot": "go1"}, *methods, {"spread": 0.1}, {"timestep": 1e-3}):
         assert Study(**change).fingerprint != Study().fingerprint
     file = tmp_path / "robot.urdf"
     file.write_text(quadruped_urdf(), encoding="utf-8")

@@ -31,11 +31,13 @@ class mjtIntegrator(_Enum):
 
 class mjtDisableBit(_Enum):
     mjDSBL_EULERDAMP: mjtDisableBit
+    mjDSBL_MIDPHASE: mjtDisableBit
 
 class mjtCone(_Enum):
     mjCONE_ELLIPTIC: mjtCone
 
 class mjtJoint(_Enum):
+    mjJNT_BALL: mjtJoint
     mjJNT_FREE: mjtJoint
     mjJNT_SLIDE: mjtJoint
 
@@ -97,6 +99,7 @@ class MjModel:
     nv: int
     nu: int
     nbody: int
+    nsensordata: int
     qpos0: _FloatArray
     jnt_type: _IntArray
     jnt_bodyid: _IntArray
@@ -104,29 +107,52 @@ class MjModel:
     jnt_dofadr: _IntArray
     jnt_axis: _FloatArray
     jnt_pos: _FloatArray
+    jnt_stiffness: _FloatArray
+    jnt_solref: _FloatArray
+    jnt_solimp: _FloatArray
+    body_parentid: _IntArray
     body_weldid: _IntArray
+    body_sameframe: _IntArray
     body_pos: _FloatArray
     body_quat: _FloatArray
     body_mass: _FloatArray
     body_inertia: _FloatArray
+    body_ipos: _FloatArray
+    body_iquat: _FloatArray
+    body_invweight0: _FloatArray
+    geom_bodyid: _IntArray
+    geom_sameframe: _IntArray
     geom_size: _FloatArray
+    geom_pos: _FloatArray
     geom_friction: _FloatArray
     geom_priority: _IntArray
+    geom_solref: _FloatArray
+    geom_solimp: _FloatArray
+    site_sameframe: _IntArray
     dof_frictionloss: _FloatArray
     dof_damping: _FloatArray
     dof_armature: _FloatArray
     dof_solref: _FloatArray
     dof_solimp: _FloatArray
+    dof_invweight0: _FloatArray
     actuator_gainprm: _FloatArray
     actuator_biasprm: _FloatArray
+    actuator_forcelimited: NDArray[np.bool_]
+    actuator_forcerange: _FloatArray
     def body(self, name: str | int, /) -> _BodyView: ...
     def joint(self, name: str | int, /) -> _JointView: ...
     def geom(self, name: str | int, /) -> _GeomView: ...
     def site(self, name: str | int, /) -> _SiteView: ...
     def sensor(self, name: str | int, /) -> _SensorView: ...
 
+class _Contact:
+    dist: float
+
 class MjData:
     time: float
+    contact: Sequence[_Contact]
+    xfrc_applied: _FloatArray
+    xpos: _FloatArray
     qpos: _FloatArray
     qvel: _FloatArray
     qacc: _FloatArray
@@ -145,10 +171,17 @@ class MjsJoint:
     type: mjtJoint
     frictionloss: float
     armature: float
+    damping: float | _FloatArray
+    axis: _FloatsField
+    pos: _FloatsField
+    limited: int | mjtLimited
+    range: _FloatsField
     actfrclimited: int | mjtLimited
     def delete(self) -> None: ...  # up to MuJoCo 3.3.0
 
 class MjsGeom:
+    type: mjtGeom
+    pos: _FloatsField
     contype: int
     conaffinity: int
 
@@ -173,11 +206,15 @@ class MjsBody:
     alt: MjsOrientation
     mass: float
     ipos: _FloatsField
+    inertia: _FloatsField
     fullinertia: _FloatsField
     explicitinertial: bool
     gravcomp: float
     @property
     def joints(self) -> list[MjsJoint]: ...
+    @property
+    def geoms(self) -> list[MjsGeom]: ...
+    def add_joint(self, *, name: str = ..., type: mjtJoint, axis: _Floats = ..., pos: _Floats = ...) -> MjsJoint: ...
     def first_body(self) -> MjsBody: ...
     def add_freejoint(self) -> MjsJoint: ...
     def add_body(self, *, name: str, pos: _Floats) -> MjsBody: ...
@@ -203,6 +240,7 @@ class MjSpec:
     @staticmethod
     def from_string(xml: str, /) -> MjSpec: ...
     def body(self, name: str, /) -> MjsBody: ...
+    def joint(self, name: str, /) -> MjsJoint: ...
     def compile(self) -> MjModel: ...
     def delete(self, element: MjsJoint, /) -> None: ...  # since MuJoCo 3.3.1
     def add_actuator(self, *, name: str, target: str, trntype: mjtTrn) -> MjsActuator: ...

@@ -13,7 +13,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import arg
 
 from equipoise import _version
-from equipoise.cli.flags import Described, File, Flag, Output, Robot, RobotFlags, load
+from equipoise.cli.flags import (
+    ContactsName,
+    Described,
+    File,
+    Flag,
+    NoiseName,
+    Output,
+    Robot,
+    RobotFlags,
+    WithEffects,
+    WithoutEffects,
+    load,
+)
 from equipoise.cli.settings import seconds
 from equipoise.errors import FallError, MotionError, OutputError, SettingsError
 
@@ -39,7 +51,10 @@ def balance(
     diagonal: Literal["FL_RR", "FR_RL", "both"] = "both",
     duration: Annotated[str, arg(metavar="TIME")] = "10s",
     observe_offset: Flag = False,
-    noise: Literal["ideal", "realistic"] = "realistic",
+    noise: NoiseName = "realistic",
+    effects: WithEffects = (),
+    without: WithoutEffects = (),
+    contacts: ContactsName = "own",
     payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
     seed: int = 0,
     description: Described = RobotFlags(),  # noqa: B008
@@ -67,7 +82,6 @@ def balance(
         duration: How long to balance on each diagonal, as 10s.
         observe_offset: Also observe how far the true centre of mass is from the believed one, and stand accordingly. This
             measures the error; that the robot then balances proves nothing.
-        noise: Sensor and actuator errors of the simulated robot; ideal has none, and no friction.
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         seed: Of everything drawn.
         out: Folder; default runs/ROBOT-balance-TIME.
@@ -78,6 +92,7 @@ def balance(
     from equipoise.balance.routine import BalanceSettings
     from equipoise.robot.model import DIAGONALS
     from equipoise.robot.stance import nominal_stance
+    from equipoise.simulation.effects import read_effects, read_names
     from equipoise.simulation.payload import Payload
     from equipoise.simulation.simulation import simulate
     from equipoise.terminal.balance import print_balance
@@ -94,19 +109,23 @@ def balance(
     out = out or Path("runs") / f"{model.name}-balance-{now:%Y%m%d-%H%M%S-%f}"
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"the output folder {str(out)!r} is not empty; name a new one with --out")
+    world: dict[str, Any] = {
+        "effects": read_effects(effects), "without": read_names(without), "contacts": contacts,
+    }  # fmt: skip
     trials: list[BalanceTrial] = []
     sensors_known = False
     engine = ""
     for name in DIAGONALS if diagonal == "both" else (diagonal,):
         if not output.silent:
             print(f"balancing on {name} ...", file=sys.stderr, flush=True)
-        with simulate(model, noise, loaded, seed) as simulation, _interruption_kept(out, name):
+        with simulate(model, noise, loaded, seed, **world) as simulation, _interruption_kept(out, name):
             belief = _belief(model, stance, simulation, name, calibration, error)
             trials.append(_trial(simulation, model, stance, belief, name, settings))
             sensors_known, engine = belief.sensors.any, simulation.engine
     provenance = {
         "time": now.isoformat(timespec="seconds"), "equipoise": _version.__version__, "platform": "mujoco", "mujoco": engine,
-        "noise": noise, "payload": payload, "seed": seed, "com": None if com is None else str(com), "com_error": error,
+        "noise": noise, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),
+        "com_error": error,
     }  # fmt: skip
     report = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
     files = report.save(out)

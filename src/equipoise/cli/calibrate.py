@@ -13,16 +13,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import arg
 
 from equipoise.cli.flags import (
+    ContactsName,
     Count,
     Described,
     File,
     Flag,
+    NoiseName,
     Output,
     PlatformName,
     RobotFlags,
     RobotOrNone,
     SettingsGiven,
     Verbose,
+    WithEffects,
+    WithoutEffects,
     load,
 )
 from equipoise.cli.methods import DEFAULT_METHOD, method_flags, owners, read_method, refuse_flags_of_other_methods
@@ -48,7 +52,6 @@ class SimulationFlags:
     """The simulated robot. 'equipoise calibrate --platform NAME --help' shows the flags of a real one.
 
     Attributes:
-        noise: Sensor and actuator errors of the simulated robot; ideal has none, and no friction.
         payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
         start: How the simulated robot begins (and ends).
         seed: Of everything drawn.
@@ -56,7 +59,10 @@ class SimulationFlags:
     """
 
     platform: PlatformName = "mujoco"
-    noise: Literal["ideal", "realistic"] = "realistic"
+    noise: NoiseName = "realistic"
+    effects: WithEffects = ()
+    without: WithoutEffects = ()
+    contacts: ContactsName = "own"
     payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None
     start: Literal["standing", "lying"] = "standing"
     seed: int = 0
@@ -64,11 +70,20 @@ class SimulationFlags:
 
     def place(self) -> Place:
         """Where the run happens; raises SettingsError."""
+        from equipoise.robot.scale import Scale
+        from equipoise.simulation.effects import read_effects, read_names
         from equipoise.simulation.payload import Payload
+        from equipoise.simulation.simulation import sizes_of
 
         if self.payload is not None:
             Payload.parse(self.payload)
-        return Place(self.platform, {}, self.noise, self.payload, self.seed, self.start, self.noise_seed)
+        effects, without = read_effects(self.effects), read_names(self.without)
+        # Before anything takes long: what there is not, and what the engine cannot have.
+        sizes_of(self.noise, Scale(1.0, 1.0), effects, without).refuse_what_lacks(self.platform)
+        return Place(
+            self.platform, {}, self.noise, self.payload, self.seed, self.start, self.noise_seed, effects, without,
+            self.contacts,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -165,6 +180,7 @@ def calibrate(
     The run folder keeps every recording. On a robot a guard watches every command and sample, and lets it down on any trouble.
 
     Example: equipoise calibrate go2 --noise realistic --payload 1.5,0.1,0,0.08 --seed 3 --out runs/go2
+             equipoise calibrate go2 --noise stress --without springs --with cable=0.5
              equipoise calibrate go2 --platform unitree-go2 --set interface=eth0
              equipoise calibrate --resume runs/go2
 
@@ -286,7 +302,7 @@ def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> N
 def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> None:
     """What is about to be done: nobody has to guess what the defaults are."""
     whose = robot or f"{_DEFAULT_ROBOT} (name another, or a URDF or MJCF file)"
-    where = f"simulated in {place.platform}, sensors {place.noise}" if place.simulated else f"on {place.platform}"
+    where = f"simulated in {place.platform}, {place.world}" if place.simulated else f"on {place.platform}"
     load = f", payload {place.payload}" if place.payload else ""
     print(f"{whose}, {where}{load}, method {method.name}, into {out}", file=sys.stderr)
 

@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
@@ -39,6 +39,24 @@ _PLATFORMS = (
 )
 PlatformName = Annotated[str, arg(metavar="PLATFORM", help=_PLATFORMS)]
 SettingsGiven = UseAppendAction[Annotated[tuple[str, ...], arg(metavar="KEY=VALUE", help_behavior_hint="")]]
+_WITH = (
+    "Effects besides, or of another size, as springs=3000,cable; docs/method/world.md lists all. May be given again."
+)
+_WITHOUT = "Effects that are left out, as springs,cable. May be given again."
+_CONTACTS = (
+    "How feet touch the floor: own, hard points or as the effects have them; file, as the model file (an MJCF) says."
+)
+NoiseName = Annotated[
+    Literal["ideal", "realistic", "stress"],
+    arg(help="Effects of the simulated robot; ideal has none, and no friction; stress has more than is estimated."),
+]
+WithEffects = UseAppendAction[
+    Annotated[tuple[str, ...], arg(name="with", metavar="NAME=SIZE,NAME", help=_WITH, help_behavior_hint="")]
+]
+WithoutEffects = UseAppendAction[
+    Annotated[tuple[str, ...], arg(metavar="NAME,NAME", help=_WITHOUT, help_behavior_hint="")]
+]
+ContactsName = Annotated[Literal["own", "file"], arg(help=_CONTACTS)]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
 Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdout.", help_behavior_hint="")]
 

@@ -12,7 +12,20 @@ from typing import Annotated, Any, Literal
 
 from tyro.conf import arg
 
-from equipoise.cli.flags import Count, Described, File, Flag, Output, Robot, RobotFlags, described
+from equipoise.cli.flags import (
+    ContactsName,
+    Count,
+    Described,
+    File,
+    Flag,
+    NoiseName,
+    Output,
+    Robot,
+    RobotFlags,
+    WithEffects,
+    WithoutEffects,
+    described,
+)
 from equipoise.cli.methods import refuse_flags_of_other_methods
 from equipoise.cli.settings import Verb, chosen, flags_class, read_flags, settings_of, shaped
 from equipoise.errors import SettingsError
@@ -26,9 +39,8 @@ class DrawnFlags:
     """The simulated robots.
 
     Attributes:
-        noise: Sensor and actuator errors of the simulated robots.
-        only: Error sources that are kept, as joint_zero,imu_tilt; default all.
-        vary_noise: Draw the size of each error source, from 0 to twice its usual one: shows what each one costs.
+        only: Effects that are kept, as joint_zero,imu_tilt; default all.
+        vary_noise: Draw the size of each effect, from 0 to twice its usual one: shows what each one costs.
         payload: random: 5 to 30 % of the base's mass on its back; none; or MASS,X,Y,Z as in 'calibrate'.
         spread: Random robots: link lengths, masses and the base's centre of mass vary by this fraction.
         scale_error: Each robot is weighed, with this relative error, for the methods that use it; 0.005 is half a percent.
@@ -36,7 +48,10 @@ class DrawnFlags:
         seed: Of everything drawn.
     """
 
-    noise: Literal["ideal", "realistic"] = "realistic"
+    noise: NoiseName = "realistic"
+    effects: WithEffects = ()
+    without: WithoutEffects = ()
+    contacts: ContactsName = "own"
     only: Names = ""
     vary_noise: Flag = False
     payload: Annotated[str, arg(metavar="random|none|M,X,Y,Z")] = "random"
@@ -87,6 +102,7 @@ def monte_carlo(
     from equipoise.method.table import method_named
     from equipoise.pictures.files import save_figures
     from equipoise.pictures.study import draw_slopes, draw_study
+    from equipoise.simulation.effects import read_effects, read_names
     from equipoise.study.runner import run_study
     from equipoise.study.statistics import slopes, summarize
     from equipoise.study.study import Study
@@ -94,6 +110,7 @@ def monte_carlo(
     from equipoise.terminal.study import StudyLine, print_study
 
     drawn: dict[str, Any] = {**vars(simulation), "only": names(simulation.only)}
+    drawn |= {"effects": read_effects(simulation.effects), "without": read_names(simulation.without)}
     methods = tuple(read_flags(method_named(name), method) for name in names(method.methods))
     study = Study(robot, methods, **drawn, description=described(description))
     folder = output.out or Path("runs") / f"monte-carlo-{Path(robot).stem}"

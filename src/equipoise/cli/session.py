@@ -31,7 +31,8 @@ class Place:
     Attributes:
         platform: name of a simulator or a robot's platform, or MODULE:CLASS.
         given: settings of the driver.
-        noise, payload, seed, start, noise_seed: errors, payload, seeds and beginning of a simulated robot.
+        noise, payload, seed, start, noise_seed: preset, payload, seeds and beginning of a simulated robot.
+        effects, without, contacts: what of the preset is otherwise.
     """
 
     platform: str
@@ -41,6 +42,9 @@ class Place:
     seed: int = 0
     start: str = "standing"
     noise_seed: int | None = None
+    effects: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
+    without: tuple[str, ...] = ()
+    contacts: str = "own"
 
     def __post_init__(self) -> None:
         from equipoise.drivers.catalog import find_platform
@@ -53,12 +57,22 @@ class Place:
 
         return self.platform in SIMULATED
 
+    @property
+    def world(self) -> str:
+        """The simulated robot's effects in words."""
+        others = [name if size is None else f"{name} {size:g}" for name, size in self.effects.items()]
+        words = [f"noise {self.noise}", *(f"with {other}" for other in others), *(f"without {n}" for n in self.without)]
+        return ", ".join(words + ["contacts of the file"] * (self.contacts == "file"))
+
     def facts(self) -> dict[str, Any]:
         """For a run's provenance: enough to resume it."""
         if not self.simulated:
             return {"platform": self.platform, "platform_settings": dict(self.given)}
         names = ("platform", "noise", "payload", "seed", "start", "noise_seed")
-        return {name: getattr(self, name) for name in names}
+        facts = {name: getattr(self, name) for name in names}
+        other = {"effects": dict(self.effects), "without": list(self.without), "contacts": self.contacts}
+        usual: dict[str, Any] = {"effects": {}, "without": [], "contacts": "own"}
+        return facts | {name: value for name, value in other.items() if value != usual[name]}
 
     @classmethod
     def of(cls, folder: RunFolder) -> Place:
@@ -79,7 +93,10 @@ class Place:
             raise ResumeError(
                 f"the run {str(folder.path)!r} does not say its {missing[0]}; runs of 'equipoise calibrate' can be resumed"
             )
-        return cls(**{name: facts[name] for name in names}, noise_seed=facts.get("noise_seed"))
+        return cls(
+            **{name: facts[name] for name in names}, noise_seed=facts.get("noise_seed"), effects=facts.get("effects", {}),
+            without=tuple(facts.get("without", ())), contacts=facts.get("contacts", "own"),
+        )  # fmt: skip
 
 
 class Session:
@@ -98,7 +115,8 @@ class Session:
 
             self._simulation = simulate(
                 robot, place.noise, place.payload, place.seed, place.start, engine=place.platform,  # pyright: ignore
-                noise_seed=place.noise_seed,
+                noise_seed=place.noise_seed, effects=place.effects, without=place.without,
+                contacts=place.contacts,  # pyright: ignore
             )  # fmt: skip
 
     @property

@@ -6,14 +6,15 @@ import json
 import sys
 import time
 from dataclasses import dataclass
-from typing import Literal, Protocol, TextIO
+from typing import Annotated, Literal, Protocol, TextIO
 
 import numpy as np
+from tyro.conf import arg
 
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
-from equipoise.simulation.sensors import Noise
+from equipoise.simulation.effects import Noise, read_effects, read_names
 from equipoise.simulation.simulation import Simulation, simulate
 
 _SILENCE = 0.1  # [s] without a command after which the motor boards damp
@@ -42,7 +43,9 @@ class PeerSettings:
     """What robot the peer simulates, as the flags of `calibrate` say it.
 
     Attributes:
-        noise: preset of sensor and actuator errors.
+        noise: preset of effects.
+        effects: effects besides, or of another size, as springs=3000,cable.
+        without: effects that are left out, as springs,cable.
         payload: payload as MASS,X,Y,Z, or None.
         seed: seed of everything drawn.
         start: state at the start, "standing" (it holds its own stance until the first command comes) or "lying" (it is
@@ -51,6 +54,8 @@ class PeerSettings:
     """
 
     noise: Noise = "realistic"
+    effects: Annotated[tuple[str, ...], arg(name="with")] = ()
+    without: tuple[str, ...] = ()
     payload: str | None = None
     seed: int = 0
     start: Literal["standing", "lying"] = "standing"
@@ -66,7 +71,10 @@ class PeerRobot:
     def __init__(self, robot: RobotModel, settings: PeerSettings, log: TextIO = sys.stdout) -> None:
         self.robot, self.settings = robot, settings
         self._log = log
-        self._simulation: Simulation = simulate(robot, settings.noise, settings.payload, settings.seed, settings.start)
+        self._simulation: Simulation = simulate(
+            robot, settings.noise, settings.payload, settings.seed, settings.start,
+            effects=read_effects(settings.effects), without=read_names(settings.without),
+        )  # fmt: skip
         self._platform = self._simulation.platform
         stance = nominal_stance(robot)
         self._kd = np.full(len(robot.joint_names), robot.gains(stance.hip_height)[1])

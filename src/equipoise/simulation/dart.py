@@ -90,8 +90,16 @@ class DartPlatform(SimulatedPlatform):
         positions[self._simulated.dofs] = joint_position
         skeleton.setPositions(positions)
         skeleton.setVelocities(np.zeros(skeleton.getNumDofs()))
-        at = pose_of(np.eye(3), np.array([0, 0, base_height]))
-        skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
+        self._set_base_height(base_height)
+        lowest = min(
+            foot.getWorldTransform().translation()[2] - foot.getShape().getRadius() for foot in self._simulated.feet
+        )
+        if lowest < -_PRESSED:  # feet that the model does not know of
+            self._set_base_height(base_height - lowest)
+
+    def _set_base_height(self, height: float) -> None:
+        at = pose_of(np.eye(3), np.array([0, 0, height]))
+        self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
 
     def _set_clock_to_zero(self) -> None:
         self._world.setTime(0.0)
@@ -146,7 +154,7 @@ class DartPlatform(SimulatedPlatform):
             twists[index] = base.getAngularVelocity(), base.getLinearVelocity()
             torque = np.minimum(np.maximum(kp * (target - position) - kd * speeds[index], -limit), limit)
             raw[index, 2 * joints : 3 * joints] = torque
-            forces[dofs] = gain * torque - self._friction_after(speeds[index])
+            forces[dofs] = gain * torque - self._friction_after(speeds[index], gain * torque)
             forces[dofs] += self._rotor * speeds[index] + self._late_rotor_torque
             self._step_once(positions, velocities, forces)
             changed = skeleton.getVelocities()[dofs] - speeds[index] + skeleton.getVelocityChanges()[dofs]
@@ -157,28 +165,35 @@ class DartPlatform(SimulatedPlatform):
         raw[:, joints : 2 * joints] = (speeds[:-1] + speeds[1:]) / 2
         raw[:, -6:-3], raw[:, -3:] = self._imu(rotations, (twists[:-1] + twists[1:]) / 2, np.diff(twists, axis=0))
 
-    def _friction_after(self, speed: FloatArray) -> FloatArray:
-        """(nj,) friction of the joints, viscous friction included, after a step at that speed [Nm]."""
-        sizes = self._errors.sizes
+    def _friction_after(self, speed: FloatArray, torque: FloatArray) -> FloatArray:
+        """(nj,) friction of the joints, viscous friction included, after a step at that speed and motor torque [Nm]."""
         strained = self._stiction * (self._strain + self._timestep * speed)
-        friction = np.minimum(np.maximum(strained, -sizes.coulomb_friction), sizes.coulomb_friction)
+        largest = self._errors.sliding_friction(speed, torque)
+        friction = np.minimum(np.maximum(strained, -largest), largest)
         self._strain = friction / self._stiction
-        return friction + sizes.viscous_friction * speed
+        return friction + self._errors.viscous_friction * speed
 
     def _step_once(self, positions: FloatArray, velocities: FloatArray, forces: FloatArray) -> None:
         """One engine step from a state; a foot that it lost is pressed in and the step done again."""
         skeleton, world = self._skeleton, self._world
         skeleton.setForces(forces)
+        self._pull()
         world.step(True)
         contacts = world.getLastCollisionResult().getNumContacts()
         if contacts < self._contacts and (pressed := self._with_lost_feet_pressed(positions, velocities)) is not None:
             skeleton.setPositions(pressed)
             skeleton.setVelocities(velocities)
             skeleton.setForces(forces)
+            self._pull()
             world.setTime(world.getTime() - self._timestep)
             world.step(True)
             contacts = world.getLastCollisionResult().getNumContacts()
         self._contacts = contacts
+
+    def _pull(self) -> None:
+        """The cable, at the base's CoM; the engine forgets it after a step."""
+        if self._errors.sizes.cable:
+            self._simulated.base.addExtForce(self._errors.cable_in_world, self._simulated.base.getLocalCOM(), False)
 
     def _with_lost_feet_pressed(self, positions: FloatArray, velocities: FloatArray) -> FloatArray | None:
         """Positions with every lost foot in the floor again, by its own leg's joints; None: no foot was lost."""

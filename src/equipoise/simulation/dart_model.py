@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import dartpy
@@ -15,6 +16,7 @@ from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.dart_links import Axis, KinematicLink, moved_by, pose_of, read_links
+from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.sensors import DrawnErrors
 
@@ -74,16 +76,19 @@ def build_dart_robot(
         links = read_links(robot.source)
     except ValueError as error:
         raise ModelError(f"DART cannot make a model of {str(robot.source.path)!r}: {error}") from error
-    skeleton, places = _skeleton(robot, links)
-    _set_inertias(robot, skeleton, links, places, errors, payload)
+    legs = LegErrors.of(robot, stance, errors)
+    skeleton, places = _skeleton(robot, links, legs)
+    _set_inertias(robot, skeleton, links, places, errors, legs, payload)
     dofs = np.array([skeleton.getJoint(name).getIndexInSkeleton(0) for name in robot.joint_names], dtype=np.intp)
     kp, kd = robot.gains(stance.hip_height)
     if timestep is None:
-        timestep = _stable_timestep(skeleton, dofs, stance, kd + errors.sizes.viscous_friction, errors.sizes.armature)
+        timestep = _stable_timestep(
+            skeleton, dofs, stance, kd + float(errors.viscous_friction.max()), errors.sizes.armature
+        )
     for name in robot.joint_names:
         joint = skeleton.getJoint(name)
         joint.setDampingCoefficient(0, errors.sizes.armature / 2 / timestep)  # DartPlatform says why
-    feet = _add_contacts(robot, stance, skeleton, places, errors.sizes.floor_friction)
+    feet = _add_contacts(robot, stance, skeleton, places, legs, errors.floor_friction)
     world = _world(skeleton, errors, timestep)
     count = len(robot.joint_names)
     return SimulatedDartRobot(
@@ -95,9 +100,10 @@ Places = dict[str, tuple[dynamics.BodyNode, FloatArray]]
 """For each link the body that it is part of, and its pose (4, 4) in that body."""
 
 
-def _skeleton(robot: RobotModel, links: list[KinematicLink]) -> tuple[dynamics.Skeleton, Places]:
+def _skeleton(robot: RobotModel, links: list[KinematicLink], legs: LegErrors) -> tuple[dynamics.Skeleton, Places]:
     """Bodies without mass, joined by the leg joints; all else is welded where it is held."""
     skeleton = dynamics.Skeleton(robot.name)
+    shifts, turns = _joint_shifts(robot, legs), dict(zip(robot.joint_names, legs.axis_turn, strict=True))
     places: Places = {}
     for link in links:
         if link.parent is None:
@@ -109,12 +115,25 @@ def _skeleton(robot: RobotModel, links: list[KinematicLink]) -> tuple[dynamics.S
         pose = pose @ link.placement
         leg_axes = [axis for axis in link.axes if axis.name in robot.joint_names]
         if leg_axes:
-            places[link.name] = _add_body(skeleton, parent, pose, leg_axes[0], link.name, robot), np.eye(4)
+            axis = leg_axes[0]
+            pose = pose_of(np.eye(3), shifts[axis.name]) @ pose
+            turned = np.array(dartpy.math.expMapRot(turns[axis.name])) @ axis.direction
+            axis = dataclasses.replace(axis, direction=turned)
+            places[link.name] = _add_body(skeleton, parent, pose, axis, link.name, robot), np.eye(4)
             continue
         for axis in link.axes:
             pose = pose @ axis.moved(robot.held.get(axis.name, 0.0))
         places[link.name] = parent, pose
     return skeleton, places
+
+
+def _joint_shifts(robot: RobotModel, legs: LegErrors) -> dict[str, FloatArray]:
+    """Shift of each leg joint in the axes of the link that it hangs on, by name [m]."""
+    shifts: dict[str, FloatArray] = {}
+    for leg, hip in zip(robot.legs.values(), legs.hip_shift, strict=True):
+        above = [hip, *(legs.end_shift[joint] for joint in leg.joints[:-1])]
+        shifts |= dict(zip(leg.joint_names, above, strict=True))
+    return shifts
 
 
 def _add_body(
@@ -142,44 +161,55 @@ def _set_inertias(
     links: list[KinematicLink],
     places: Places,
     errors: DrawnErrors,
+    legs: LegErrors,
     payload: Payload | None,
 ) -> None:
-    """What the links of a body weigh together; leg errors scale mass, first moment and inertia alike."""
+    """What the links of a body weigh together, and leg errors make of it."""
     parts: dict[str, list[InertialParameters]] = {body.getName(): [] for body in skeleton.getBodyNodes()}
     for link in links:
         body, pose = places[link.name]
         parts[body.getName()] += [moved_by(pose, part) for part in link.parts]
     if payload is not None:
         parts[skeleton.getRootBodyNode().getName()].append(payload.parameters)
-    scales = {
-        skeleton.getJoint(joint).getChildBodyNode().getName(): float(scale)
-        for joint, scale in zip(robot.joint_names, errors.leg_mass_scale, strict=True)
+    changes = {
+        skeleton.getJoint(joint).getChildBodyNode().getName(): (float(mass), float(mass * inertia), shift)
+        for joint, mass, inertia, shift in zip(
+            robot.joint_names, errors.leg_mass_scale, errors.leg_inertia_scale, legs.com_shift, strict=True
+        )
     }
     for name, of_body in parts.items():
         if not sum(part.mass for part in of_body) > 0:
             raise ModelError(f"DART cannot make a model of {str(robot.source.path)!r}: link {name!r} has no mass")
-        skeleton.getBodyNode(name).setInertia(_joined(of_body, scales.get(name, 1.0)))
+        skeleton.getBodyNode(name).setInertia(_joined(of_body, *changes.get(name, (1.0, 1.0, np.zeros(3)))))
 
 
-def _joined(bodies: list[InertialParameters], scale: float) -> dynamics.Inertia:
-    """The bodies as one, by the parallel axis theorem, with so many times their density."""
+def _joined(
+    bodies: list[InertialParameters], mass_scale: float, inertia_scale: float, shift: FloatArray
+) -> dynamics.Inertia:
+    """The bodies as one, by the parallel axis theorem, with so many times their mass and inertia, their CoM shifted."""
     masses = np.array([body.mass for body in bodies])
     coms = np.array([body.com for body in bodies])
     com = masses @ coms / masses.sum()
     arms = coms - com
     inertia = np.sum([body.inertia for body in bodies], axis=0)
     inertia += np.einsum("b,bk,bk->", masses, arms, arms) * np.eye(3) - np.einsum("b,bi,bj->ij", masses, arms, arms)
-    return dynamics.Inertia(scale * float(masses.sum()), com, scale * inertia)
+    return dynamics.Inertia(mass_scale * float(masses.sum()), com + shift, inertia_scale * inertia)
 
 
 def _add_contacts(
-    robot: RobotModel, stance: Stance, skeleton: dynamics.Skeleton, places: Places, friction: float
+    robot: RobotModel,
+    stance: Stance,
+    skeleton: dynamics.Skeleton,
+    places: Places,
+    legs: LegErrors,
+    friction: float,
 ) -> tuple[dynamics.ShapeNode, ...]:
     feet: list[dynamics.ShapeNode] = []
-    for foot in robot.feet.values():
+    for leg, foot, worn in zip(robot.legs.values(), robot.feet.values(), legs.foot_radius, strict=True):
         body, pose = places[foot.body]
         centre = pose @ pose_of(np.eye(3), np.array(foot.position_in_body))
-        feet.append(_add_shape(body, dynamics.SphereShape(foot.radius), centre[:3, 3], friction))
+        at = centre[:3, 3] + legs.end_shift[leg.joints[-1]]
+        feet.append(_add_shape(body, dynamics.SphereShape(foot.radius + worn), at, friction))
     hips_above_base = stance.hip_height - stance.base_height
     reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     thickness = 0.02 * robot.leg_length
@@ -220,7 +250,7 @@ def _world(skeleton: dynamics.Skeleton, errors: DrawnErrors, timestep: float) ->
     floor = dynamics.Skeleton("equipoise_floor")
     ground = floor.createWeldJointAndBodyNodePair()[1]
     half = np.array([0.0, 0.0, _FLOOR_SIZE[2] / 2])
-    _add_shape(ground, dynamics.BoxShape(np.array(_FLOOR_SIZE)), -half, errors.sizes.floor_friction)
+    _add_shape(ground, dynamics.BoxShape(np.array(_FLOOR_SIZE)), -half, errors.floor_friction)
     world.addSkeleton(skeleton)
     world.addSkeleton(floor)
     return world

@@ -1,4 +1,4 @@
-"""What can happen to a simulated robot from outside: somebody pushes it."""
+"""What can happen to a simulated robot from outside: a cable pulls, somebody pushes it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from equipoise.simulation.mujoco_model import SimulatedRobot
 
 
 class Disturbance:
-    """Acts on the simulation from outside the platform; for tests of what a guard and an estimate notice.
+    """Acts on the simulation from outside the platform: a robot's cable, and for tests what a guard and an estimate notice.
 
     Attributes:
         wrench: (nbody, 6) forces [N] and torques [Nm] on the engine's bodies, in world axes, that act from now on.
@@ -19,10 +19,12 @@ class Disturbance:
     def __init__(self, simulated: SimulatedRobot) -> None:
         self._model, self._base = simulated.model, simulated.base_body
         self.wrench = np.zeros((self._model.nbody, 6))
+        self._cable_in_world = simulated.errors.cable_in_world
+        self.push(np.zeros(3))
 
     def push(self, force_in_world: FloatArray) -> None:
-        """Push the base with a (3,) force [N] until told otherwise."""
-        self.wrench[self._base, :3] = force_in_world
+        """Push the base at its CoM with a (3,) force [N], beside its cable's, until told otherwise."""
+        self.wrench[self._base, :3] = self._cable_in_world + force_in_world
 
     @property
     def spec(self) -> int:

@@ -10,12 +10,14 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.disturbance import Disturbance
+from equipoise.simulation.mujoco_drive import ChangingFriction
 from equipoise.simulation.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.simulation.simulated import PERIODS_BETWEEN_STOP_TESTS, SimulatedPlatform, Start
 
 __all__ = ["PERIODS_BETWEEN_STOP_TESTS", "MujocoPlatform"]
 
 
+_PRESSED = 1e-6  # [m] into the floor, that a robot is placed with at most
 _STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION
 
 
@@ -49,6 +51,7 @@ class MujocoPlatform(SimulatedPlatform):
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._rollout = rollout.Rollout(nthread=0)
         self._disturbance = disturbance or Disturbance(simulated)
+        self._friction = ChangingFriction(simulated.dof, simulated.qpos, simulated.errors)
         self._imu_rotation = np.zeros(9)
         mujoco.mju_quat2Mat(self._imu_rotation, self._model.site(IMU_SITE).quat)
         self._imu_rotation = self._imu_rotation.reshape(3, 3)
@@ -66,6 +69,10 @@ class MujocoPlatform(SimulatedPlatform):
         data.qpos[:7] = [0, 0, base_height, 1, 0, 0, 0]
         data.qpos[self._simulated.qpos] = joint_position
         mujoco.mj_forward(model, data)
+        deepest = min((float(contact.dist) for contact in data.contact), default=0.0)
+        if deepest < -_PRESSED:  # feet or footholds that the model does not know of
+            data.qpos[2] -= deepest
+            mujoco.mj_forward(model, data)
 
     def _set_clock_to_zero(self) -> None:
         self._data.time = 0.0
@@ -84,15 +91,7 @@ class MujocoPlatform(SimulatedPlatform):
         size = mujoco.mj_stateSize(model, _STATE)
         initial = np.zeros(size)
         mujoco.mj_getState(model, data, initial, _STATE)
-        states, sensors = self._rollout.rollout(
-            model,
-            data,
-            initial[None],
-            self._disturbance.beside(control)[None],
-            control_spec=self._disturbance.spec,
-            initial_warmstart=np.array(data.qacc_warmstart)[None],
-        )
-        states, sensors = states[0], sensors[0]
+        states, sensors = self._stepped(initial, control) if self._friction.needed else self._rolled(initial, control)
         # The engine restarts at time zero when it diverges.
         if not (states[0, 0] > initial[0] and (states[1:, 0] > states[:-1, 0]).all()):
             raise self._became_unstable(initial[0])
@@ -111,6 +110,37 @@ class MujocoPlatform(SimulatedPlatform):
         raw[:, -6:-3] = velocities[:, 3:6] @ self._imu_rotation
         raw[:, -3:] = sensors[:, self._accelerometer]
 
+    def _rolled(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, ...) states after each step, and what the engine's sensors saw at its start."""
+        states, sensors = self._rollout.rollout(
+            self._model,
+            self._data,
+            initial[None],
+            self._disturbance.beside(control)[None],
+            control_spec=self._disturbance.spec,
+            initial_warmstart=np.array(self._data.qacc_warmstart)[None],
+        )
+        return states[0], sensors[0]
+
+    def _stepped(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same, step by step: for what has to be set anew before each."""
+        data, model = self._data, self._model
+        states, sensors = np.empty((len(control), initial.size)), np.empty((len(control), model.nsensordata))
+        warm = np.array(data.qacc_warmstart)
+        data.xfrc_applied[:] = self._disturbance.wrench
+        try:
+            for index, row in enumerate(control):
+                data.ctrl[:] = row
+                self._friction.act(model, data)
+                mujoco.mj_step(model, data)
+                mujoco.mj_getState(model, data, states[index], _STATE)
+                sensors[index] = data.sensordata
+        except BaseException:
+            mujoco.mj_setState(model, data, initial, _STATE)
+            data.qacc_warmstart[:] = warm
+            raise
+        return states, sensors
+
     def _raw_now(self) -> FloatArray:
         data, model, simulated = self._data, self._model, self._simulated
         ahead, state = self._ahead, np.zeros(mujoco.mj_stateSize(model, _WHOLE_STATE))
@@ -118,6 +148,9 @@ class MujocoPlatform(SimulatedPlatform):
         mujoco.mj_setState(model, ahead, state, _WHOLE_STATE)
         if len(self._late_control):
             ahead.ctrl[:] = self._late_control[0]
+        ahead.xfrc_applied[:] = self._disturbance.wrench
+        if self._friction.needed:
+            self._friction.act(model, ahead)
         mujoco.mj_step(model, ahead)
         velocity = (data.qvel + ahead.qvel) / 2
         return np.concatenate(

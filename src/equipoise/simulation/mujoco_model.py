@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from typing import Any
@@ -15,25 +17,32 @@ from equipoise.errors import ModelError, SettingsError
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
 from equipoise.robot.stance import Stance
+from equipoise.simulation.effects import Contacts
+from equipoise.simulation.leg_errors import LegErrors
+from equipoise.simulation.mujoco_contacts import (
+    CONTACT_TIME,
+    FLOOR,
+    IMPEDANCE,
+    IMPRATIO,
+    add_contacts,
+    soften_feet,
+)
+from equipoise.simulation.mujoco_drive import add_springs, has_springs, set_springs, set_stops
+from equipoise.simulation.mujoco_legs import add_rotor_spin, change_legs
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.sensors import DrawnErrors
 
-FLOOR = "equipoise_floor"
 IMU_SITE = "equipoise_imu"
 ACCELEROMETER = "equipoise_accelerometer"
 PAYLOAD = "equipoise_payload"
+SWINGING_LOAD = "equipoise_swinging_load"
+
+__all__ = ["CONTACT_TIME", "FLOOR", "SimulatedRobot", "build_simulated_robot", "set_joints", "set_options"]
 
 _TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_BELLY_RATIO = 0.15  # the trunk's underside hangs this fraction of the leg length below the hips
-# Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by
-# a millimetre over a trial is a support line off by a millimetre.
-_IMPRATIO = 100.0
-# Of contacts [s]: as hard as MuJoCo keeps up to the longest step, which is half of it; at longer ones it would soften them.
-CONTACT_TIME = 2e-3
-# Share of a contact's or a joint's slip that is taken back at once. At MuJoCo's own, 0.9 to 0.95, planted feet creep four
-# times as far while the body shakes, and sink in by 40 instead of 3 um.
-_IMPEDANCE = 0.99, 0.99
 TIMESTEP = 0.5e-3  # [s], the usual one
+_STRING = 0.1  # [m], of a load that swings, on an A1
+_SWING_DAMPING = 0.02  # share of the critical one: air and the string
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +56,7 @@ class SimulatedRobot:
         dof: (nj,) indices of the same joints in qvel.
         kp, kd: (nj,) gains that the joint PD is commanded with [Nm/rad], [Nm s/rad].
         base_body: id of the base body.
+        links: the same model before rotors spin in it: inertias of its bodies are those of links.
     """
 
     model: mujoco.MjModel
@@ -56,17 +66,25 @@ class SimulatedRobot:
     kp: FloatArray
     kd: FloatArray
     base_body: int
+    links: mujoco.MjModel
 
     def set_gains(self, kp: FloatArray, kd: FloatArray) -> None:
         """Gains (nj,) of the joint PD that it is commanded with [Nm/rad], [Nm s/rad]; `set_joints` says how they act."""
         # A motor whose torque constant is off is wrong in its own loop by the same factor.
-        gain, sizes = self.errors.torque_gain, self.errors.sizes
-        losses = sizes.coulomb_friction, sizes.viscous_friction, sizes.armature
+        errors, gain = self.errors, self.errors.torque_gain
+        # What spins in the carrying link is in its inertia: `add_rotor_spin`.
+        armature = errors.sizes.armature * (1 - errors.sizes.rotor_spin)
+        losses = errors.coulomb_friction, errors.viscous_friction, armature
         set_joints(self.model, self.dof, gain * kp, gain * kd, losses)
 
 
 def build_simulated_robot(
-    robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None, timestep: float
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    timestep: float,
+    contacts: Contacts = "own",
 ) -> SimulatedRobot:
     """Build the MuJoCo model of a robot, from the file that the robot model came from.
 
@@ -75,38 +93,53 @@ def build_simulated_robot(
 
     Args:
         stance: stance whose hip height gains scale with.
-        errors: actuator errors, floor and leg masses are built in; sensor errors are the platform's.
+        errors: errors of drives, legs, feet and floor are built in; sensor errors are the platform's.
         timestep: time step of the engine [s].
+        contacts: contact parameters of the feet, "own" or those of the "file".
 
     Raises:
         ModelError: MuJoCo cannot make a model of the file.
-        SettingsError: the time step is too long for the contacts.
+        SettingsError: the time step is too long for the contacts, or the file has no contact parameters.
     """
     if timestep > CONTACT_TIME / 2:
         raise SettingsError(
             f"the engine's time step is {timestep:g} s; feet on the floor would be softer than they are at "
             f"{CONTACT_TIME / 2:g} s and less: give a shorter one"
         )
+    kp, kd = (np.full(len(robot.joint_names), gain) for gain in robot.gains(stance.hip_height))
+    legs = LegErrors.of(robot, stance, errors)
     try:
         spec = _read(robot.source)
         base = _floating_base(spec, robot)
         _strip(spec)
         _weld_held_joints(spec, robot)
-        _add_contacts(spec, robot, stance, base, errors)
+        add_contacts(spec, robot, stance, base, errors, legs, contacts)
         if payload is not None:
             _add_payload(base, payload)
+        if errors.sizes.swinging_load:
+            _add_swinging_load(base, stance, errors.sizes.swinging_load)
+        if has_springs(errors):
+            add_springs(spec, robot, errors, errors.sizes.armature + timestep * kd[0])
         _add_actuators_and_sensors(spec, robot, base, errors)
         set_options(spec, timestep)
         spec.option.gravity = GRAVITY * errors.gravity_direction
         model = spec.compile()
+    except SettingsError:
+        raise
     except ValueError as error:
         raise ModelError(f"MuJoCo cannot make a model of {str(robot.source.path)!r}: {error}") from error
     joints = np.array([model.joint(name).id for name in robot.joint_names])
     qpos, dof = model.jnt_qposadr[joints].astype(np.intp), model.jnt_dofadr[joints].astype(np.intp)
-    kp, kd = (np.full(len(dof), gain) for gain in robot.gains(stance.hip_height))
-    simulated = SimulatedRobot(model, errors, qpos, dof, kp, kd, int(model.jnt_bodyid[0]))
+    simulated = SimulatedRobot(model, errors, qpos, dof, kp, kd, int(model.jnt_bodyid[0]), model)
     simulated.set_gains(kp, kd)
-    _scale_leg_masses(model, joints, errors)
+    set_springs(model, robot, errors)
+    change_legs(model, robot, joints, legs, errors)
+    if spin := errors.sizes.armature * errors.sizes.rotor_spin:
+        simulated = dataclasses.replace(simulated, links=copy.copy(model))
+        add_rotor_spin(model, joints, np.full(len(joints), spin))
+    set_stops(model, robot, errors, stance.scale.torque)
+    if contacts == "own":
+        soften_feet(model, robot, errors)
     return simulated
 
 
@@ -120,12 +153,16 @@ def set_options(spec: mujoco.MjSpec, timestep: float) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = _IMPRATIO
+    spec.option.impratio = IMPRATIO
     spec.compiler.fusestatic = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 17)
 
 
 def set_joints(
-    model: mujoco.MjModel, dof: NDArray[np.intp], kp: FloatArray, kd: FloatArray, losses: tuple[float, float, float]
+    model: mujoco.MjModel,
+    dof: NDArray[np.intp],
+    kp: FloatArray,
+    kd: FloatArray,
+    losses: tuple[float | FloatArray, float | FloatArray, float],
 ) -> None:
     """PD control and losses of the joints.
 
@@ -139,7 +176,7 @@ def set_joints(
     Args:
         dof: (nj,) indices of the joints in qvel.
         kp, kd: (nj,) gains as they act [Nm/rad], [Nm s/rad].
-        losses: Coulomb friction [Nm], viscous friction [Nm s/rad], armature [kg m2].
+        losses: Coulomb friction [Nm] and viscous friction [Nm s/rad] of all or of each, armature [kg m2].
     """
     timestep = model.opt.timestep
     model.actuator_gainprm[:, 0] = kp
@@ -147,7 +184,7 @@ def set_joints(
     model.dof_frictionloss[dof], model.dof_damping[dof], armature = losses
     model.dof_armature[dof] = armature + timestep * (kd + losses[1])
     model.dof_solref[dof] = 2 * timestep, 1.0
-    model.dof_solimp[dof, :2] = _IMPEDANCE
+    model.dof_solimp[dof, :2] = IMPEDANCE
 
 
 def _read(source: ModelSource) -> mujoco.MjSpec:
@@ -256,35 +293,6 @@ def _moved_by_joint(
     return pos + shifted, rotated
 
 
-def _add_contacts(
-    spec: mujoco.MjSpec, robot: RobotModel, stance: Stance, base: mujoco.MjsBody, errors: DrawnErrors
-) -> None:
-    friction = [errors.sizes.floor_friction, 0.005, 0.0001]
-    hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*_IMPEDANCE, 0.001, 0.5, 2.0], "friction": friction}
-    spec.worldbody.add_geom(
-        name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, **hard
-    )  # fmt: skip
-    touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
-    for leg, foot in robot.feet.items():
-        spec.body(foot.body).add_geom(
-            name=f"equipoise_{leg}_foot",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[foot.radius, 0, 0],
-            pos=foot.position_in_body,
-            **touching,
-        )
-    hips_above_base = stance.hip_height - stance.base_height
-    reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
-    thickness = 0.02 * robot.leg_length
-    base.add_geom(
-        name="equipoise_belly",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[0.6 * reach[0], 0.4 * reach[1], thickness],
-        pos=[0, 0, hips_above_base - _BELLY_RATIO * robot.leg_length + thickness],
-        **touching,
-    )
-
-
 def _add_payload(base: mujoco.MjsBody, payload: Payload) -> None:
     """The payload as a body at the base frame's origin whose inertial is offset.
 
@@ -300,6 +308,20 @@ def _add_payload(base: mujoco.MjsBody, payload: Payload) -> None:
     body.mass = parameters.mass
     body.ipos = parameters.com
     body.fullinertia = [xx, yy, zz, xy, xz, yz]
+
+
+def _add_swinging_load(base: mujoco.MjsBody, stance: Stance, mass: float) -> None:
+    """A ball on a string under the base, half-way to the rear feet."""
+    length, radius = _STRING * stance.scale.length, 0.2 * _STRING * stance.scale.length
+    hook = [-0.5 * float(np.abs(stance.feet_in_base[:, 0]).mean()), 0, 0]
+    load = base.add_body(name=SWINGING_LOAD, pos=hook)
+    load.explicitinertial = True
+    load.mass, load.ipos, load.inertia = mass, [0, 0, -length], np.full(3, 0.4 * mass * radius**2)
+    about_hook = mass * (length**2 + 0.4 * radius**2)
+    damping = 2 * _SWING_DAMPING * about_hook * np.sqrt(GRAVITY / length)
+    joint = load.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
+    # A scalar up to MuJoCo 3, coefficients of a polynomial from 4 on.
+    joint.damping = damping if np.ndim(joint.damping) == 0 else damping * np.eye(np.size(joint.damping))[0]
 
 
 def _add_actuators_and_sensors(
@@ -335,12 +357,3 @@ def _add_actuators_and_sensors(
         objtype=mujoco.mjtObj.mjOBJ_SITE,
         objname=IMU_SITE,
     )
-
-
-def _scale_leg_masses(model: mujoco.MjModel, joints: NDArray[np.intp], errors: DrawnErrors) -> None:
-    """Scale each moving leg link with all that is fixed to it; the geometry of mass stays."""
-    for joint, scale in zip(joints, errors.leg_mass_scale, strict=True):
-        on_link = model.body_weldid == model.body_weldid[model.jnt_bodyid[joint]]
-        model.body_mass[on_link] *= scale
-        model.body_inertia[on_link] *= scale
-    mujoco.mj_setConst(model, mujoco.MjData(model))

@@ -10,28 +10,34 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.glimpse import Glimpse
-from equipoise.simulation.mujoco_model import SimulatedRobot
+from equipoise.simulation.mujoco_contacts import foot_name
+from equipoise.simulation.mujoco_model import SWINGING_LOAD, SimulatedRobot
 
 
 def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position: FloatArray) -> RobotInertia:
     """The truth at a stance, payload and leg errors included; `robot` only tells which joints are knees.
 
+    Frames are those of the simulated robot's own base link: hips that are elsewhere are elsewhere in it. Springs are unbent. A
+    load that swings is part of the base, and where its string hangs, for there it pulls.
+
     Args:
         joint_position: (nj,) true joint positions of the stance [rad].
     """
-    model = simulated.model
+    model = simulated.links
     data = mujoco.MjData(model)
     data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
     data.qpos[simulated.qpos] = joint_position
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    base_weld = model.body_weldid[simulated.base_body]
+    on_base = model.body_weldid == model.body_weldid[simulated.base_body]
+    swinging = np.array([model.body(body).name == SWINGING_LOAD for body in range(model.nbody)])
+    data.xipos[swinging] = data.xpos[swinging]
     knees = [model.jnt_bodyid[model.joint(leg.joint_names[-1]).id] for leg in robot.legs.values()]
     below_knee = np.isin(model.body_weldid, model.body_weldid[knees])
     moving = np.arange(model.nbody) > 0
     return RobotInertia(
         composite=_sum(model, data, moving),
-        base=_sum(model, data, model.body_weldid == base_weld),
+        base=_sum(model, data, on_base | swinging),
         stance_effective=_sum(model, data, moving & ~below_knee),
     )
 
@@ -59,7 +65,8 @@ class MujocoWitness:
         self._present = present
         self._model = simulated.model
         self._data = mujoco.MjData(self._model)
-        self._feet = [self._model.geom(f"equipoise_{leg}_foot").id for leg in robot.legs]
+        self._feet = [self._model.geom(foot_name(leg)).id for leg in robot.legs]
+        self._footholds = simulated.errors.drawn["foothold_height"]
         self._base = simulated.base_body
         self._up = -np.array(simulated.errors.gravity_direction)
 
@@ -74,7 +81,7 @@ class MujocoWitness:
         return Glimpse(
             float(self._present.time),
             feet,
-            feet[:, 2] - model.geom_size[self._feet, 0],
+            feet[:, 2] - model.geom_size[self._feet, 0] - self._footholds,
             np.array(data.subtree_com[0]),
             self._up,
             float(np.arccos(np.clip(cosine, -1, 1))),

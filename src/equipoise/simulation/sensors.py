@@ -1,144 +1,47 @@
-"""Sensor and actuator errors of a simulated robot, and the presets `ideal` and `realistic`.
+"""What one simulated robot has of each effect, drawn from a seed, and the noise of its sensors.
 
-Errors that are constant over a run (joint zeros, IMU tilt, gains) are drawn once from the seed. Noise is keyed by the
-seed and the sample's index, so that it does not depend on the pieces in which a motion is simulated.
+What is constant over a run (joint zeros, IMU tilt, gains) is drawn once from the seed. Noise is keyed by the seed and the
+sample's index, so that it does not depend on the pieces in which a motion is simulated.
 """
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal
+from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.robot.scale import Scale
+from equipoise.simulation.effects import IDEAL, PRESETS, REALISTIC, STRESS, Noise, SensorErrors
 
-Noise = Literal["ideal", "realistic"]
+__all__ = ["IDEAL", "PRESETS", "REALISTIC", "STRESS", "DrawnErrors", "Noise", "SensorErrors", "named_generator"]
 
 _NOISE_BLOCK = 1024
-
-
-@dataclass(frozen=True)
-class SensorErrors:
-    """Sizes of the errors of a simulated robot: rms values, unless they say otherwise. All zero: a perfect one.
-
-    Attributes:
-        encoder_noise: noise of the encoders [rad].
-        joint_zero: constant offset of each encoder [rad].
-        joint_velocity_noise: noise of the joint velocities [rad/s].
-        gyro_noise: noise of the gyroscope, per axis [rad/s].
-        gyro_bias: constant bias of the gyroscope, per axis [rad/s].
-        accelerometer_noise: noise of the accelerometer, per axis [m/s2].
-        accelerometer_bias: constant bias of the accelerometer, per axis [m/s2].
-        imu_tilt: constant mounting error of the IMU, per axis [rad].
-        torque_noise: noise of the joint torques [Nm].
-        coulomb_friction: Coulomb friction of each joint, exact [Nm].
-        viscous_friction: viscous friction of each joint, exact [Nm s/rad].
-        armature: rotor inertia seen at each joint, exact [kg m2].
-        torque_gain: true torque over reported torque, less one, constant per joint.
-        leg_mass: relative error of each leg link's mass, first moment and inertia.
-        command_delay: delay from sending a command until it acts, exact [s].
-        sensor_delay: delay from sensing until the time stamp, exact [s].
-        imu_clock_offset: time by which IMU samples are younger than joint samples of the same stamp, exact [s].
-        floor_friction: friction coefficient of the floor, exact.
-        floor_slope: angle between gravity and the floor's normal, exact; its direction is drawn [rad].
-    """
-
-    encoder_noise: float = 0.0
-    joint_zero: float = 0.0
-    joint_velocity_noise: float = 0.0
-    gyro_noise: float = 0.0
-    gyro_bias: float = 0.0
-    accelerometer_noise: float = 0.0
-    accelerometer_bias: float = 0.0
-    imu_tilt: float = 0.0
-    torque_noise: float = 0.0
-    coulomb_friction: float = 0.0
-    viscous_friction: float = 0.0
-    armature: float = 0.0
-    torque_gain: float = 0.0
-    leg_mass: float = 0.0
-    command_delay: float = 0.0
-    sensor_delay: float = 0.0
-    imu_clock_offset: float = 0.0
-    floor_friction: float = 1.0
-    floor_slope: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not (np.isfinite(value) and (value >= 0 or field.name == "imu_clock_offset")):
-                raise SettingsError(f"{field.name} is {value}; it must be a finite number, zero or more")
-        if self.imu_clock_offset > self.sensor_delay:
-            raise SettingsError(
-                f"imu_clock_offset is {self.imu_clock_offset} s and sensor_delay {self.sensor_delay} s: IMU samples would be "
-                "younger than the moment at which they are read"
-            )
-
-    def scaled_to(self, scale: Scale) -> SensorErrors:
-        """An A1's errors on a robot of another size: torques, friction and armature grow with it, all else stays."""
-        scaled = ("torque_noise", "coulomb_friction", "viscous_friction", "armature")
-        return dataclasses.replace(self, **{name: getattr(self, name) * scale.torque for name in scaled})
-
-
-IDEAL = SensorErrors()
-"""No noise, no bias, no friction, exact leg model; soft position control and contact as simulated."""
-
-REALISTIC = SensorErrors(
-    encoder_noise=0.3e-3,
-    joint_zero=5e-3,
-    joint_velocity_noise=0.03,
-    gyro_noise=3e-3,
-    gyro_bias=2e-3,
-    accelerometer_noise=0.05,
-    accelerometer_bias=0.03,
-    imu_tilt=5e-3,
-    torque_noise=0.2,
-    coulomb_friction=0.3,
-    viscous_friction=0.05,
-    armature=0.01,
-    torque_gain=0.03,
-    leg_mass=0.03,
-    command_delay=2e-3,
-    sensor_delay=2e-3,
-    imu_clock_offset=0.5e-3,
-    floor_friction=0.8,
-    floor_slope=5e-3,
-)
-"""An A1's values, for a robot with the A1's m g h."""
-
-PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC}
+# [rad/s]: speed at which a joint's friction has lost two thirds of what it has more at rest.
+_STRIBECK_SPEED = 0.1
+# These share one stream, in this order. All others have one each, so that none changes what another draws.
+_ONE_STREAM = (
+    "floor_slope", "joint_zero", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnErrors:
-    """The constant errors of one simulated robot, drawn from a seed.
+    """What one simulated robot has of each effect.
 
     Attributes:
         sizes: sizes that they were drawn from.
         noise_seed: seed of the noise.
-        joint_zero: (nj,) encoder reading minus joint position [rad].
-        torque_gain: (nj,) true torque over reported torque.
-        gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
-        accelerometer_bias: (3,) bias of the accelerometer, in the IMU frame [m/s2].
-        imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
-        leg_mass_scale: (nj,) true over modelled mass of the link that each joint moves.
-        gravity_direction: (3,) unit vector in the floor's frame, downward.
+        drawn: values of each effect, by its row's name, as many as its row says, in its unit (of a direction: its angle).
     """
 
     sizes: SensorErrors
     noise_seed: int
-    joint_zero: FloatArray
-    torque_gain: FloatArray
-    gyro_bias: FloatArray
-    accelerometer_bias: FloatArray
-    imu_tilt: FloatArray
-    leg_mass_scale: FloatArray
-    gravity_direction: FloatArray
+    drawn: Mapping[str, FloatArray]
 
     @classmethod
     def draw(cls, sizes: SensorErrors, joints: int, seed: int, noise_seed: int | None = None) -> DrawnErrors:
@@ -146,25 +49,113 @@ class DrawnErrors:
         noise_seed = seed if noise_seed is None else noise_seed
         if min(seed, noise_seed) < 0:
             raise SettingsError(f"the seed is {min(seed, noise_seed)}; it must be zero or more")
-        generator = np.random.default_rng([seed, 0])
+        shared = np.random.default_rng([seed, 0])
+        rows = sorted(sizes.rows(), key=lambda row: _ONE_STREAM.index(row.name) if row.name in _ONE_STREAM else 99)
+        drawn: dict[str, FloatArray] = {}
+        for row in rows:
+            generator = shared if row.name in _ONE_STREAM else named_generator(seed, row.name)
+            drawn[row.name] = row.law.draw(generator, getattr(sizes, row.name), row.each.count(joints))
+        return cls(sizes, noise_seed, drawn)
 
-        def normal(size: float, count: int) -> FloatArray:
-            return size * generator.standard_normal(count)
+    @cached_property
+    def joint_zero(self) -> FloatArray:
+        """(nj,) encoder reading minus joint position, the same at all positions [rad]."""
+        return self.drawn["joint_zero"]
 
-        azimuth = generator.uniform(0, 2 * np.pi)
-        sine = np.sin(sizes.floor_slope)
-        down = np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), -np.cos(sizes.floor_slope)])
-        return cls(
-            sizes,
-            noise_seed,
-            joint_zero=normal(sizes.joint_zero, joints),
-            torque_gain=1 + normal(sizes.torque_gain, joints),
-            gyro_bias=normal(sizes.gyro_bias, 3),
-            accelerometer_bias=normal(sizes.accelerometer_bias, 3),
-            imu_tilt=normal(sizes.imu_tilt, 3),
-            leg_mass_scale=1 + normal(sizes.leg_mass, joints),
-            gravity_direction=down,
-        )
+    @cached_property
+    def torque_gain(self) -> FloatArray:
+        """(nj,) true torque over reported torque."""
+        return (1 + self.drawn["torque_gain"]) * (1 + self.drawn["torque_gain_common"])
+
+    @cached_property
+    def leg_mass_scale(self) -> FloatArray:
+        """(nj,) true over modelled mass of the link that each joint moves."""
+        return (1 + self.drawn["leg_mass"]) * (1 + self.drawn["leg_mass_common"])
+
+    @cached_property
+    def leg_inertia_scale(self) -> FloatArray:
+        """(nj,) inertia of the link that each joint moves, about its CoM, over what its mass makes it."""
+        return 1 + self.drawn["leg_inertia"]
+
+    @cached_property
+    def gyro_bias(self) -> FloatArray:
+        """(3,) bias of the gyroscope at the start, in the IMU frame [rad/s]."""
+        return self.drawn["gyro_bias"]
+
+    @cached_property
+    def gyro_drift(self) -> FloatArray:
+        """(3,) change of that bias with time [rad/s2]."""
+        return self.drawn["gyro_drift"] / 120
+
+    @cached_property
+    def gyro_matrix(self) -> FloatArray:
+        """(3, 3) reading of the gyroscope, less its bias, over the angular velocity in the IMU frame."""
+        x, y, z = self.drawn["gyro_turn"]
+        gains = np.diag(1 + self.drawn["gyro_gain"])
+        gains[~np.eye(3, dtype=bool)] = self.drawn["gyro_misalignment"]
+        # The transposed rotation to first order, made orthogonal.
+        u, _, v = np.linalg.svd(np.array([[1, z, -y], [-z, 1, x], [y, -x, 1]]))
+        return gains @ u @ v
+
+    @cached_property
+    def accelerometer_bias(self) -> FloatArray:
+        """(3,) bias of the accelerometer, in the IMU frame [m/s2]."""
+        return self.drawn["accelerometer_bias"]
+
+    @cached_property
+    def imu_tilt(self) -> FloatArray:
+        """(3,) rotation vector of the IMU in the frame where it should be [rad]."""
+        return self.drawn["imu_tilt"]
+
+    @cached_property
+    def gravity_direction(self) -> FloatArray:
+        """(3,) unit vector in the floor's frame, downward."""
+        azimuth, sine = self.drawn["floor_slope"][0], np.sin(self.sizes.floor_slope)
+        return np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), -np.cos(self.sizes.floor_slope)])
+
+    @cached_property
+    def floor_friction(self) -> float:
+        """Friction coefficient of the floor."""
+        return max(float(self.sizes.floor_friction + self.drawn["floor_friction_spread"][0]), 0.0)
+
+    @cached_property
+    def cable_in_world(self) -> FloatArray:
+        """(3,) constant force on the base, across gravity [N]."""
+        azimuth, down = self.drawn["cable"][0], self.gravity_direction
+        towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        towards -= (towards @ down) * down
+        return self.sizes.cable * towards / np.linalg.norm(towards)
+
+    @cached_property
+    def coulomb_friction(self) -> FloatArray:
+        """(nj,) Coulomb friction [Nm]."""
+        return self.sizes.coulomb_friction * self.drawn["friction_spread"]
+
+    @cached_property
+    def viscous_friction(self) -> FloatArray:
+        """(nj,) viscous friction [Nm s/rad]."""
+        return self.sizes.viscous_friction * self.drawn["friction_spread"]
+
+    def sliding_friction(self, speed: FloatArray, torque: FloatArray) -> FloatArray:
+        """(nj,) largest friction of the joints, viscous friction apart, at speeds [rad/s] and true motor torques [Nm]."""
+        sizes = self.sizes
+        if not (sizes.stribeck or sizes.load_friction):
+            return self.coulomb_friction
+        more_at_rest = sizes.stribeck * np.exp(-((speed / _STRIBECK_SPEED) ** 2))
+        return self.coulomb_friction * (1 + more_at_rest) + sizes.load_friction * np.abs(torque)
+
+    @cached_property
+    def spring_stiffness(self) -> FloatArray:
+        """(nj,) stiffness of the springs behind the motors [Nm/rad]; zero: there are none."""
+        return self.sizes.springs * self.drawn["spring_spread"]
+
+    def encoder_error(self, position: FloatArray) -> FloatArray:
+        """(..., nj) error of the encoders at joint positions [rad], their zeros apart."""
+        return self.sizes.encoder_eccentricity * np.sin(position - self.drawn["encoder_eccentricity"])
+
+    def encoder_error_slope(self, position: FloatArray) -> FloatArray:
+        """(..., nj) derivative of `encoder_error` by the position."""
+        return self.sizes.encoder_eccentricity * np.cos(position - self.drawn["encoder_eccentricity"])
 
     def noise(self, first_sample: int, count: int) -> FloatArray:
         """(count, 3 nj + 6) noise of consecutive samples.
@@ -172,16 +163,16 @@ class DrawnErrors:
         Columns: positions, velocities, torques, gyroscope, accelerometer. The same sample has the same noise however the
         samples are asked for.
         """
-        scale = self._noise_scale
-        noise = np.zeros((count, scale.size))
-        if scale.any():
-            done = 0
-            while done < count:
-                block, start = divmod(first_sample + done, _NOISE_BLOCK)
-                part = _standard_noise(self.noise_seed, block, scale.size)[start : start + count - done]
-                np.multiply(part, scale, out=noise[done : done + len(part)])
-                done += len(part)
-        return noise
+        return _keyed(self.noise_seed, 1, first_sample, count, self._noise_scale)
+
+    def jitter(self, first_sample: int, count: int) -> FloatArray:
+        """(count,) time stamps of consecutive samples, less when they were read [s]; keyed as the noise is."""
+        return _keyed(self.noise_seed, 3, first_sample, count, np.array([self.sizes.jitter]))[:, 0]
+
+    def lost(self, first_sample: int, count: int) -> NDArray[np.bool_]:
+        """(count,) whether consecutive samples are lost; keyed as the noise is."""
+        drawn = _keyed(self.noise_seed, 4, first_sample, count, np.ones(1))[:, 0]
+        return drawn < _normal_quantile(self.sizes.lost_samples)
 
     @cached_property
     def _noise_scale(self) -> FloatArray:
@@ -191,8 +182,31 @@ class DrawnErrors:
         return np.repeat([*columns, sizes.accelerometer_noise], [joints, joints, joints, 3, 3])
 
 
-@lru_cache(maxsize=4)  # a robot that is stepped asks for the same block a thousand times
-def _standard_noise(seed: int, block: int, columns: int) -> FloatArray:
-    noise = np.random.default_rng([seed, 1, block]).standard_normal((_NOISE_BLOCK, columns))
+def named_generator(seed: int, name: str) -> np.random.Generator:
+    """The random stream that belongs to a name: no other name's draws change it."""
+    return np.random.default_rng([seed, 2, *name.encode()])
+
+
+def _normal_quantile(share: float) -> float:
+    """Value below which that share of standard normal numbers is."""
+    return float(NormalDist().inv_cdf(share)) if share else -np.inf
+
+
+def _keyed(seed: int, stream: int, first: int, count: int, scale: FloatArray) -> FloatArray:
+    """(count, n) normal numbers of consecutive samples, one column for each of the (n,) standard deviations."""
+    noise = np.zeros((count, scale.size))
+    if scale.any():
+        done = 0
+        while done < count:
+            block, start = divmod(first + done, _NOISE_BLOCK)
+            part = _standard_noise(seed, stream, block, scale.size)[start : start + count - done]
+            np.multiply(part, scale, out=noise[done : done + len(part)])
+            done += len(part)
+    return noise
+
+
+@lru_cache(maxsize=12)  # a robot that is stepped asks for the same block a thousand times
+def _standard_noise(seed: int, stream: int, block: int, columns: int) -> FloatArray:
+    noise = np.random.default_rng([seed, stream, block]).standard_normal((_NOISE_BLOCK, columns))
     noise.setflags(write=False)
     return noise

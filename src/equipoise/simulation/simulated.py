@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from typing import Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import FallError, MotionError, SettingsError
@@ -22,6 +21,7 @@ from equipoise.platform.tilt_limit import TiltLimit, TiltTest
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture
+from equipoise.simulation.samples import Samples
 from equipoise.simulation.sensors import DrawnErrors
 
 Start = Literal["standing", "lying"]
@@ -64,6 +64,7 @@ class SimulatedPlatform(ABC):
         self._timestep = timestep
         self._substeps = _whole_steps(control_period, timestep)
         self._closed = False
+        self._samples = Samples(errors, len(self.joint_names), timestep, self._substeps)
         self._raw_past = np.zeros((0, self._raw_width))
         self._late_control = np.zeros((0, len(self.joint_names)))
         self._periods = 0
@@ -110,11 +111,9 @@ class SimulatedPlatform(ABC):
         return ACCEPTS_EVERYTHING
 
     def read(self) -> RobotState:
-        raw = np.concatenate([self._raw_past, self._raw_now()[None]])
-        sample = self._sensed(raw, len(raw) - 1, 1, self._periods)
-        joints = len(self.joint_names)
-        position, velocity, torque = sample[0, : 3 * joints].reshape(3, joints)
-        return RobotState(self._time(self._periods), position, velocity, torque, sample[0, -6:-3], sample[0, -3:])
+        raw = np.concatenate([self._raw_past, self._samples.filtered(self._raw_now()[None], keep=False)])
+        sample = self._samples.sensed(raw, len(raw) - 1, 1, self._periods)
+        return self._samples.state(sample[0], self._periods)
 
     def step(self, command: JointCommand) -> RobotState:
         velocity, torque = command.velocity, command.torque
@@ -142,7 +141,8 @@ class SimulatedPlatform(ABC):
             for begin in range(0, len(trajectory.position), chunk):
                 end = min(begin + chunk, len(trajectory.position))
                 samples.append(self._roll(control[begin * self._substeps : end * self._substeps]))
-                if test.reached(samples[-1][:, -6:-3], samples[-1][:, :joints]):
+                seen = self._samples.shown(samples[-1], self._periods - len(samples[-1]))
+                if test.reached(seen[:, -6:-3], seen[:, :joints]):
                     break
         except KeyboardInterrupt:
             raise MotionInterrupted(self._recording(trajectory, samples, first) if samples else None) from None
@@ -161,9 +161,6 @@ class SimulatedPlatform(ABC):
     def _raw_width(self) -> int:
         return 3 * len(self.joint_names) + 6
 
-    def _time(self, periods: int | NDArray[np.intp]) -> float:
-        return periods * self.control_period  # pyright: ignore[reportReturnType]
-
     def _settle(self, stance: Stance, start: Start) -> None:
         """Put the robot on the floor and let it come to rest under its own joint control."""
         position, height = stance.joint_position, stance.base_height
@@ -173,7 +170,7 @@ class SimulatedPlatform(ABC):
         hold = self._with_zeros(np.array(position)[None])
         self._late_control = np.repeat(hold, self._late_steps, axis=0)
         self._roll(np.repeat(hold, round(_SETTLING_TIME / self._timestep), axis=0))
-        self._raw_past = self._raw_past[-self._past_steps :]
+        self._raw_past = self._raw_past[-self._samples.past_steps :]
         self._periods = 0
         self._set_clock_to_zero()
         if not self._base_up() > 0.9:
@@ -183,14 +180,10 @@ class SimulatedPlatform(ABC):
     def _late_steps(self) -> int:
         return round(self._errors.sizes.command_delay / self._timestep)
 
-    @property
-    def _past_steps(self) -> int:
-        sizes = self._errors.sizes
-        return int(np.ceil((sizes.sensor_delay + abs(sizes.imu_clock_offset)) / self._timestep)) + 2
-
     def _with_zeros(self, position: FloatArray) -> FloatArray:
         """The loop closes on the encoders: what they misread, the joint is off by."""
-        return position - self._errors.joint_zero
+        target = position - self._errors.joint_zero
+        return target - self._errors.encoder_error(target) if self._errors.sizes.encoder_eccentricity else target
 
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
         """Gains in force until the next command; None is the platform's own."""
@@ -219,7 +212,7 @@ class SimulatedPlatform(ABC):
     def _roll(self, control: FloatArray) -> FloatArray:
         """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start."""
         first, past = self._periods, len(self._raw_past)
-        return self._sensed(self._advance(control), past, len(control) // self._substeps, first)
+        return self._samples.sensed(self._advance(control), past, len(control) // self._substeps, first)
 
     def _advance(self, control: FloatArray) -> FloatArray:
         """Roll the engine forward; returns raw sensor values at every engine step, the kept past first."""
@@ -228,8 +221,9 @@ class SimulatedPlatform(ABC):
         history = np.empty((past + len(control), self._raw_width))
         history[:past] = self._raw_past
         self._run(delayed[: len(control)], history[past:])
+        history[past:] = self._samples.filtered(history[past:])
         self._late_control = delayed[len(control) :]
-        self._raw_past = history[len(history) - min(len(history), self._past_steps) :]
+        self._raw_past = history[len(history) - min(len(history), self._samples.past_steps) :]
         self._periods += len(control) // self._substeps
         return history
 
@@ -239,37 +233,18 @@ class SimulatedPlatform(ABC):
             "are its inertias and gains plausible?"
         )
 
-    def _sensed(self, raw: FloatArray, first: int, count: int, period: int) -> FloatArray:
-        """Delay, clock offset, bias and noise: raw values at every engine step to samples at every control period.
-
-        Args:
-            first: row of the first sample's moment.
-            count: number of samples.
-            period: number of the first sample's control period, which its noise is keyed by.
-        """
-        errors, step = self._errors, self._timestep
-        joints = 3 * len(self.joint_names)
-        joint_steps = -errors.sizes.sensor_delay / step
-        imu_steps = joint_steps + errors.sizes.imu_clock_offset / step
-        samples = np.empty((count, raw.shape[1]))
-        ticks = first + self._substeps * np.arange(count)
-        samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
-        samples[:, joints:] = _at(raw[:, joints:], ticks, imu_steps)
-        samples[:, : len(self.joint_names)] += errors.joint_zero
-        samples[:, -6:-3] += errors.gyro_bias
-        samples[:, -3:] += errors.accelerometer_bias
-        return samples + errors.noise(period, count)
-
     def _recording(self, trajectory: Trajectory, samples: list[FloatArray], first: int) -> Recording:
         stacked = np.concatenate(samples)
-        joints = len(self.joint_names)
-        time = np.asarray(self._time(first + np.arange(len(stacked))))
-        position, velocity, torque, gyro, acceleration = np.split(stacked, [joints, 2 * joints, 3 * joints, -3], axis=1)
+        joints, count = len(self.joint_names), len(stacked)
+        time, there = self._samples.time(first + np.arange(count)), self._samples.arrived(first, count)
+        stamps = self._samples.stamps(first, count)[there]
+        columns = np.split(stacked[there], [joints, 2 * joints, 3 * joints, -3], axis=1)
+        position, velocity, torque, gyro, acceleration = columns
         return Recording(
             self.joint_names,
-            JointStream(time, position, velocity, torque),
-            ImuStream(time, gyro, acceleration),
-            CommandStream(time, trajectory.position[: len(stacked)]),
+            JointStream(stamps, position, velocity, torque),
+            ImuStream(stamps, gyro, acceleration),
+            CommandStream(time, trajectory.position[:count]),
             started_events(trajectory.events, float(time[0]), float(time[-1])),
         )
 
@@ -283,13 +258,3 @@ def _whole_steps(control_period: float, timestep: float) -> int:
             f"{control_period:g} s"
         )
     return steps
-
-
-def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
-    """Rows at ticks + offset engine steps, linear in between, the ends held."""
-    whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
-    fraction = offset - whole
-    before = raw.take(ticks + whole, axis=0, mode="clip")
-    if fraction < 1e-6:
-        return before
-    return (1 - fraction) * before + fraction * raw.take(ticks + whole + 1, axis=0, mode="clip")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.simulation.effects import PRESETS, Contacts, Noise, SensorErrors
 from equipoise.simulation.glimpse import Glimpse
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import PRESETS, DrawnErrors, Noise, SensorErrors
+from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulated import SimulatedPlatform, Start
 
 if TYPE_CHECKING:
@@ -36,7 +39,7 @@ class Simulation:
         platform: platform that experiments may use.
         truth: true parameters, which they may not use: join them to a result afterwards.
         engine: version of the engine.
-        errors: errors that were drawn for its sensors and actuators; for studies, not for experiments.
+        errors: effects that were drawn for it; for studies, not for experiments.
         witness: witness that sees what the robot really does; for judging, not for control.
         disturbance: forces on the robot from outside; None in engines that are not asked for it.
     """
@@ -64,11 +67,14 @@ def simulate(
     timestep: float | None = None,
     engine: Engine = "mujoco",
     noise_seed: int | None = None,
+    effects: Mapping[str, float | None] | None = None,
+    without: Sequence[str] = (),
+    contacts: Contacts = "own",
 ) -> Simulation:
-    """A robot in a physics engine, with sensor and actuator errors, perhaps a payload.
+    """A robot in a physics engine, with the effects of a preset or of one's own, perhaps a payload.
 
     Args:
-        noise: a preset, scaled to the robot's m g h, or errors of one's own, taken as they are; "ideal" has none.
+        noise: a preset, scaled to the robot, or effects of one's own, taken as they are; "ideal" has none.
         payload: payload on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
         seed: seed of everything drawn. Robots of the same seed have the same errors in all engines.
         start: posture with which the robot begins.
@@ -76,24 +82,49 @@ def simulate(
             not be stable.
         engine: name of the engine: "mujoco", or "dart", the engine of Gazebo.
         noise_seed: seed of the noise alone, for several runs of one robot; default `seed`.
+        effects: effects besides, or of other sizes: a size by name, or None for what it is tried with by itself.
+        without: names of effects that are left out.
+        contacts: how feet touch the floor: "own", as the effects say, or as the model "file" (an MJCF) says for its feet, on a
+            floor as MuJoCo makes it; the effects on feet and floor then do nothing but slope and heights.
 
     Raises:
         MissingDependencyError: the engine is not installed.
-        SettingsError: a setting means nothing, or the time step is too long.
+        SettingsError: a setting means nothing, or the time step is too long; there is no such effect, or the engine cannot
+            have it.
     """
-    if isinstance(noise, str) and noise not in PRESETS:
-        raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
     if start not in ("standing", "lying"):
         raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
     if engine not in ("mujoco", "dart"):
         raise SettingsError(f"engine {engine!r} is not known; it is one of mujoco, dart")
+    if contacts not in ("own", "file"):
+        raise SettingsError(f"contacts {contacts!r} are not known; they are 'own' or those of the model 'file'")
     if isinstance(payload, str):
         payload = Payload.parse(payload)
     stance = nominal_stance(robot)
-    sizes = PRESETS[noise].scaled_to(stance.scale) if isinstance(noise, str) else noise
+    sizes = sizes_of(noise, stance.scale, effects or {}, without)
+    sizes.refuse_what_lacks(engine)
+    if engine != "mujoco" and contacts != "own":
+        raise SettingsError(f"{engine} cannot take contacts from the model file; leave --contacts out, or use mujoco")
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
-    make = _in_mujoco if engine == "mujoco" else _in_dart
-    return make(robot, stance, errors, payload, start, timestep)
+    if engine == "dart":
+        return _in_dart(robot, stance, errors, payload, start, timestep)
+    return _in_mujoco(robot, stance, errors, payload, start, timestep, contacts)
+
+
+def sizes_of(
+    noise: Noise | SensorErrors, scale: Scale, effects: Mapping[str, float | None], without: Sequence[str]
+) -> SensorErrors:
+    """Sizes of a robot's effects; arguments are those of `simulate`.
+
+    Raises:
+        SettingsError: there is no such preset or effect, or it is asked for and left out.
+    """
+    if isinstance(noise, str) and noise not in PRESETS:
+        raise SettingsError(f"noise {noise!r} is not known; it is one of {', '.join(PRESETS)}, or SensorErrors")
+    if both := set(effects) & set(without):
+        raise SettingsError(f"{', '.join(sorted(both))}: with it and without it; say one of the two")
+    sizes = PRESETS[noise].scaled_to(scale) if isinstance(noise, str) else noise
+    return sizes.having(effects, scale).without(without) if effects or without else sizes
 
 
 def _in_mujoco(
@@ -103,6 +134,7 @@ def _in_mujoco(
     payload: Payload | None,
     start: Start,
     timestep: float | None,
+    contacts: Contacts,
 ) -> Simulation:
     try:
         import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
@@ -113,7 +145,8 @@ def _in_mujoco(
         from equipoise.simulation.mujoco_truth import MujocoWitness, simulated_truth  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
-    simulated = build_simulated_robot(robot, stance, errors, payload, TIMESTEP if timestep is None else timestep)
+    timestep = TIMESTEP if timestep is None else timestep
+    simulated = build_simulated_robot(robot, stance, errors, payload, timestep, contacts)
     truth = simulated_truth(robot, simulated, stance.joint_position)
     data = mujoco.MjData(simulated.model)
     disturbance = Disturbance(simulated)

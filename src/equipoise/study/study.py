@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -20,13 +21,18 @@ from equipoise.paper.method import Paper
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
 from equipoise.robot.stance import Stance, nominal_stance
 from equipoise.robot.variation import LARGEST_SPREAD, vary
+from equipoise.simulation.effects import Contacts, Noise, SensorErrors
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import PRESETS, Noise, SensorErrors
+from equipoise.simulation.sensors import named_generator
+from equipoise.simulation.simulation import sizes_of
 
-SOURCES = tuple(f.name for f in dataclasses.fields(SensorErrors) if f.name != "floor_friction")
+SOURCES = tuple(row.name for row in SensorErrors.rows() if row.varied)
 """What a simulated robot can be wrong in."""
+# The first ones share a random stream; all others have one each, so that a new one changes nobody else's draw.
+_ONE_STREAM = SOURCES[: SOURCES.index("floor_slope") + 1]
 
 # Random payloads: 5 to 30 % of the base's mass, in a box on its back, as large as a battery and a computer.
 _PAYLOAD_SHARE = (0.05, 0.30)
@@ -42,9 +48,12 @@ class Study:
         robot: name or model file of the robot.
         methods: methods that calibrate each drawn robot, with settings; each on a fresh simulation of it with the same
             noise.
-        noise: name of a noise preset, scaled to the robot's m g h.
-        only: error sources that are kept, all others being left out; empty: all of the preset.
-        vary_noise: each source's size is multiplied by its own random factor between 0 and 2, so that a study shows what
+        noise: name of a preset of effects, scaled to the robot.
+        effects: effects besides, or of other sizes, as in `simulate`.
+        without: names of effects that are left out.
+        contacts: how feet touch the floor, as in `simulate`.
+        only: effects that are kept, all others being left out; empty: all.
+        vary_noise: each effect's size is multiplied by its own random factor between 0 and 2, so that a study shows what
             each source does.
         payload: "random", "none", or MASS,X,Y,Z[,IXX,IYY,IZZ].
         spread: of random robots around the model (see `robot.variation`); 0: always the model itself.
@@ -57,6 +66,9 @@ class Study:
     robot: str = "unitree_a1"
     methods: tuple[Method, ...] = (Paper(),)
     noise: Noise = "realistic"
+    effects: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
+    without: tuple[str, ...] = ()
+    contacts: Contacts = "own"
     only: tuple[str, ...] = ()
     vary_noise: bool = False
     payload: str = "random"
@@ -68,8 +80,7 @@ class Study:
 
     def __post_init__(self) -> None:
         self._check_methods()
-        if self.noise not in PRESETS:
-            raise SettingsError(f"noise {self.noise!r} is not known; it is one of {', '.join(PRESETS)}")
+        sizes_of(self.noise, Scale(1.0, 1.0), self.effects, self.without)
         if unknown := [name for name in self.only if name not in SOURCES]:
             raise SettingsError(f"{unknown[0]!r} is no error source; those are {', '.join(SOURCES)}")
         if self.payload not in ("random", "none"):
@@ -100,7 +111,12 @@ class Study:
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         methods = [method.to_dict() for method in self.methods]
-        return {**dataclasses.asdict(self), "methods": methods, "only": list(self.only)}
+        other = {"effects": dict(self.effects), "without": list(self.without), "contacts": self.contacts}
+        usual: dict[str, Any] = {"effects": {}, "without": [], "contacts": "own"}
+        # What is as usual is left out: a study of before goes on.
+        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in usual}
+        table |= {name: value for name, value in other.items() if value != usual[name]}
+        return {**table, "methods": methods, "only": list(self.only)}
 
     @property
     def fingerprint(self) -> str:
@@ -175,10 +191,19 @@ def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.rando
 
 
 def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> SensorErrors:
-    sizes = PRESETS[study.noise].scaled_to(stance.scale)
-    factors = generator.uniform(0, 2, len(SOURCES)) if study.vary_noise else np.ones(len(SOURCES))
+    sizes = sizes_of(study.noise, stance.scale, study.effects, study.without)
+    factors = _factors(generator) if study.vary_noise else dict.fromkeys(SOURCES, 1.0)
     kept = study.only or SOURCES
-    changed = {name: getattr(sizes, name) * float(f) * (name in kept) for name, f in zip(SOURCES, factors, strict=True)}
+    rows = {name: sizes.row(name) for name in SOURCES}
+    changed = {n: row.times(getattr(sizes, n), factors[n]) if n in kept else row.none for n, row in rows.items()}
     # The IMU's clock may not lead the moment at which it is read.
     changed["imu_clock_offset"] = min(changed["imu_clock_offset"], changed["sensor_delay"])
     return dataclasses.replace(sizes, **changed)
+
+
+def _factors(generator: np.random.Generator) -> dict[str, float]:
+    """A factor for each source."""
+    factors = dict(zip(_ONE_STREAM, generator.uniform(0, 2, len(_ONE_STREAM)).tolist(), strict=True))
+    seed = int(generator.integers(2**62))
+    others = {name: named_generator(seed, name).uniform(0, 2) for name in SOURCES if name not in _ONE_STREAM}
+    return factors | {name: float(factor) for name, factor in others.items()}

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from equipoise.simulation.effects import SensorErrors
 from equipoise.study.statistics import LEVELS, ErrorStatistics, MethodSummary, Rate, Slope, to_dict
 from equipoise.study.study import Study
 from equipoise.user_file import write_file
@@ -15,16 +16,12 @@ from equipoise.user_file import write_file
 SCHEMA = "equipoise.study-summary/1"
 
 # What a source's size is counted in: unit, units per SI unit.
+_BY_UNIT = {"rad": ("mrad", 1e3), "m": ("mm", 1e3), "s": ("ms", 1e3), "": ("%", 1e2)}
 _UNITS = {
-    "size_encoder_noise": ("mrad", 1e3), "size_joint_zero": ("mrad", 1e3), "size_joint_velocity_noise": ("rad/s", 1.0),
-    "size_gyro_noise": ("mrad/s", 1e3), "size_gyro_bias": ("mrad/s", 1e3), "size_accelerometer_noise": ("m/s2", 1.0),
-    "size_accelerometer_bias": ("m/s2", 1.0), "size_imu_tilt": ("mrad", 1e3), "size_torque_noise": ("Nm", 1.0),
-    "size_coulomb_friction": ("Nm", 1.0), "size_viscous_friction": ("Nm s/rad", 1.0), "size_armature": ("kg m2", 1.0),
-    "size_torque_gain": ("%", 1e2), "size_leg_mass": ("%", 1e2), "size_command_delay": ("ms", 1e3),
-    "size_sensor_delay": ("ms", 1e3), "size_imu_clock_offset": ("ms", 1e3), "size_floor_slope": ("mrad", 1e3),
-    "payload_mass": ("kg", 1.0), "joint_zero_rms": ("mrad", 1e3), "foot_error_rms": ("mm", 1e3),
-    "imu_tilt_size": ("mrad", 1e3),
-}  # fmt: skip
+    **dict.fromkeys(("size_gyro_noise", "size_gyro_bias", "size_gyro_drift"), ("mrad/s", 1e3)),
+    **{"payload_mass": ("kg", 1.0), "joint_zero_rms": ("mrad", 1e3), "foot_error_rms": ("mm", 1e3)},
+    **{"imu_tilt_size": ("mrad", 1e3)},
+}
 
 
 def source_label(source: str) -> str:
@@ -34,7 +31,10 @@ def source_label(source: str) -> str:
 
 def source_unit(source: str) -> tuple[str, float]:
     """The unit that people count a source in, and how many of it make one SI unit."""
-    return _UNITS[source]
+    if source in _UNITS:
+        return _UNITS[source]
+    row = SensorErrors.row(source.removeprefix("size_"))
+    return (f"1/({row.unit})", 1.0) if row.inverse else _BY_UNIT.get(row.unit, (row.unit, 1.0))
 
 
 def slope_numbers(slope: Slope) -> tuple[float, float, str]:
@@ -62,7 +62,12 @@ def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequ
 def summary_markdown(study: Study, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> str:
     """The study as a page of Markdown."""
     payload = study.payload if study.payload in ("random", "none") else f"`{study.payload}`"
-    noise = study.noise + (f", only {', '.join(study.only)}" if study.only else "")
+    others = [name if size is None else f"{name} {size:g}" for name, size in study.effects.items()]
+    noise = (
+        study.noise + "".join(f", with {other}" for other in others) + "".join(f", without {n}" for n in study.without)
+    )
+    noise += ", contacts of the model file" if study.contacts == "file" else ""
+    noise += f", only {', '.join(study.only)}" if study.only else ""
     noise += ", each source's size times a random factor from 0 to 2" if study.vary_noise else ""
     lines = [
         f"# Monte Carlo study of {study.robot}",

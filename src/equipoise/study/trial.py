@@ -25,7 +25,7 @@ from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.kinematics import foot_jacobians
 from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulation import Simulation, simulate
-from equipoise.study.study import SOURCES, Draw, Study, draw, nominal_robot
+from equipoise.study.study import Draw, Study, draw, nominal_robot
 
 Row = dict[str, Any]
 SUCCEEDED = "ok"
@@ -45,7 +45,7 @@ def check_study(study: Study) -> None:
         robot, _ = nominal_robot(study)
         for method in study.methods:
             check(robot, method)
-        simulate(robot, timestep=study.timestep).platform.close()
+        simulate(robot, timestep=study.timestep, contacts=study.contacts).platform.close()
 
 
 def run_trial(study: Study, trial: int, logs: str | None = None) -> list[Row]:
@@ -75,7 +75,9 @@ def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str
     try:
         timestep = method.timestep if study.timestep is None else study.timestep
         row["timestep"] = timestep
-        with simulate(drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep) as simulation:
+        with simulate(
+            drawn.robot, drawn.sizes, drawn.payload, drawn.seed, timestep=timestep, contacts=study.contacts
+        ) as simulation:
             row |= _truth(simulation)
             if drawn.scale_reading is not None and study.scale_error is not None:
                 weight = simulation.truth.composite.mass * (1 + drawn.scale_reading)
@@ -135,7 +137,7 @@ def _facts(drawn: Draw) -> Row:
         "hip_height": stance.hip_height,
         "payload_mass": 0.0 if payload is None else payload.mass,
         **{f"payload_{axis}": None if payload is None else float(payload.com[i]) for i, axis in enumerate("xyz")},
-        **{f"size_{name}": float(getattr(drawn.sizes, name)) for name in SOURCES},
+        **{f"size_{row.name}": row.amount(getattr(drawn.sizes, row.name)) for row in drawn.sizes.rows() if row.varied},
         "joint_zero_rms": float(np.sqrt(np.mean(errors.joint_zero**2))),
         "foot_error_rms": float(np.linalg.norm(feet[:, :2]) / np.sqrt(feet[:, :2].size)),
         "imu_tilt_size": float(np.linalg.norm(errors.imu_tilt[:2])),

@@ -1,0 +1,151 @@
+"""What an effect is: one way in which a simulated robot differs from its model file, as a row of the table in `effects.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.robot.scale import Scale
+
+ROW = "effect"
+"""Key of a row among the metadata of its field."""
+
+
+@dataclass(frozen=True)
+class Each:
+    """What there is one of an effect of.
+
+    Attributes:
+        name: name of it in words.
+        count: number of them, of a robot with so many leg joints.
+    """
+
+    name: str
+    count: Callable[[int], int]
+
+
+ROBOT = Each("robot", lambda joints: 1)
+JOINT = Each("joint", lambda joints: joints)
+JOINT_DIRECTION = Each("joint, two directions", lambda joints: 2 * joints)
+LINK_DIRECTION = Each("leg link, along and twice across", lambda joints: 3 * joints)
+LINK_KIND = Each("kind of leg link", lambda joints: max(joints // 4, 1))
+LINK_KIND_DIRECTION = Each("kind of leg link, along and twice across", lambda joints: 3 * max(joints // 4, 1))
+LEG = Each("leg", lambda joints: 4)
+LEG_DIRECTION = Each("leg, three axes", lambda joints: 12)
+AXIS = Each("axis", lambda joints: 3)
+AXIS_PAIR = Each("pair of axes", lambda joints: 6)
+
+
+@dataclass(frozen=True)
+class Law:
+    """How the values of one robot follow from a size.
+
+    Attributes:
+        name: meaning of the size, in words.
+        draw: function of a generator, the size and how many there are, that gives their values.
+    """
+
+    name: str
+    draw: Callable[[np.random.Generator, float, int], FloatArray]
+
+
+EXACT = Law("exact", lambda generator, size, count: np.full(count, size))
+NORMAL = Law("rms", lambda generator, size, count: size * generator.standard_normal(count))
+FACTOR = Law(
+    "rms of a factor's logarithm", lambda generator, size, count: np.exp(size * generator.standard_normal(count))
+)
+UNIFORM = Law("half width", lambda generator, size, count: size * generator.uniform(-1, 1, count))
+AZIMUTH = Law("exact, its direction drawn", lambda generator, size, count: generator.uniform(0, 2 * np.pi, count))
+"""The values are angles, whatever the size [rad]."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What a size is multiplied by on a robot that is no A1.
+
+    Attributes:
+        name: name of it in words; empty: it is the same on all robots.
+        of: function that gives the factor.
+    """
+
+    name: str
+    of: Callable[[Scale], float]
+
+
+SAME = Measure("", lambda scale: 1.0)
+TORQUE = Measure("torque", lambda scale: scale.torque)
+LENGTH = Measure("length", lambda scale: scale.length)
+MASS = Measure("mass", lambda scale: scale.torque / scale.length)
+STIFFNESS = Measure("force over length", lambda scale: scale.torque / scale.length**2)
+
+ALL_ENGINES = ("mujoco", "dart")
+MUJOCO = ("mujoco",)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A row of the table.
+
+    Attributes:
+        meaning: noun phrase, with sign and frame.
+        unit: SI unit; empty for a fraction.
+        each: parts of the robot that have one each, as its joints.
+        law: law by which values are drawn.
+        source: reason for the size.
+        name: name in code, in settings and as a flag.
+        realistic: size in the preset `realistic`, on an A1.
+        stress: size in the preset `stress`, on an A1; default: that in `realistic`.
+        alone: size that it is tried with by itself, on an A1; default: that in `stress`.
+        none: size at which there is no such effect.
+        measure: quantity that the size grows with.
+        inverse: whether a larger number is a smaller effect, as a spring's stiffness is.
+        varied: whether studies vary it; what a robot cannot be without is not.
+        engines: engines that have it.
+    """
+
+    meaning: str
+    unit: str
+    each: Each
+    law: Law
+    source: str
+    name: str = ""
+    realistic: float = 0.0
+    stress: float | None = None
+    alone: float | None = None
+    none: float = 0.0
+    measure: Measure = SAME
+    inverse: bool = False
+    varied: bool = True
+    engines: tuple[str, ...] = ALL_ENGINES
+
+    @property
+    def in_stress(self) -> float:
+        """Size in the preset `stress`, on an A1."""
+        return self.realistic if self.stress is None else self.stress
+
+    @property
+    def by_itself(self) -> float:
+        """Size that it is tried with by itself, on an A1."""
+        return self.in_stress if self.alone is None else self.alone
+
+    def amount(self, size: float) -> float:
+        """How large the effect is at a size: of a spring or a filter, one over it."""
+        if not self.inverse:
+            return float(size)
+        return 1 / size if size else 0.0
+
+    def times(self, size: float, factor: float) -> float:
+        """The size of so many times the effect."""
+        if not self.inverse:
+            return size * factor
+        return size / factor if factor else self.none
+
+
+def effect(meaning: str, unit: str, each: Each, law: Law, source: str, **more: Any) -> Any:
+    """A row of the table as a field; the arguments are those of `Effect`."""
+    row = Effect(meaning, unit, each, law, source, **more)
+    return field(default=row.none, metadata={ROW: row})

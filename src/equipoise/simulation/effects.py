@@ -1,0 +1,360 @@
+"""The table of effects: what a simulated robot can have beyond its model file, and the presets `ideal`, `realistic`, `stress`.
+
+A field of `SensorErrors` is a row. Its value is the effect's size; the rest of the row says what there is one of it for, how
+values are drawn, its size in each preset and why, what it grows with on another robot, and which engines have it. Flags,
+draws, studies, refusals and the documents follow from it. A new effect is a row here, and its name where it acts.
+
+The estimator knows nothing of this table, and shares no number with it: what is believed beforehand is said, with sources of
+its own, in `precise/unknowns.py`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from equipoise.errors import SettingsError
+from equipoise.robot.scale import Scale
+from equipoise.simulation.effect import (
+    AXIS,
+    AXIS_PAIR,
+    AZIMUTH,
+    EXACT,
+    FACTOR,
+    JOINT,
+    JOINT_DIRECTION,
+    LEG,
+    LEG_DIRECTION,
+    LENGTH,
+    LINK_DIRECTION,
+    LINK_KIND,
+    LINK_KIND_DIRECTION,
+    MASS,
+    MUJOCO,
+    NORMAL,
+    ROBOT,
+    ROW,
+    STIFFNESS,
+    TORQUE,
+    UNIFORM,
+    Effect,
+    effect,
+)
+
+Noise = Literal["ideal", "realistic", "stress"]
+Contacts = Literal["own", "file"]
+"""How feet touch the floor: as the effects say, or as the model file does."""
+
+_JIG = "calibration jigs, by hand"
+_BUS = "a sample of a 500 Hz bus is up to 2 ms old"
+_SHEET = "data sheets of MEMS sensors"
+_FRICTION = "gears of hobby and research quadrupeds"
+_SCREWS = "screws, cables, the motors' spread"
+_CAD = "CAD without cables"
+_WORN = "worn feet, tolerances"
+_RUBBER = "rubber"
+_MOTORS = "one motor type, one constant: a vendor's bench had real torques of 1/1.3 to 1/1.5 of the reported"
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """Sizes of what a simulated robot has beyond its model file: errors of sensors, motors, legs, feet and floor, a cable.
+
+    All as by default: a perfect robot, as its file says. Fields, units and meanings are the rows of the table of effects
+    (`SensorErrors.rows()`, docs/method/world.md); a size is an rms value, or exact, or what its row's law says.
+    """
+
+    encoder_noise: float = effect(
+        "noise of the encoders", "rad", JOINT, NORMAL, _SHEET, realistic=0.3e-3,
+    )  # fmt: skip
+    joint_zero: float = effect(
+        "encoder reading less joint position", "rad", JOINT, NORMAL, _JIG, realistic=5e-3, stress=10e-3,
+    )  # fmt: skip
+    joint_velocity_noise: float = effect(
+        "noise of the joint velocities", "rad/s", JOINT, NORMAL, "encoders, differentiated on the motor boards",
+        realistic=0.03,
+    )  # fmt: skip
+    gyro_noise: float = effect("noise of the gyroscope", "rad/s", AXIS, NORMAL, _SHEET, realistic=3e-3)
+    gyro_bias: float = effect("bias of the gyroscope, in the IMU frame", "rad/s", AXIS, NORMAL, _SHEET, realistic=2e-3)
+    accelerometer_noise: float = effect("noise of the accelerometer", "m/s2", AXIS, NORMAL, _SHEET, realistic=0.05)
+    accelerometer_bias: float = effect(
+        "bias of the accelerometer, in the IMU frame", "m/s2", AXIS, NORMAL, _SHEET, realistic=0.03,
+    )  # fmt: skip
+    imu_tilt: float = effect(
+        "rotation vector of the IMU in the frame where it should be", "rad", AXIS, NORMAL, _JIG,
+        realistic=5e-3, stress=10e-3,
+    )  # fmt: skip
+    torque_noise: float = effect(
+        "noise of the reported joint torques", "Nm", JOINT, NORMAL, "current sensors", realistic=0.2, measure=TORQUE,
+    )  # fmt: skip
+    coulomb_friction: float = effect(
+        "Coulomb friction of a joint", "Nm", ROBOT, EXACT, f"{_FRICTION}; half as much again when cold",
+        realistic=0.3, stress=0.45, measure=TORQUE,
+    )  # fmt: skip
+    viscous_friction: float = effect(
+        "viscous friction of a joint", "Nm s/rad", ROBOT, EXACT, f"{_FRICTION}; half as much again when cold",
+        realistic=0.05, stress=0.075, measure=TORQUE,
+    )  # fmt: skip
+    armature: float = effect(
+        "rotor inertia seen at a joint", "kg m2", ROBOT, EXACT, "motors with a gear ratio of six to ten",
+        realistic=0.01, measure=TORQUE,
+    )  # fmt: skip
+    torque_gain: float = effect(
+        "true over reported torque, less one", "", JOINT, NORMAL, "magnets and windings differ", realistic=0.03,
+    )  # fmt: skip
+    leg_mass: float = effect(
+        "mass, first moment and inertia of a leg link over the model's, less one", "", JOINT, NORMAL, _SCREWS,
+        realistic=0.03,
+    )  # fmt: skip
+    command_delay: float = effect(
+        "time from sending a command until it acts", "s", ROBOT, EXACT, _BUS, realistic=2e-3,
+    )  # fmt: skip
+    sensor_delay: float = effect("time from sensing until the time stamp", "s", ROBOT, EXACT, _BUS, realistic=2e-3)
+    imu_clock_offset: float = effect(
+        "time by which IMU samples are younger than joint samples of the same stamp", "s", ROBOT, EXACT, _BUS,
+        realistic=0.5e-3, stress=0.0,
+    )  # fmt: skip
+    floor_friction: float = effect(
+        "friction coefficient of the floor", "", ROBOT, EXACT, "rubber on a dusty floor", realistic=0.8, none=1.0,
+        varied=False,
+    )  # fmt: skip
+    floor_slope: float = effect(
+        "angle between gravity and the floor's normal", "rad", ROBOT, AZIMUTH, "a floor", realistic=5e-3,
+    )  # fmt: skip
+
+    springs: float = effect(
+        "stiffness of the spring between a motor's encoder and the link", "Nm/rad", ROBOT, EXACT,
+        "gear and shank of a 12 kg robot bend by some mrad under 10 Nm; not measured, the softest guess of this table",
+        stress=3000.0, measure=TORQUE, inverse=True, engines=MUJOCO,
+    )  # fmt: skip
+    spring_spread: float = effect(
+        "stiffness of a joint's spring over that of all", "", JOINT, FACTOR, "shanks and gears differ by joint",
+        stress=0.2, engines=MUJOCO,
+    )  # fmt: skip
+    backlash: float = effect(
+        "play between a motor's encoder and the link, from stop to stop", "rad", ROBOT, EXACT, "0.1 deg: a planetary gear",
+        stress=float(np.deg2rad(0.1)), engines=MUJOCO,
+    )  # fmt: skip
+    rotor_spin: float = effect(
+        "spin of the rotors in the links that carry them, as a fraction of the armature: one over the gear ratio", "",
+        ROBOT, EXACT, "every geared motor; a ratio of nine", stress=1 / 9, engines=MUJOCO,
+    )  # fmt: skip
+    friction_spread: float = effect(
+        "Coulomb and viscous friction of a joint over those of all", "", JOINT, FACTOR, "temperature, seals", stress=0.3,
+    )  # fmt: skip
+    load_friction: float = effect(
+        "friction of a joint over the torque of its motor", "", ROBOT, EXACT, "teeth under load", stress=0.04,
+    )  # fmt: skip
+    stribeck: float = effect(
+        "Coulomb friction at rest over that in motion, less one", "", ROBOT, EXACT, "grease at rest", alone=0.3,
+    )  # fmt: skip
+    leg_mass_common: float = effect(
+        "mass, first moment and inertia of all leg links over the model's, less one", "", ROBOT, NORMAL,
+        f"{_SCREWS}; files are wrong in common", stress=0.05,
+    )  # fmt: skip
+    leg_com_common: float = effect(
+        "shift of the CoM of all leg links of a kind", "m", LINK_KIND_DIRECTION, NORMAL, _CAD, stress=4e-3, measure=LENGTH,
+    )  # fmt: skip
+    leg_com: float = effect(
+        "shift of the CoM of a leg link", "m", LINK_DIRECTION, NORMAL, _CAD, stress=3e-3, measure=LENGTH,
+    )  # fmt: skip
+    leg_inertia: float = effect(
+        "inertia of a leg link about its CoM over what its mass makes it, less one", "", JOINT, NORMAL,
+        "solids of one density in CAD", alone=0.1,
+    )  # fmt: skip
+    leg_length_common: float = effect(
+        "length of all thighs or of all calves, less the model's", "m", LINK_KIND, NORMAL, _WORN, stress=0.7e-3,
+        measure=LENGTH,
+    )  # fmt: skip
+    leg_length: float = effect(
+        "length of a thigh or a calf, less the model's", "m", JOINT, NORMAL, _WORN, stress=0.7e-3, measure=LENGTH,
+    )  # fmt: skip
+    hip_position: float = effect(
+        "position of a leg's first joint, less the model's, in base axes", "m", LEG_DIRECTION, NORMAL, "tolerances",
+        stress=0.7e-3, measure=LENGTH,
+    )  # fmt: skip
+    foot_radius: float = effect(
+        "radius of a foot, less the model's", "m", LEG, NORMAL, "rubber wears", stress=1e-3, measure=LENGTH,
+    )  # fmt: skip
+    joint_axes: float = effect(
+        "tilt of a joint's axis, about two directions across it", "rad", JOINT_DIRECTION, NORMAL, "bores and bearings",
+        alone=5e-3,
+    )  # fmt: skip
+    foot_stiffness: float = effect(
+        "stiffness of a foot and the floor under it", "N/m", ROBOT, EXACT, _RUBBER, stress=30e3, measure=STIFFNESS,
+        inverse=True, engines=MUJOCO,
+    )  # fmt: skip
+    rolling_friction: float = effect(
+        "rolling friction of a foot: the largest moment over the normal force", "m", ROBOT, EXACT,
+        f"{_RUBBER}: the patch that it stands on", stress=0.3e-3, measure=LENGTH, engines=MUJOCO,
+    )  # fmt: skip
+    torsional_friction: float = effect(
+        "torsional friction of a foot: the largest moment over the normal force", "m", ROBOT, EXACT,
+        f"{_RUBBER}: the patch that it stands on", stress=4e-3, measure=LENGTH, engines=MUJOCO,
+    )  # fmt: skip
+    floor_friction_spread: float = effect(
+        "friction coefficient of the floor, less the usual one", "", ROBOT, UNIFORM, "rubber on floors of all kinds",
+        stress=0.2, varied=False,
+    )  # fmt: skip
+    foothold_height: float = effect(
+        "height of the floor under a foot", "m", LEG, NORMAL, "a floor", stress=1e-3, measure=LENGTH, engines=MUJOCO,
+    )  # fmt: skip
+    torque_gain_common: float = effect(
+        "true over reported torque of all motors, less one", "", ROBOT, NORMAL, _MOTORS, stress=0.05,
+    )  # fmt: skip
+    gyro_gain: float = effect(
+        "gyroscope's gain, less one", "", AXIS, NORMAL, f"{_SHEET}: 1 to 3 % uncalibrated", stress=5e-3,
+    )  # fmt: skip
+    gyro_misalignment: float = effect(
+        "share of another axis's rate in the gyroscope's reading", "", AXIS_PAIR, NORMAL, _SHEET, stress=2e-3,
+    )  # fmt: skip
+    gyro_turn: float = effect(
+        "rotation vector of the gyroscope in the accelerometer's frame", "rad", AXIS, NORMAL, _SHEET, stress=5e-3,
+    )  # fmt: skip
+    gyro_drift: float = effect(
+        "change of the gyroscope's bias in two minutes", "rad/s", AXIS, NORMAL, "an IMU that warms up", alone=2e-3,
+    )  # fmt: skip
+    imu_filter: float = effect(
+        "cut-off frequency of the IMU's low pass, a Butterworth filter of second order", "Hz", ROBOT, EXACT,
+        "on-board filters", stress=100.0, inverse=True,
+    )  # fmt: skip
+    imu_latency: float = effect(
+        "time by which IMU samples are older than joint samples of the same stamp", "s", ROBOT, EXACT, "on-board filters",
+        stress=2e-3,
+    )  # fmt: skip
+    sample_rate: float = effect(
+        "rate of the samples; none: each control period has one", "Hz", ROBOT, EXACT, "logs and buses of 100 to 200 Hz",
+        alone=200.0, inverse=True,
+    )  # fmt: skip
+    jitter: float = effect(
+        "time stamp of a sample, less when it was read", "s", ROBOT, NORMAL, "DDS, UDP", stress=0.2e-3,
+    )  # fmt: skip
+    lost_samples: float = effect("share of the samples that are lost", "", ROBOT, EXACT, "DDS, UDP", stress=3e-3)
+    encoder_eccentricity: float = effect(
+        "amplitude of an encoder's error over a turn of the joint", "rad", JOINT, AZIMUTH,
+        "a magnet beside its axis", alone=3e-3,
+    )  # fmt: skip
+    cable: float = effect(
+        "constant horizontal force on the base, fixed in the room", "N", ROBOT, AZIMUTH, "half a metre of Ethernet",
+        stress=0.15,
+    )  # fmt: skip
+    swinging_load: float = effect(
+        "mass of a load that swings under the base, on 0.1 m of string times the robot's length over an A1's", "kg", ROBOT,
+        EXACT, "a plug, a lanyard", alone=0.1, measure=MASS, engines=MUJOCO,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        for row in self.rows():
+            value = getattr(self, row.name)
+            if not (np.isfinite(value) and (value >= 0 or row.name == "imu_clock_offset")):
+                raise SettingsError(f"{row.name} is {value}; it must be a finite number, zero or more")
+        if self.imu_clock_offset > self.sensor_delay:
+            raise SettingsError(
+                f"imu_clock_offset is {self.imu_clock_offset} s and sensor_delay {self.sensor_delay} s: IMU samples would be "
+                "younger than the moment at which they are read"
+            )
+        if self.lost_samples > _MOST_LOST:
+            raise SettingsError(
+                f"lost_samples is {self.lost_samples}: no loop lives on so few; give a share of {_MOST_LOST} at most"
+            )
+
+    @classmethod
+    def rows(cls) -> tuple[Effect, ...]:
+        """The table of effects."""
+        return _rows()
+
+    @classmethod
+    def row(cls, name: str) -> Effect:
+        """The row of a name; raises SettingsError if there is none."""
+        rows = {row.name: row for row in cls.rows()}
+        if name not in rows:
+            near = get_close_matches(name, rows, 1)
+            guess = f"; did you mean {near[0]}?" if near else ""
+            raise SettingsError(f"{name!r} is no effect of a simulated robot; those are {', '.join(rows)}{guess}")
+        return rows[name]
+
+    def scaled_to(self, scale: Scale) -> SensorErrors:
+        """An A1's effects on a robot of another size: each grows with what its row says."""
+        rows = [row for row in self.rows() if row.measure.name]
+        return dataclasses.replace(self, **{row.name: getattr(self, row.name) * row.measure.of(scale) for row in rows})
+
+    def having(self, effects: Mapping[str, float | None], scale: Scale) -> SensorErrors:
+        """With these effects besides, or of other sizes.
+
+        Args:
+            effects: size by name, taken as it is; None: what it is tried with by itself, on a robot of that scale.
+            scale: scale of the robot.
+
+        Raises:
+            SettingsError: there is no such effect, or the size means nothing.
+        """
+        rows = {name: self.row(name) for name in effects}
+        usual = {name: row.by_itself * row.measure.of(scale) for name, row in rows.items()}
+        return dataclasses.replace(self, **{n: usual[n] if size is None else size for n, size in effects.items()})
+
+    def without(self, names: Iterable[str]) -> SensorErrors:
+        """Without these effects; raises SettingsError where there is none of a name."""
+        return dataclasses.replace(self, **{name: self.row(name).none for name in names})
+
+    def times(self, factors: Mapping[str, float]) -> SensorErrors:
+        """So many times each of these effects, by name."""
+        rows = {name: self.row(name) for name in factors}
+        return dataclasses.replace(self, **{n: rows[n].times(getattr(self, n), factors[n]) for n in factors})
+
+    def refuse_what_lacks(self, engine: str) -> None:
+        """Refuse what an engine cannot have; raises SettingsError."""
+        lacking = [r.name for r in self.rows() if engine not in r.engines and getattr(self, r.name) != r.none]
+        if lacking:
+            raise SettingsError(
+                f"{engine} cannot simulate {', '.join(lacking)}; take out what it cannot (--without {','.join(lacking)}), or "
+                f"use {self.row(lacking[0]).engines[0]}"
+            )
+
+
+_MOST_LOST = 0.5
+
+
+def read_effects(texts: Iterable[str]) -> dict[str, float | None]:
+    """Effects with their sizes from "springs=3000,cable"; None: no size is given.
+
+    Raises:
+        SettingsError: there is no such effect, or the size is no number.
+    """
+    read: dict[str, float | None] = {}
+    for word in read_names(texts):
+        name, given, size = (part.strip() for part in word.partition("="))
+        unit = SensorErrors.row(name).unit or "a fraction"
+        try:
+            read[name] = float(size) if given else None
+        except ValueError:
+            raise SettingsError(f"{word!r} gives {name} no size; give a number ({unit}), as {name}=0.1") from None
+    return read
+
+
+def read_names(texts: Iterable[str]) -> tuple[str, ...]:
+    """The words between commas."""
+    return tuple(word.strip() for text in texts for word in text.split(",") if word.strip())
+
+
+@lru_cache(maxsize=1)
+def _rows() -> tuple[Effect, ...]:
+    fields = dataclasses.fields(SensorErrors)
+    return tuple(dataclasses.replace(row.metadata[ROW], name=row.name) for row in fields)
+
+
+IDEAL = SensorErrors()
+"""No noise, no bias, no friction, exact leg model; soft position control and contact as simulated."""
+
+REALISTIC = SensorErrors(**{row.name: row.realistic for row in SensorErrors.rows()})
+"""An A1's values, for a robot with the A1's m g h."""
+
+STRESS = SensorErrors(**{row.name: row.in_stress for row in SensorErrors.rows()})
+"""What ordinary robots have all at once, on an A1; more than the estimator is told of."""
+
+PRESETS: dict[Noise, SensorErrors] = {"ideal": IDEAL, "realistic": REALISTIC, "stress": STRESS}

@@ -1,0 +1,136 @@
+"""Feet, belly and floor of the simulated robot in MuJoCo: hard points, or the patches, rubber and footholds of its effects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from equipoise.errors import SettingsError
+from equipoise.robot.model import Foot, RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.simulation.effects import Contacts
+from equipoise.simulation.leg_errors import LegErrors
+from equipoise.simulation.mujoco_drive import as_a_spring
+from equipoise.simulation.sensors import DrawnErrors
+
+FLOOR = "equipoise_floor"
+# Tangential stiffness over normal stiffness of contacts: MuJoCo's soft contacts creep at 1, and a foot that creeps by
+# a millimetre over a trial is a support line off by a millimetre.
+IMPRATIO = 100.0
+# Of contacts [s]: as hard as MuJoCo keeps up to the longest step, which is half of it; at longer ones it would soften them.
+CONTACT_TIME = 2e-3
+# Share of a contact's or a joint's slip that is taken back at once. At MuJoCo's own, 0.9 to 0.95, planted feet creep four
+# times as far while the body shakes, and sink in by 40 instead of 3 um.
+IMPEDANCE = 0.99, 0.99
+_BELLY_RATIO = 0.15  # the trunk's underside hangs this fraction of the leg length below the hips
+# Damping of rubber over its stiffness [s]: a robot that bounces at 16 Hz on its feet loses a fifth of its swing each time.
+_RUBBER_TIME = 2e-3
+_FILE_KEYS = ("condim", "friction", "solref", "solimp", "solmix", "priority", "margin", "gap")
+
+
+def foot_name(leg: str) -> str:
+    """Name of a foot's geom."""
+    return f"equipoise_{leg}_foot"
+
+
+def add_contacts(
+    spec: mujoco.MjSpec,
+    robot: RobotModel,
+    stance: Stance,
+    base: mujoco.MjsBody,
+    errors: DrawnErrors,
+    legs: LegErrors,
+    contacts: Contacts,
+) -> None:
+    """Feet (spheres), belly (a box, for lying) and the floor; nothing else touches.
+
+    Args:
+        contacts: contact parameters of feet and floor: "own", or "file", those that the model file gives its feet, on a floor
+            as MuJoCo makes it.
+
+    Raises:
+        SettingsError: the file gives none.
+    """
+    hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*IMPEDANCE, 0.001, 0.5, 2.0], "friction": _friction(errors)}
+    floor = hard if contacts == "own" else {}
+    spec.worldbody.add_geom(
+        name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=1, conaffinity=2, **floor
+    )  # fmt: skip
+    touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
+    heights = errors.drawn["foothold_height"]
+    for index, (leg, foot) in enumerate(robot.feet.items()):
+        how: dict[str, Any] = {**touching, "condim": _dimensions(errors)}
+        if contacts == "file":
+            how |= _of_the_file(spec, robot, foot)
+        if heights.any():
+            # A floor of its own for each foot: it meets no other.
+            how |= {"contype": 4 << index, "conaffinity": 4 << index}
+            spec.worldbody.add_geom(
+                name=f"{FLOOR}_{leg}", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, heights[index]],
+                contype=4 << index, conaffinity=4 << index, **floor,
+            )  # fmt: skip
+        spec.body(foot.body).add_geom(
+            name=foot_name(leg),
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[foot.radius + legs.foot_radius[index], 0, 0],
+            pos=foot.position_in_body,
+            **how,
+        )
+    hips_above_base = stance.hip_height - stance.base_height
+    reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
+    thickness = 0.02 * robot.leg_length
+    base.add_geom(
+        name="equipoise_belly",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.6 * reach[0], 0.4 * reach[1], thickness],
+        pos=[0, 0, hips_above_base - _BELLY_RATIO * robot.leg_length + thickness],
+        **touching,
+    )
+
+
+def soften_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -> None:
+    """Feet of the stiffness that was asked for, on a hard floor.
+
+    MuJoCo makes friction as stiff as the normal force, times a ratio. The ratio is raised, so that soft feet creep no faster
+    than hard ones.
+    """
+    stiffness = errors.sizes.foot_stiffness
+    if not stiffness:
+        return
+    for leg in robot.legs:
+        geom = model.geom(foot_name(leg)).id
+        weight = float(model.body_invweight0[model.geom_bodyid[geom], 0])
+        solref, solimp, softness = as_a_spring(stiffness, _RUBBER_TIME * stiffness, model.opt.timestep, weight)
+        model.geom_solref[geom], model.geom_solimp[geom], model.geom_priority[geom] = solref, solimp, 1
+        hard = weight * (1 - IMPEDANCE[0]) / IMPEDANCE[0] / IMPRATIO
+        model.opt.impratio = max(model.opt.impratio, softness / hard)
+
+
+def _friction(errors: DrawnErrors) -> list[float]:
+    """Sliding, torsional [m] and rolling [m]; those that a contact has no dimension for say nothing."""
+    sizes = errors.sizes
+    if _dimensions(errors) == 3:
+        return [errors.floor_friction, 0.005, 0.0001]
+    return [errors.floor_friction, sizes.torsional_friction, sizes.rolling_friction]
+
+
+def _dimensions(errors: DrawnErrors) -> int:
+    """3: feet slide; 4: they turn on the spot, too; 6: and roll."""
+    if errors.sizes.rolling_friction:
+        return 6
+    return 4 if errors.sizes.torsional_friction else 3
+
+
+def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel, foot: Foot) -> dict[str, Any]:
+    """Contact parameters of the sphere that the file has where the foot is."""
+    if robot.source.format == "mjcf":
+        for geom in spec.body(foot.body).geoms:
+            is_sphere = geom.type == mujoco.mjtGeom.mjGEOM_SPHERE
+            if is_sphere and np.allclose(geom.pos, foot.position_in_body, atol=1e-6):
+                return {key: getattr(geom, key) for key in _FILE_KEYS}
+    raise SettingsError(
+        f"the model file of {robot.name!r} says nothing of how its feet touch the floor (only the spheres of an MJCF do); "
+        "leave --contacts file out"
+    )

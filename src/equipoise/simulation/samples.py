@@ -1,0 +1,159 @@
+"""From what happens in an engine to the samples of a platform: filters, delays, errors, noise, stamps, and what is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from equipoise.conventions import FloatArray
+from equipoise.platform.platform import RobotState
+from equipoise.simulation.sensors import DrawnErrors
+
+_LARGEST_JITTER = 0.4  # of a control period: samples keep their order
+_ORDER = 2  # of the IMU's low pass
+
+
+class Samples:
+    """The sensors of a simulated robot. Rows hold 3 nj + 6 values: positions, velocities, torques, gyroscope, accelerometer.
+
+    Args:
+        errors: errors of the sensors.
+        joints: number of joints.
+        timestep: time step of the engine [s].
+        substeps: engine steps per control period.
+    """
+
+    def __init__(self, errors: DrawnErrors, joints: int, timestep: float, substeps: int) -> None:
+        self._errors, self._joints, self._timestep, self._substeps = errors, joints, timestep, substeps
+        sizes = errors.sizes
+        self._per_period = sizes.sample_rate * substeps * timestep
+        self._sections = _low_pass(sizes.imu_filter, timestep)
+        self._filter_state: FloatArray | None = None
+        self._newest: RobotState | None = None
+
+    @property
+    def past_steps(self) -> int:
+        """Engine steps before the present that samples may need."""
+        sizes = self._errors.sizes
+        longest = sizes.sensor_delay + abs(sizes.imu_clock_offset) + sizes.imu_latency
+        return int(np.ceil(longest / self._timestep)) + 2
+
+    def filtered(self, raw: FloatArray, keep: bool = True) -> FloatArray:
+        """Raw values (n, 3 nj + 6) at consecutive engine steps, with the IMU's behind its filter.
+
+        Args:
+            keep: whether the steps have happened, and are not only looked at.
+        """
+        if self._sections is None:
+            return raw
+        imu = raw[:, -6:]
+        if self._filter_state is None:
+            at_rest = signal.sosfilt_zi(self._sections)
+            self._filter_state = np.asarray(at_rest[..., None] * imu[0])
+        passed, state = signal.sosfilt(self._sections, imu, axis=0, zi=self._filter_state)
+        if keep:
+            self._filter_state = np.asarray(state)
+        return np.hstack([raw[:, :-6], passed])
+
+    def sensed(self, raw: FloatArray, first: int, count: int, period: int) -> FloatArray:
+        """Delay, clock offset, bias and noise: raw values at every engine step to samples at every control period.
+
+        Args:
+            first: row of the first sample's moment.
+            count: number of samples.
+            period: number of the first sample's control period, which its noise is keyed by.
+        """
+        errors, step, sizes = self._errors, self._timestep, self._errors.sizes
+        joints = 3 * self._joints
+        joint_steps = -sizes.sensor_delay / step
+        imu_steps = joint_steps + (sizes.imu_clock_offset - sizes.imu_latency) / step
+        samples = np.empty((count, raw.shape[1]))
+        ticks = first + self._substeps * np.arange(count)
+        samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
+        samples[:, joints:] = _at(raw[:, joints:], ticks, imu_steps)
+        if sizes.encoder_eccentricity:
+            position = samples[:, : self._joints].copy()
+            samples[:, self._joints : 2 * self._joints] *= 1 + errors.encoder_error_slope(position)
+            samples[:, : self._joints] += errors.encoder_error(position)
+        samples[:, : self._joints] += errors.joint_zero
+        if sizes.gyro_gain or sizes.gyro_misalignment or sizes.gyro_turn:
+            samples[:, -6:-3] = samples[:, -6:-3] @ errors.gyro_matrix.T
+        samples[:, -6:-3] += errors.gyro_bias
+        if sizes.gyro_drift:
+            samples[:, -6:-3] += self.time(period + np.arange(count))[:, None] * errors.gyro_drift
+        samples[:, -3:] += errors.accelerometer_bias
+        return samples + errors.noise(period, count)
+
+    def time(self, period: NDArray[np.intp]) -> FloatArray:
+        """(n,) times at which control periods begin [s]."""
+        return np.asarray(period, dtype=np.float64) * (self._substeps * self._timestep)
+
+    def stamps(self, period: int, count: int) -> FloatArray:
+        """(count,) time stamps of the samples of consecutive control periods [s]."""
+        times = self.time(period + np.arange(count))
+        if not self._errors.sizes.jitter:
+            return times
+        largest = _LARGEST_JITTER * self._substeps * self._timestep
+        jitter = self._errors.jitter(period, count)
+        return np.asarray(times + np.minimum(np.maximum(jitter, -largest), largest), dtype=float)
+
+    def arrived(self, period: int, count: int) -> NDArray[np.bool_]:
+        """(count,) whether consecutive control periods have a sample; the first one of all has.
+
+        At a slower rate the first period has one behind each moment at which one is due: the rate is kept on average.
+        """
+        periods = period + np.arange(count)
+        there = np.ones(count, dtype=bool)
+        if 0 < self._per_period < 1:
+            due = np.floor(self._per_period * np.arange(period - 1, period + count) + 1e-9)
+            there = due[1:] > due[:-1]
+        if self._errors.sizes.lost_samples:
+            there &= ~self._errors.lost(period, count) | (periods == 0)
+        return there
+
+    def state(self, sample: FloatArray, period: int) -> RobotState:
+        """What the robot says in a control period with that (3 nj + 6,) sample; if it is lost, what it said last."""
+        if self._newest is None or self.arrived(period, 1)[0]:
+            self._newest = self._state_of(sample, period)
+        return self._newest
+
+    def shown(self, samples: FloatArray, period: int) -> FloatArray:
+        """(n, 3 nj + 6) samples of consecutive control periods as a loop sees them: for a lost one, the last before it."""
+        there = self.arrived(period, len(samples))
+        latest = np.maximum.accumulate(np.where(there, np.arange(len(samples)), -1))
+        seen = samples if there.all() else samples[np.maximum(latest, 0)]
+        if self._newest is not None and not there[0]:
+            seen[latest < 0] = _row(self._newest)
+        if latest[-1] >= 0:
+            self._newest = self._state_of(samples[latest[-1]], period + int(latest[-1]))
+        return seen
+
+    def _state_of(self, sample: FloatArray, period: int) -> RobotState:
+        position, velocity, torque = sample[: 3 * self._joints].reshape(3, self._joints)
+        stamp = float(self.stamps(period, 1)[0])
+        return RobotState(stamp, position, velocity, torque, sample[-6:-3], sample[-3:])
+
+
+def _row(state: RobotState) -> FloatArray:
+    assert state.joint_velocity is not None
+    assert state.joint_torque is not None
+    joints = state.joint_position, state.joint_velocity, state.joint_torque
+    return np.concatenate([*joints, state.angular_velocity_in_imu, state.acceleration_in_imu])
+
+
+def _low_pass(frequency: float, timestep: float) -> FloatArray | None:
+    """Sections of the IMU's filter; None: it has none, or one that lets all pass that the engine can show."""
+    if not frequency or frequency >= 0.5 / timestep:
+        return None
+    return np.asarray(signal.butter(_ORDER, frequency, fs=1 / timestep, output="sos"))
+
+
+def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
+    """Rows at ticks + offset engine steps, linear in between, the ends held."""
+    whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
+    fraction = offset - whole
+    before = raw.take(ticks + whole, axis=0, mode="clip")
+    if fraction < 1e-6:
+        return before
+    return (1 - fraction) * before + fraction * raw.take(ticks + whole + 1, axis=0, mode="clip")

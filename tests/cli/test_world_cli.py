@@ -1,0 +1,68 @@
+"""Presets of effects on the command line: what is with, what is without, and what is refused."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from equipoise.cli import main
+from equipoise.cli.session import Place
+
+QUIET = ["--quiet", "--no-pictures", "--no-report"]
+
+
+def test_a_run_keeps_which_world_it_was_made_in(tmp_path):
+    out = tmp_path / "run"
+    world = [
+        "--noise",
+        "stress",
+        "--without",
+        "springs,backlash",
+        "--without",
+        "cable",
+        "--with",
+        "swinging_load,jitter=1e-3",
+    ]
+    assert main(["calibrate", "--method", "static", *world, *QUIET, "--out", str(out)]) == 0
+    facts = json.loads((out / "calibration.json").read_text(encoding="utf-8"))["provenance"]
+    assert facts["noise"] == "stress"
+    assert facts["effects"] == {"swinging_load": None, "jitter": 1e-3}
+    place = Place.of(SimpleNamespace(path=out, provenance=facts))
+    assert place.without == ("springs", "backlash", "cable")
+    assert place.facts() == {name: facts[name] for name in place.facts()}
+    assert place.world.startswith(
+        "noise stress, with swinging_load, with jitter 0.001, without springs, without backlash"
+    )
+
+
+def test_a_usual_run_says_nothing_of_effects():
+    assert set(Place("mujoco").facts()) == {"platform", "noise", "payload", "seed", "start", "noise_seed"}
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "monte-carlo", "balance"])
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--without", "sprngs"], "'sprngs' is no effect of a simulated robot"),
+        (["--with", "cable=much"], "'cable=much' gives cable no size"),
+        (["--with", "cable", "--without", "cable"], "with it and without it"),
+        (["--with", "cable=-1"], "cable is -1.0; it must be"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(verb, flags, words, tmp_path, capsys):
+    assert main([verb, *flags, "--quiet", "--out", str(tmp_path / "out")]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_an_engine_says_what_it_cannot_have(tmp_path, capsys):
+    pytest.importorskip("dartpy")
+    flags = ["--platform", "dart", "--with", "springs", "--quiet", "--out", str(tmp_path / "out")]
+    assert main(["calibrate", *flags]) == 2
+    assert "dart cannot simulate springs; take out" in capsys.readouterr().err
+
+
+def test_balancing_lives_on_lost_samples(tmp_path):
+    flags = ["--noise", "ideal", "--with", "lost_samples=0.02", "--duration", "1s", "--diagonal", "FL_RR"]
+    assert (
+        main(["balance", *flags, "--com-error=0mm", "--check", "--quiet", "--no-pictures", "--out", str(tmp_path)]) == 0
+    )

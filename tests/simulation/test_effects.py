@@ -1,0 +1,647 @@
+"""Every effect is in the simulated robot with its size, draws leave each other alone, what cannot be is refused by name."""
+
+import dataclasses
+import hashlib
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
+from equipoise.errors import SettingsError
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.scale import Scale
+from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
+from equipoise.simulation.leg_errors import LegErrors
+from equipoise.simulation.mujoco_drive import as_a_spring, spring_name
+from equipoise.simulation.mujoco_model import SWINGING_LOAD
+from equipoise.simulation.samples import Samples
+from equipoise.simulation.sensors import DrawnErrors
+
+ROWS = SensorErrors.rows()
+JOINTS, SEED, PERIOD = 12, 5, 2e-3
+LEG_EFFECTS = (
+    "leg_mass", "leg_mass_common", "leg_com", "leg_com_common", "leg_inertia", "leg_length", "leg_length_common",
+    "hip_position",
+)  # fmt: skip
+
+
+def drawn(sizes, seed=SEED):
+    return DrawnErrors.draw(sizes, JOINTS, seed)
+
+
+def engine(simulation):
+    """The engine's own model and state, and the simulated robot."""
+    platform = simulation.platform
+    return SimpleNamespace(model=platform._model, data=platform._data, simulated=platform._simulated)
+
+
+def standing(robot, noise="ideal", seed=SEED, **effects):
+    """A robot that stands, behind a forward step: contacts and forces are of the present."""
+    with simulate(robot, noise, seed=seed, effects=effects) as simulation:
+        simulation.platform.play(Trajectory(np.tile(nominal_stance(robot).joint_position, (250, 1))))
+        seen = engine(simulation)
+        seen.errors, seen.truth, seen.witness = simulation.errors, simulation.truth, simulation.witness
+        seen.glimpse = simulation.witness.look()
+        seen.data.xfrc_applied[:] = simulation.disturbance.wrench
+        mujoco.mj_forward(seen.model, seen.data)
+        return seen
+
+
+def foot_forces(seen):
+    """Of each contact: its record, force and moment in the contact's axes, the first of which is the normal."""
+    found = []
+    for index, contact in enumerate(seen.data.contact):
+        wrench = np.zeros(6)
+        mujoco.mj_contactForce(seen.model, seen.data, index, wrench)
+        found.append((contact, wrench))
+    assert len(found) == 4
+    return found
+
+
+# --- the table
+
+
+def test_every_row_says_what_it_is_and_why():
+    assert len({row.name for row in ROWS}) == len(ROWS)
+    for row in ROWS:
+        assert row.meaning, row.name
+        assert row.source, row.name
+        assert row.engines[0] == "mujoco"
+        assert row.by_itself != row.none or row.realistic, f"{row.name} has no size to try it with"
+
+
+def test_stress_has_all_of_realistic_and_more():
+    assert {name for name, size in dataclasses.asdict(STRESS).items() if size} > {
+        name for name, size in dataclasses.asdict(REALISTIC).items() if size and name != "imu_clock_offset"
+    }
+    alone = {row.name for row in ROWS if row.in_stress == row.none}
+    assert alone == {
+        "imu_clock_offset", "stribeck", "leg_inertia", "joint_axes", "gyro_drift", "sample_rate", "encoder_eccentricity",
+        "swinging_load",
+    }  # fmt: skip
+
+
+def test_sizes_grow_with_what_their_rows_say():
+    scaled = STRESS.scaled_to(Scale(length=2.0, torque=12.0))
+    for name, factor in (("springs", 12), ("foot_stiffness", 3), ("hip_position", 2), ("cable", 1), ("gyro_gain", 1)):
+        assert getattr(scaled, name) == pytest.approx(factor * getattr(STRESS, name)), name
+    assert STRESS.having({"swinging_load": None}, Scale(2.0, 12.0)).swinging_load == pytest.approx(0.6)
+
+
+def test_half_a_spring_is_twice_as_stiff_and_none_of_it_is_rigid():
+    assert STRESS.times({"springs": 0.5, "cable": 0.5}).springs == 6000
+    assert STRESS.times({"springs": 0.5, "cable": 0.5}).cable == 0.075
+    assert STRESS.times({"springs": 0.0}).springs == 0
+
+
+def test_effects_are_read_and_taken_out():
+    assert read_effects(["springs=3000,cable", "jitter = 1e-3"]) == {"springs": 3000.0, "cable": None, "jitter": 1e-3}
+    sizes = STRESS.having({"cable": 0.5, "stribeck": None}, Scale(1, 1)).without(["springs", "floor_friction"])
+    assert (sizes.cable, sizes.stribeck, sizes.springs, sizes.floor_friction) == (0.5, 0.3, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"without": ["sprngs"]}, r"'sprngs' is no effect of a simulated robot; .*did you mean springs\?"),
+        ({"effects": {"wind": None}}, "'wind' is no effect of a simulated robot; those are"),
+        ({"effects": {"cable": -1.0}}, "cable is -1.0; it must be a finite number, zero or more"),
+        ({"effects": {"cable": None}, "without": ["cable"]}, "cable: with it and without it; say one of the two"),
+        ({"effects": {"lost_samples": 0.9}}, "lost_samples is 0.9: no loop lives on so few"),
+        ({"noise": "stress", "engine": "dart"}, r"dart cannot simulate springs, spring.*--without springs,spring_spread"),
+        ({"effects": {"swinging_load": None}, "engine": "dart"}, "dart cannot simulate swinging_load; take out"),
+        ({"contacts": "file", "engine": "dart"}, "dart cannot take contacts from the model file"),
+        ({"contacts": "file"}, "the model file of 'unitree_a1' says nothing of how its feet touch the floor"),
+        ({"contacts": "glue"}, "contacts 'glue' are not known; they are 'own' or those of the model 'file'"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_by_name(a1, given, words):
+    with pytest.raises(SettingsError, match=words):
+        simulate(a1, **given)
+
+
+def test_a_size_that_is_no_number_is_refused():
+    with pytest.raises(SettingsError, match=r"'cable=much' gives cable no size; give a number \(N\), as cable=0.1"):
+        read_effects(["cable=much"])
+
+
+# --- draws
+
+
+def test_no_effect_changes_what_another_draws():
+    everything = STRESS.having({row.name: None for row in ROWS if row.in_stress == row.none}, Scale(1, 1))
+    whole = drawn(everything).drawn
+    for row in ROWS:
+        without = drawn(everything.without([row.name])).drawn
+        assert all(np.array_equal(without[name], whole[name]) for name in whole if name != row.name), row.name
+
+
+def test_the_draws_of_realistic_are_those_of_ever():
+    errors, digest = drawn(REALISTIC), hashlib.sha256()
+    for name in (
+        "joint_zero", "torque_gain", "gyro_bias", "accelerometer_bias", "imu_tilt", "leg_mass_scale", "gravity_direction",
+    ):  # fmt: skip
+        digest.update(np.ascontiguousarray(getattr(errors, name)).tobytes())
+    digest.update(errors.noise(1000, 50).tobytes())
+    assert digest.hexdigest() == "f1e1c1d33e9eac40a71f9d502e46bdab55bff0b6ae47eb361799d5ff53d24b96"
+
+
+# Last samples of 0.1 s: position of the first leg's joints [rad], its torques [Nm], the accelerometer [m/s2].
+OF_EVER = {
+    "ideal": ([0.0081046, 0.71485, -1.4682077], [-1.16638, 2.66477, 3.66824], [0.01628, 0.32869, 9.80467]),
+    "realistic": ([-0.0013043, 0.7143296, -1.4770404], [-0.05335, 2.77142, 4.73489], [-0.01748, 0.14025, 9.84047]),
+}
+
+
+@pytest.mark.parametrize("noise", OF_EVER)
+def test_recordings_of_the_smaller_presets_are_those_of_ever(a1, noise):
+    """To what releases of the engine differ by; on one machine they were the same to the bit."""
+    target = nominal_stance(a1).joint_position + 0.02 * np.sin(np.arange(JOINTS))
+    with simulate(a1, noise, seed=SEED) as simulation:
+        recording = simulation.platform.play(Trajectory(np.tile(target, (50, 1))))
+    position, torque, acceleration = OF_EVER[noise]
+    assert np.allclose(recording.joints.position[-1, :3], position, atol=1e-5)
+    assert np.allclose(recording.joints.torque[-1, :3], torque, atol=2e-3)
+    assert np.allclose(recording.imu.acceleration_in_imu[-1], acceleration, atol=5e-3)
+
+
+def test_sizes_are_what_their_laws_say():
+    sizes = STRESS.having(dict.fromkeys(("joint_axes", "leg_inertia")), Scale(1, 1))
+    many = DrawnErrors.draw(sizes, 20000, SEED).drawn
+    for row in ROWS:
+        size, values = getattr(sizes, row.name), many[row.name]
+        if row.law.name == "rms" and values.size > 1000:
+            assert values.std() == pytest.approx(size, rel=0.05), row.name
+        elif row.law.name == "exact":
+            assert (values == size).all(), row.name
+    assert np.log(many["friction_spread"]).std() == pytest.approx(0.3, rel=0.05)
+    frictions = [drawn(STRESS, seed).floor_friction for seed in range(200)]
+    assert 0.6 <= min(frictions) < 0.62
+    assert 0.98 < max(frictions) <= 1.0
+
+
+# --- legs
+
+
+def as_drawn(robot, errors):
+    """The estimator's model of a robot whose legs are as drawn: the sum that the truth is held against."""
+    legs, model = LegErrors.of(robot, nominal_stance(robot), errors), robot.pinocchio.copy()
+    for joint in range(JOINTS):
+        link, mass = model.inertias[joint + 2], float(errors.leg_mass_scale[joint])
+        about_com = mass * float(errors.leg_inertia_scale[joint]) * np.array(link.inertia)
+        model.inertias[joint + 2] = pin.Inertia(
+            mass * link.mass, np.array(link.lever) + legs.com_shift[joint], about_com
+        )
+    for leg, hip in zip(robot.legs.values(), legs.hip_shift, strict=True):
+        for joint, shift in zip(leg.joints, [hip, *legs.end_shift[list(leg.joints[:-1])]], strict=True):
+            placement = model.jointPlacements[int(joint) + 2]
+            model.jointPlacements[int(joint) + 2] = pin.SE3(placement.rotation, placement.translation + shift)
+        frame = model.frames[leg.foot_frame_id]
+        frame.placement = pin.SE3(
+            frame.placement.rotation, frame.placement.translation + legs.end_shift[leg.joints[-1]]
+        )
+    return dataclasses.replace(robot, pinocchio=model)
+
+
+def assert_same_body(one, other):
+    assert one.mass == pytest.approx(other.mass, abs=1e-9)
+    assert np.allclose(one.com, other.com, atol=1e-9)
+    assert np.allclose(one.inertia, other.inertia, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["unitree_a1", "skewed"])
+def test_the_truth_is_that_of_the_robot_with_all_leg_errors_in(a1, skewed, name):
+    robot = {"unitree_a1": a1, "skewed": skewed}[name]
+    others = {"springs": None, "backlash": None, "rotor_spin": None, "armature": None, "foot_radius": None}
+    with simulate(robot, "ideal", seed=SEED, effects={**dict.fromkeys(LEG_EFFECTS), **others}) as simulation:
+        truth, errors, seen = simulation.truth, simulation.errors, engine(simulation)
+    real, stance = as_drawn(robot, errors), nominal_stance(robot)
+    assert_same_body(truth.composite, composite_parameters(real, stance.joint_position))
+    assert truth.composite.mass != pytest.approx(robot.mass, abs=0.01)
+    data = mujoco.MjData(seen.simulated.links)
+    data.qpos[seen.simulated.qpos] = stance.joint_position
+    mujoco.mj_kinematics(seen.simulated.links, data)
+    feet = np.array([data.geom(f"equipoise_{leg}_foot").xpos for leg in robot.legs]) - data.qpos[:3]
+    kinematic = real.create_data()
+    pin.framesForwardKinematics(real.pinocchio, kinematic, real.configuration(stance.joint_position))
+    assert np.allclose(feet, [kinematic.oMf[frame].translation for frame in real.foot_frames], atol=1e-9)
+    assert np.abs(feet - stance.feet_in_base).max() > 3e-4
+
+
+def test_both_engines_have_the_same_legs(a1):
+    pytest.importorskip("dartpy")
+    effects = {**dict.fromkeys(LEG_EFFECTS), "foot_radius": None, "joint_axes": None}
+    truths = []
+    for name in ("mujoco", "dart"):
+        with simulate(a1, "ideal", seed=SEED, effects=effects, engine=name, payload="1,0.1,0,0.05") as simulation:
+            truths.append(simulation.truth)
+    for body in ("composite", "base", "stance_effective"):
+        assert_same_body(*(getattr(truth, body) for truth in truths))
+
+
+@pytest.mark.parametrize("name", ["leg_mass_common", "leg_com_common", "leg_com", "leg_length", "hip_position"])
+def test_each_leg_error_moves_the_truth_by_itself(a1, name):
+    with simulate(a1, "ideal", seed=SEED, effects={name: None}) as simulation:
+        real = as_drawn(a1, simulation.errors)
+        composite = simulation.truth.composite
+    stance = nominal_stance(a1)
+    assert_same_body(composite, composite_parameters(real, stance.joint_position))
+    assert np.abs(composite.com - composite_parameters(a1, stance.joint_position).com).max() > 1e-5
+
+
+def test_what_legs_have_in_common_is_symmetric(a1):
+    shift = LegErrors.of(a1, nominal_stance(a1), drawn(SensorErrors(leg_com_common=4e-3))).com_shift[a1.leg_joints]
+    assert np.abs(shift).max() > 1e-3
+    assert np.allclose(shift[0], shift[1] * [1, -1, 1])
+    assert np.allclose(shift[2], shift[3] * [1, -1, 1])
+
+
+def test_feet_have_other_radii_and_still_stand_on_the_floor(a1):
+    seen = standing(a1, foot_radius=2e-3)
+    usual = [foot.radius for foot in a1.feet.values()]
+    radii = [seen.model.geom(f"equipoise_{leg}_foot").size[0] for leg in a1.legs]
+    assert np.allclose(np.subtract(radii, usual), seen.errors.drawn["foot_radius"])
+    assert np.abs(seen.glimpse.clearance).max() < 5e-6
+
+
+def test_axes_are_askew_by_their_size(a1):
+    askew, plain = (engine(simulate(a1, "ideal", seed=SEED, effects=e)) for e in ({"joint_axes": 5e-3}, {}))
+    joints = [plain.model.joint(name).id for name in a1.joint_names]
+    cosine = np.sum(askew.model.jnt_axis[joints] * plain.model.jnt_axis[joints], axis=1)
+    expected = np.linalg.norm(askew.simulated.errors.drawn["joint_axes"].reshape(-1, 2), axis=1)
+    assert np.allclose(np.arccos(cosine), expected, rtol=1e-3)
+
+
+# --- drive trains
+
+
+def test_a_spring_bends_by_the_torque_over_its_stiffness(a1):
+    seen = standing(a1, springs=3000.0, spring_spread=0.2)
+    springs = [seen.model.joint(spring_name(name)).qposadr[0] for name in a1.joint_names]
+    torque = seen.data.actuator_force
+    loaded = np.abs(torque) > 0.3
+    assert loaded.sum() >= 6
+    assert np.allclose((-torque / seen.data.qpos[springs])[loaded], seen.errors.spring_stiffness[loaded], rtol=0.01)
+    assert seen.errors.spring_stiffness.std() / 3000 == pytest.approx(0.2, rel=0.5)
+
+
+def test_springs_are_stable_however_stiff_and_light(robots_or_a1):
+    for stiffness in (1000.0, 3e6):
+        with simulate(robots_or_a1, "ideal", effects={"springs": stiffness}) as simulation:
+            assert np.abs(simulation.platform.read().joint_velocity).max() < 5e-3
+
+
+@pytest.fixture(params=["unitree_a1", "two_jointed"])
+def robots_or_a1(request, a1, two_jointed):
+    return {"unitree_a1": a1, "two_jointed": two_jointed}[request.param]
+
+
+def test_the_encoder_is_on_the_motors_side(a1):
+    with simulate(a1, "ideal", effects={"springs": 3000.0}) as simulation:
+        state, seen = simulation.platform.read(), engine(simulation)
+    link = seen.data.qpos[seen.simulated.qpos + 1]
+    assert np.abs(link).max() > 1e-3
+    assert np.array_equal(state.joint_position, seen.data.qpos[seen.simulated.qpos])
+    torque = seen.simulated.kp * (nominal_stance(a1).joint_position - state.joint_position)
+    assert np.allclose(state.joint_torque, torque, atol=0.05)
+
+
+@pytest.mark.parametrize("springs", [0.0, 3000.0])
+def test_loaded_joints_rest_at_a_stop_of_their_play(a1, springs):
+    play = 2e-3
+    seen = standing(a1, backlash=play, springs=springs)
+    bent = seen.data.qpos[[seen.model.joint(spring_name(name)).qposadr[0] for name in a1.joint_names]]
+    torque = seen.data.actuator_force
+    loaded = np.abs(torque) > 1.0
+    stiffness = springs or 30e3
+    assert loaded.sum() >= 4
+    assert np.allclose(bent[loaded], (-np.sign(torque) * play / 2 - torque / stiffness)[loaded], rtol=0.02)
+
+
+def test_stops_push_as_springs_do():
+    solref, solimp, softness = as_a_spring(3000.0, 2.0, 5e-4, 150.0)
+    impedance = solimp[0]
+    assert (1 - impedance) / impedance * 150.0 == pytest.approx(softness)
+    assert 1 / softness == pytest.approx(5e-4**2 * 3000 + 5e-4 * 2)
+    assert -solref[0] / impedance / softness == pytest.approx(3000)
+    assert -solref[1] / impedance / softness == pytest.approx(5e-4 * 3000 + 2)
+
+
+def test_rotors_spin_in_the_links_that_carry_them(a1):
+    armature, share = 0.02, 1 / 6
+    with simulate(a1, "ideal", effects={"armature": armature, "rotor_spin": share}) as simulation:
+        seen = engine(simulation)
+    spinning, still = (np.zeros((18, 18)) for _ in range(2))
+    data = mujoco.MjData(seen.model)
+    for model, into in ((seen.simulated.links, still), (seen.model, spinning)):
+        data.qpos[:] = seen.data.qpos
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, into, data.qM) if mujoco.__version__ < "4" else mujoco.mj_fullM(model, data, into)
+    expected, spin = np.zeros((18, 18)), armature * share
+    for name in a1.joint_names:
+        joint = seen.model.joint(name).id
+        carrier = seen.model.body_parentid[seen.model.jnt_bodyid[joint]]
+        turning = np.zeros((3, 18))
+        mujoco.mj_jacBody(seen.model, data, None, turning, carrier)
+        about_axis, own = data.xaxis[joint] @ turning, np.eye(18)[seen.model.jnt_dofadr[joint]]
+        expected += spin * (np.outer(own, about_axis) + np.outer(about_axis, own) + np.outer(own, own))
+    assert np.allclose(spinning - still, expected, atol=1e-9)
+    assert np.abs(expected[:6]).max() > 1e-3
+
+
+def test_friction_differs_by_joint_grows_with_load_and_at_rest(a1):
+    plain = standing(a1, coulomb_friction=0.3, friction_spread=0.3)
+    loss, dof = plain.model.dof_frictionloss, plain.simulated.dof
+    assert np.allclose(loss[dof], 0.3 * plain.errors.drawn["friction_spread"])
+    assert np.ptp(loss[dof]) > 0.1
+    heavy = standing(a1, coulomb_friction=0.3, load_friction=0.04, stribeck=0.3)
+    expected = 1.3 * 0.3 + 0.04 * np.abs(heavy.data.actuator_force)
+    assert np.allclose(heavy.model.dof_frictionloss[heavy.simulated.dof], expected, rtol=1e-3)
+    moving = heavy.errors.sliding_friction(np.full(JOINTS, 2.0), np.zeros(JOINTS))
+    assert np.allclose(moving, 0.3)
+
+
+def test_dart_has_friction_under_load_and_the_cable(a1):
+    pytest.importorskip("dartpy")
+    target = Trajectory(np.tile(nominal_stance(a1).joint_position, (150, 1)))
+
+    def at_rest(name, **effects):
+        with simulate(
+            a1, "ideal", effects=effects, engine=name, timestep=1e-3 if name == "dart" else None
+        ) as simulation:
+            return simulation.platform.play(target).joints.torque[-50:].mean(axis=0)
+
+    pulls = [at_rest(name, cable=3.0) - at_rest(name) for name in ("mujoco", "dart")]
+    assert np.abs(pulls[0]).max() > 0.1
+    assert np.allclose(*pulls, atol=0.15 * np.abs(pulls[0]).max())
+
+
+# --- feet and floor
+
+
+def test_feet_sink_in_by_the_load_over_their_stiffness(a1):
+    for contact, force in foot_forces(standing(a1, foot_stiffness=30e3)):
+        assert force[0] > 15
+        assert -force[0] / contact.dist == pytest.approx(30e3, rel=0.01)
+
+
+def test_soft_feet_creep_no_faster_than_hard_ones(a1):
+    def creep(**effects):
+        with simulate(a1, "ideal", effects=effects) as simulation:
+            before = simulation.witness.look().feet
+            simulation.platform.play(Trajectory(np.tile(nominal_stance(a1).joint_position, (250, 1))))
+            return np.abs(simulation.witness.look().feet - before)[:, :2].max() / 0.5
+
+    assert creep(foot_stiffness=30e3) < max(2 * creep(), 30e-6)  # [m/s]
+
+
+def test_feet_resist_rolling_and_turning_on_the_spot(a1):
+    seen = standing(a1, "ideal", rolling_friction=0.3e-3, torsional_friction=4e-3)
+    for contact, _ in foot_forces(seen):
+        assert contact.dim == 6
+        assert np.allclose(contact.friction, [1.0, 1.0, 4e-3, 0.3e-3, 0.3e-3])
+    # The base is made to pitch: every foot rolls, and none is resisted by more than its load allows.
+    seen.data.qvel[4] = 1.0
+    seen.data.qvel[seen.simulated.dof] = 0
+    mujoco.mj_forward(seen.model, seen.data)
+    ratios = [np.linalg.norm(force[4:]) / force[0] for _, force in foot_forces(seen) if force[0] > 1]
+    # A foot that slides, too, shares what friction has between the two.
+    assert 0.1e-3 < max(ratios) < 0.3e-3
+
+
+def test_feet_stand_on_footholds_of_their_own_height(a1):
+    seen = standing(a1, foothold_height=2e-3)
+    heights = seen.errors.drawn["foothold_height"]
+    radii = [foot.radius for foot in a1.feet.values()]
+    assert np.abs(heights).max() > 1e-3
+    assert np.allclose(seen.glimpse.feet[:, 2] - radii, heights, atol=1e-5)
+    assert np.abs(seen.glimpse.clearance).max() < 1e-5
+
+
+def test_a_cable_pulls_and_the_feet_hold_it(a1):
+    seen = standing(a1, cable=0.5, floor_slope=0.02)
+    pulled, down = seen.errors.cable_in_world, seen.errors.gravity_direction
+    assert np.linalg.norm(pulled) == pytest.approx(0.5)
+    assert pulled @ down == pytest.approx(0, abs=1e-12)
+    # MuJoCo gives the contact's axes as rows, and the force on the second geom along them.
+    held = sum(np.reshape(contact.frame, (3, 3)).T @ force[:3] for contact, force in foot_forces(seen))
+    weight = seen.truth.composite.mass * 9.81 * down
+    assert np.allclose(held * np.sign(held[2]), -(pulled + weight), atol=0.06)
+
+
+def test_a_push_comes_beside_the_cable(a1):
+    with simulate(a1, "ideal", effects={"cable": 0.5}, seed=SEED) as simulation:
+        simulation.disturbance.push(np.array([0, 3.0, 0]))
+        base = simulation.platform._simulated.base_body
+        expected = simulation.errors.cable_in_world + [0, 3.0, 0]
+        assert np.allclose(simulation.disturbance.wrench[base, :3], expected)
+
+
+def test_a_load_swings_on_its_string_and_weighs_where_it_hangs(a1):
+    with simulate(a1, "ideal", effects={"swinging_load": 0.1}) as simulation, simulate(a1, "ideal") as without:
+        seen, truth, bare = engine(simulation), simulation.truth.composite, without.truth.composite
+        hook = np.array(seen.model.body(SWINGING_LOAD).pos)
+        assert truth.mass == pytest.approx(bare.mass + 0.1)
+        assert np.allclose(truth.mass * truth.com, bare.mass * bare.com + 0.1 * hook)
+        assert simulation.truth.base.mass == pytest.approx(without.truth.base.mass + 0.1)
+        joint = seen.model.body(SWINGING_LOAD).jntadr[0]
+        address = seen.model.jnt_qposadr[joint]
+        seen.data.qpos[address : address + 4] = [np.cos(0.05), np.sin(0.05), 0, 0]
+        swing = []
+        for _ in range(800):
+            simulation.platform.step(JointCommand(nominal_stance(a1).joint_position))
+            swing.append(seen.data.qpos[address + 1])
+    crossings = np.flatnonzero(np.diff(np.sign(swing)))
+    length = -seen.model.body(SWINGING_LOAD).ipos[2]
+    period = 2 * np.pi * np.sqrt(length / 9.81 * (1 + 0.4 * 0.2**2))
+    assert 2 * PERIOD * np.diff(crossings).mean() == pytest.approx(period, rel=0.03)
+
+
+def test_all_motors_can_err_together():
+    gains = drawn(SensorErrors(torque_gain_common=0.05)).torque_gain
+    assert np.ptp(gains) == 0
+    assert gains[0] != 1
+
+
+@pytest.mark.parametrize(
+    ("name", "start"), [("unitree_a1", "lying"), ("two_jointed", "standing"), ("skewed", "standing")]
+)
+def test_robots_of_all_kinds_rest_in_stress(a1, two_jointed, skewed, name, start):
+    robot = {"unitree_a1": a1, "two_jointed": two_jointed, "skewed": skewed}[name]
+    with simulate(robot, "stress", seed=SEED, start=start, effects={"swinging_load": None}) as simulation:
+        glimpse = simulation.witness.look()
+        assert np.abs(simulation.platform.read().joint_velocity).max() < 0.3
+    assert glimpse.tilt < 0.05
+    if start == "standing":
+        assert np.abs(glimpse.clearance).max() < 2e-3
+
+
+# --- contacts of the file
+
+
+MJCF_FOOT = (
+    '<geom type="sphere" size="0.02" pos="0 0 -0.2" condim="6" friction="0.7 0.02 0.01" solimp="0.015 1 0.022" '
+    'priority="1"/>'
+)
+
+
+def test_feet_can_touch_the_floor_as_the_file_says(tmp_path):
+    from robots import load_text  # noqa: PLC0415
+
+    legs = "".join(
+        f'<body name="{leg}_thigh" pos="{x} {y} 0"><joint name="{leg}_1" axis="0 1 0" range="-2 2"/>'
+        f'<inertial pos="0 0 -0.1" mass="0.5" diaginertia="2e-3 2e-3 1e-3"/>'
+        f'<body name="{leg}_calf" pos="0 0 -0.2"><joint name="{leg}_2" axis="0 1 0" range="-2.7 -0.1"/>'
+        f'<inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-4"/>{MJCF_FOOT}</body></body>'
+        for leg, x, y in (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("RL", -0.2, 0.1), ("RR", -0.2, -0.1))
+    )
+    text = (
+        '<mujoco><compiler angle="radian"/><worldbody><body name="trunk"><freejoint/>'
+        f'<inertial pos="0 0 0" mass="6" diaginertia="0.02 0.06 0.07"/>{legs}</body></worldbody></mujoco>'
+    )
+    robot = load_text(tmp_path, text)
+    with simulate(robot, "realistic", contacts="file") as simulation:
+        simulation.platform.play(Trajectory(np.tile(nominal_stance(robot).joint_position, (50, 1))))
+        seen = engine(simulation)
+        mujoco.mj_forward(seen.model, seen.data)
+    for contact, _ in foot_forces(seen):
+        assert contact.dim == 6
+        assert np.allclose(contact.friction, [0.7, 0.7, 0.02, 0.01, 0.01])
+        assert np.allclose(contact.solimp[:3], [0.015, 1, 0.022], atol=1e-3)
+
+
+# --- sensors and samples
+
+
+def sensed(raw, period=0, **sizes):
+    """Samples of raw values at every engine step of 0.5 ms, four to a sample."""
+    errors = drawn(SensorErrors(**sizes))
+    samples = Samples(errors, JOINTS, 0.5e-3, 4)
+    return samples.sensed(samples.filtered(raw), 0, len(raw) // 4, period), errors
+
+
+def raw_values(**columns):
+    raw = np.zeros((4000, 3 * JOINTS + 6))
+    for name, values in columns.items():
+        at = {"position": slice(0, JOINTS), "velocity": slice(JOINTS, 2 * JOINTS), "gyro": slice(-6, -3)}[name]
+        raw[:, at] = values
+    return raw
+
+
+TIME = 0.5e-3 * np.arange(4000)[:, None]
+
+
+def test_the_gyroscope_errs_in_gain_axes_and_mounting():
+    turning = np.array([0.3, -0.5, 0.7])
+    sizes = {"gyro_gain": 5e-3, "gyro_misalignment": 2e-3, "gyro_turn": 5e-3}
+    samples, errors = sensed(raw_values(gyro=turning), **sizes)
+    drawn_turn = errors.drawn["gyro_turn"]
+    gains = np.diag(1 + errors.drawn["gyro_gain"])
+    gains[0, 1:], gains[1, [0, 2]], gains[2, :2] = np.split(errors.drawn["gyro_misalignment"], 3)
+    assert np.allclose(samples[5, -6:-3], gains @ pin.exp3(-drawn_turn) @ turning, atol=1e-6)
+    assert np.abs(samples[5, -6:-3] - turning).max() > 1e-3
+
+
+def test_the_gyroscope_drifts_by_its_size_in_two_minutes():
+    samples, errors = sensed(raw_values(), period=60000, gyro_drift=2e-3)
+    assert np.allclose(samples[0, -6:-3], errors.drawn["gyro_drift"])
+
+
+@pytest.mark.parametrize(("frequency", "passed"), [(1.0, 1.0), (100.0, np.sqrt(0.5)), (400.0, None)])
+def test_the_imus_filter_is_a_butterworth_of_second_order(frequency, passed):
+    raw = raw_values(gyro=np.sin(2 * np.pi * frequency * TIME))
+    errors = drawn(SensorErrors(imu_filter=100.0))
+    through = Samples(errors, JOINTS, 0.5e-3, 4).filtered(raw)[2000:, -6]
+    if passed is None:  # what is above falls with the square of the frequency, in the digital filter's measure
+        passed = (np.tan(np.pi * 100 * 0.5e-3) / np.tan(np.pi * frequency * 0.5e-3)) ** 2
+    assert np.abs(through).max() == pytest.approx(passed, rel=0.02)
+
+
+def test_a_filter_does_not_know_in_which_pieces_time_passes(a1):
+    target = Trajectory(np.tile(nominal_stance(a1).joint_position + 0.02, (60, 1)))
+    with simulate(a1, effects={"imu_filter": 50.0}) as whole, simulate(a1, effects={"imu_filter": 50.0}) as pieces:
+        recording = whole.platform.play(target)
+        states = [pieces.platform.read()]
+        for index in range(59):
+            states.append(pieces.platform.step(target.command(index)))
+    gyro = np.array([state.angular_velocity_in_imu for state in states])
+    assert np.allclose(recording.imu.angular_velocity_in_imu[1:], gyro[1:], atol=2e-3)
+    assert np.abs(gyro - recording.imu.angular_velocity_in_imu).mean() < 1e-4
+
+
+def test_a_late_imu_is_late():
+    ramp = raw_values(position=TIME, gyro=TIME)
+    samples, _ = sensed(ramp, imu_latency=2e-3, sensor_delay=1e-3)
+    assert np.allclose((samples[:, 0] - samples[:, -6])[5:], 2e-3)
+
+
+def test_an_eccentric_encoder_errs_with_the_joint(a1):
+    sweep = np.linspace(-1, 1, 4000)[:, None] + np.zeros(JOINTS)
+    speed = np.gradient(sweep[:, 0], 0.5e-3)[0]
+    samples, errors = sensed(raw_values(position=sweep, velocity=speed), encoder_eccentricity=3e-3)
+    off = samples[:, :JOINTS] - sweep[::4]
+    assert np.allclose(off, 3e-3 * np.sin(sweep[::4] - errors.drawn["encoder_eccentricity"]))
+    derived = np.gradient(samples[:, 0], 2e-3)
+    assert np.allclose(samples[1:-1, JOINTS], derived[1:-1], rtol=1e-4)
+    bent = simulate(a1, "ideal", effects={"encoder_eccentricity": 3e-3}, seed=SEED)
+    with bent as simulation, simulate(a1, "ideal") as plain:
+        moved = engine(simulation).data.qpos[7:] - engine(plain).data.qpos[7:]
+    assert np.abs(moved).max() > 1e-3  # the loop closes on what the encoder says
+
+
+@pytest.fixture(scope="module")
+def held(a1):
+    """A robot that holds still for a second, recorded."""
+
+    def play(**effects):
+        with simulate(a1, "realistic", seed=SEED, effects=effects) as simulation:
+            return simulation.platform.play(Trajectory(np.tile(nominal_stance(a1).joint_position, (500, 1))))
+
+    return play
+
+
+@pytest.fixture(scope="module")
+def usual(held):
+    return held()
+
+
+def test_lost_samples_are_missing_and_the_others_what_they_were(held, usual):
+    lossy = held(lost_samples=0.1)
+    kept = np.isin(usual.joints.time, lossy.joints.time)
+    assert 0.05 < 1 - kept.mean() < 0.15
+    assert np.array_equal(lossy.joints.position, usual.joints.position[kept])
+    assert np.array_equal(lossy.imu.time, lossy.joints.time)
+    assert np.array_equal(lossy.commands.time, usual.commands.time)
+
+
+@pytest.mark.parametrize(("rate", "count"), [(200.0, 200), (100.0, 100), (500.0, 500), (900.0, 500)])
+def test_samples_come_at_their_rate(held, rate, count):
+    recording = held(sample_rate=rate)
+    assert recording.joints.time.size == pytest.approx(count, abs=1)
+    assert np.ptp(np.diff(recording.joints.time)) <= PERIOD + 1e-9
+
+
+def test_stamps_jitter_and_keep_their_order(held, usual):
+    off = held(jitter=0.2e-3).joints.time - usual.joints.time
+    assert off.std() == pytest.approx(0.2e-3, rel=0.1)
+    assert np.diff(held(jitter=5e-3).joints.time).min() > 0
+
+
+def test_a_loop_lives_on_the_last_sample_that_arrived(a1):
+    with simulate(a1, effects={"lost_samples": 0.3}, seed=SEED) as simulation:
+        states = [simulation.platform.step(JointCommand(nominal_stance(a1).joint_position)) for _ in range(100)]
+        assert simulation.platform.read().time == states[-1].time
+    times = np.array([state.time for state in states])
+    late = PERIOD * (1 + np.arange(100)) - times
+    assert late.min() >= -1e-9
+    assert 0.15 < np.mean(late > 1e-4) < 0.45
+    repeated = next(index for index in range(99) if times[index] == times[index + 1])
+    assert np.array_equal(states[repeated].joint_position, states[repeated + 1].joint_position)
+
+
+def test_presets_are_what_the_names_say():
+    assert list(PRESETS) == ["ideal", "realistic", "stress"]
+    assert SensorErrors.row("springs").name == "springs"
