@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
-BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
+BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report view)
 
 .PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
@@ -126,6 +126,10 @@ bench-guard: $(ROBOTS_STAMP)
 bench-stays-up: $(ROBOTS_STAMP)
 	$(PIP) pybullet
 	$(BIN)/python benchmarks/stays_up.py
+
+# Eight hours on two cores; it goes on like bench-accuracy. The first seeds alone: benchmarks/robustness.py --first 2.
+bench-robustness: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/robustness.py
 
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)

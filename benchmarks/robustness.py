@@ -37,7 +37,17 @@ import numpy as np
 from accuracy import payload_of, rms, rounded
 from commit import commit
 
-from equipoise import Calibration, Precise, RobotModel, RunFolder, calibrate, estimate, load_robot, nominal_stance, simulate
+from equipoise import (
+    Calibration,
+    Precise,
+    RobotModel,
+    RunFolder,
+    calibrate,
+    estimate,
+    load_robot,
+    nominal_stance,
+    simulate,
+)
 from equipoise.errors import EquipoiseError
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.scale import Scale
@@ -52,7 +62,11 @@ BUDGET = 120.0  # [s] on an A1
 SCALE = 0.005  # a scale's error, as a fraction
 SILENT = 4.0  # standard deviations off, with every check green
 MOVED = 0.02  # standard deviations, by which a row made again may differ
-EFFECTS = tuple(row.name for row in SensorErrors.rows() if row.by_itself != row.realistic)
+EFFECTS = tuple(
+    row.name
+    for row in SensorErrors.rows()
+    if row.by_itself not in (row.realistic, row.none) and row.name != "spring_spread"  # nothing without springs
+)
 """Those that `realistic` does not have, or has smaller."""
 
 Row = dict[str, object]
@@ -76,8 +90,10 @@ class Case:
         if self.name in ALONE:
             return {"ideal": IDEAL, "realistic": REALISTIC}[self.name].scaled_to(scale)
         if self.name == "stress":
-            varied = [name for name in EFFECTS if SensorErrors.row(name).varied and SensorErrors.row(name).alone is None]
-            return STRESS.scaled_to(scale).times(dict.fromkeys(varied, self.factor))
+            varied = [
+                name for name in EFFECTS if SensorErrors.row(name).varied and SensorErrors.row(name).alone is None
+            ]
+            return STRESS.scaled_to(scale).times(dict.fromkeys((*varied, "spring_spread"), self.factor))
         return REALISTIC.scaled_to(scale).having({self.name: None}, scale).times({self.name: self.factor})
 
 
@@ -176,7 +192,9 @@ def line(label: str, size: str, rows: Sequence[Row]) -> str:
     ours, file = (rms(np.array([in_units(row, name) for row in good])) for name in ("error", "file_error"))
     doubtful = np.mean([[verdict == "doubtful" for verdict in row["verdict"]] for row in good])
     worse = ours > file
-    cells = [f"**{value:.2f}**" if bad and doubtful < 1 else f"{value:.2f}" for value, bad in zip(ours, worse, strict=True)]
+    cells = [
+        f"**{value:.2f}**" if bad and doubtful < 1 else f"{value:.2f}" for value, bad in zip(ours, worse, strict=True)
+    ]
     alarms = Counter(alarm for row in good for alarm in row["alarms"])
     fired = sum(bool(row["alarms"]) for row in good)
     names = ", ".join(f"{name} {count}" for name, count in alarms.most_common())
@@ -244,7 +262,9 @@ def page(rows: Sequence[Row]) -> str:
     used = sorted({int(str(row["seed"])) for row in rows})
     about = ABOUT.format(commits=commits, seeds=f"seeds {used[0]} to {used[-1]}", silent=SILENT)
     failed = [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]
-    return "\n".join([about, *verdict(rows), *tables(rows), *(["", "Ended by name:", "", *failed] if failed else []), ""])
+    return "\n".join(
+        [about, *verdict(rows), *tables(rows), *(["", "Ended by name:", "", *failed] if failed else []), ""]
+    )
 
 
 def load_rows() -> dict[str, Row]:
@@ -295,7 +315,9 @@ def main() -> None:
         rows[str(row["key"])] = row
         with ROWS.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
-        print(row["key"], row.get("failed") or f"largest z {np.abs(deviates(row)).max():.1f} {row['alarms']}", flush=True)
+        print(
+            row["key"], row.get("failed") or f"largest z {np.abs(deviates(row)).max():.1f} {row['alarms']}", flush=True
+        )
     (RESULTS / "robustness.md").write_text(page(list(rows.values())), encoding="utf-8")
     print(*verdict(list(rows.values())), sep="\n")
 
