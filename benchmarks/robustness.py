@@ -178,8 +178,8 @@ def in_units(row: Row, name: str) -> np.ndarray:
 
 
 HEAD = (
-    "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | hold | doubtful | "
-    "checks | silent |"
+    "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | hold | "
+    "doubtful | checks | silent |"
 )
 
 
@@ -247,12 +247,12 @@ def verdict(rows: Sequence[Row]) -> list[str]:
 
 ABOUT = """# What the world does to a result, and whether anybody is told
 
-`make bench-robustness`; rows made at commit {commits}; {seeds}. The preset `realistic` with one effect besides, a payload drawn
-from the seed, a scale of 0.5 %, the precise method, 120 s of an A1's robot time. Sizes are an A1's; what they are and why is in
-[docs/method/world.md](../../docs/method/world.md). Errors are root mean square, of the whole robot; *file*: the same of the
-model file, which does not know the payload. **Bold**: worse than the file. *Hold*: share of all ten 95 % intervals, as printed,
-that hold the truth; all runs count. *Doubtful*: share of the values whose verdict says so. *Checks*: runs in which one fired,
-and which. *Silent*: runs with an error above {silent:g} standard deviations and no check.
+`make bench-robustness`; rows made at commit {commits}; {seeds}. The preset `realistic` with one effect besides, a
+payload drawn from the seed, a scale of 0.5 %, the precise method, 120 s of an A1's robot time. Sizes are an A1's; what they
+are and why is in [docs/method/world.md](../../docs/method/world.md). Errors are root mean square, of the whole robot; *file*:
+the same of the model file, which does not know the payload. **Bold**: worse than the file. *Hold*: share of all ten 95 %
+intervals, as printed, that hold the truth; all runs count. *Doubtful*: share of the values whose verdict says so. *Checks*:
+runs in which one fired, and which. *Silent*: runs with an error above {silent:g} standard deviations and no check.
 """
 
 
