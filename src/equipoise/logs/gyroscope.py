@@ -28,6 +28,11 @@ _COARSE, _FINE = 0.01, 0.0025  # [s]
 _SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay below
 _SLOWEST = 0.05  # [rad/s]: slower motion tells nothing
 _ENOUGH = 1.0  # [s] of such motion
+_PIECE, _PLENTY, _FEWEST = (
+    30_000,
+    12_000,
+    8,
+)  # steps that are looked at at once, that are enough of such motion, and too few
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
 _CURED = 0.25
 
@@ -55,19 +60,17 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     Raises:
         RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
     """
-    track = Track.of(robot, recording, stance.scale.time)
-    if len(track.time) < 8:
+    moving = _moving_part(LegChains(robot), stance, Track.of(robot, recording, stance.scale.time))
+    if moving is None:
         return None
-    angular_velocity_in_base, planted = angular_velocity_by_legs(LegChains(robot), stance, track)
-    if planted.sum() * track.step < _ENOUGH * stance.scale.time:
-        return None
+    steps, angular_velocity_in_base = moving
     gyroscope = recording.imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T
     angle = Integral(recording.imu.time, gyroscope)
 
     def unexplained(offset: float, factor: FloatArray) -> float:
-        edges = np.append(track.time - track.step / 2, track.time[-1] + track.step / 2) - offset
-        felt = factor * angle.means(edges)
-        inside = planted & (edges[:-1] >= recording.imu.time[0]) & (edges[1:] <= recording.imu.time[-1])
+        edges = steps - offset
+        inside = (edges[0] >= recording.imu.time[0]) & (edges[1] <= recording.imu.time[-1])
+        felt = factor * angle.means_between(*edges)
         difference, reference = (felt - angular_velocity_in_base)[inside], angular_velocity_in_base[inside]
         spread = ((reference - reference.mean(axis=0)) ** 2).sum()
         return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
@@ -75,7 +78,29 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
     offset, left = _best_offset(unexplained, np.ones(3))
     if left > _WRONG:
         _name_mistake(unexplained)
-    return GyroscopeComparison(offset, left, left <= _WRONG, float(planted.sum() * track.step))
+    return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(steps, axis=0).sum()))
+
+
+def _moving_part(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, FloatArray] | None:
+    """(2, n) begin and end of steps in which the base turns over planted feet, and its (n, 3) angular velocity by the legs.
+
+    Some minutes of motion tell all that there is to tell; a long log is looked at a piece at a time until there are as many.
+    None if there is too little.
+    """
+    steps: list[FloatArray] = []
+    turning: list[FloatArray] = []
+    for first in range(0, max(len(track.time) - _FEWEST, 0), _PIECE):
+        last = first + _PIECE
+        part = track.part(slice(first, last if len(track.time) - last > _FEWEST else None))
+        angular_velocity_in_base, planted = angular_velocity_by_legs(legs, stance, part)
+        middle = part.time[planted]
+        steps.append(np.array([middle - track.step / 2, middle + track.step / 2]))
+        turning.append(angular_velocity_in_base[planted])
+        if sum(map(len, turning)) > _PLENTY:
+            break
+    if sum(map(len, turning)) * track.step < _ENOUGH * stance.scale.time:
+        return None
+    return np.hstack(steps), np.concatenate(turning)
 
 
 def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from equipoise.conventions import FloatArray
 
 _DEGREE = 5
+_AT_ONCE = 1 << 16  # samples: what they weigh is small against what they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +58,21 @@ def fit_spline(
     intervals = max(1, int(np.ceil((end - start) / knot_spacing)))
     grid = np.linspace(start, end, intervals + 1)
     knots = np.concatenate([np.repeat(start, _DEGREE), grid, np.repeat(end, _DEGREE)])
-    design = _basis(knots, time)
-    gram, moment = design.T @ design, design.T @ values
-    if derivative is not None:
-        slopes = _basis(knots, time, 1) * derivative_weight
-        gram, moment = gram + slopes.T @ slopes, moment + slopes.T @ (derivative_weight * derivative)
-    factor = _banded_cholesky(gram)
+    bands, moment = (
+        np.zeros((_DEGREE + 1, len(knots) - _DEGREE - 1)),
+        np.zeros((len(knots) - _DEGREE - 1, values.shape[1])),
+    )
+    for first in range(0, len(time), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        design = _basis(knots, time[part])
+        bands += _bands(design)
+        moment += design.T @ values[part]
+        if derivative is not None:
+            slopes = _basis(knots, time[part], 1) * derivative_weight
+            bands += _bands(slopes)
+            moment += slopes.T @ (derivative_weight * derivative[part])
+    bands[0] += 1e-9  # a little weight on nothing keeps a knot interval without a sample (dropped ones) finite
+    factor = cholesky_banded(bands, lower=True)
     return SplineFit(BSpline(knots, cho_solve_banded((factor, True), moment), _DEGREE), factor)
 
 
@@ -86,10 +96,10 @@ def _coefficients_of_derivative(knots: FloatArray, degree: int) -> csr_array:
     )
 
 
-def _banded_cholesky(gram: csr_array) -> FloatArray:
-    """(6, k) lower Cholesky factor of (k, k) normal equations, as bands."""
+def _bands(design: csr_array) -> FloatArray:
+    """(6, k) diagonals of design^T design, the main one and those below it."""
+    gram = design.T @ design
     bands = np.zeros((_DEGREE + 1, gram.shape[0]))
     for below in range(_DEGREE + 1):
         bands[below, : gram.shape[0] - below] = gram.diagonal(-below)
-    bands[0] += 1e-9  # a little weight on nothing keeps a knot interval without a sample (dropped ones) finite
-    return cholesky_banded(bands, lower=True)
+    return bands
