@@ -52,6 +52,7 @@ class GatheredTopic:
         self._names: tuple[str, ...] = ()
         self._frame: str | None = None
         self._tables: dict[str, _Table] = {}
+        self._count = 0  # of messages in the tables
 
     def take(self, received: Sequence[int], bodies: Sequence[bytes]) -> None:
         """More messages."""
@@ -72,8 +73,7 @@ class GatheredTopic:
         clock = Stamps(self.topic, whole["received"], whole["header"], whole["ticks"])
         joints = None
         if "position" in whole:
-            velocity, torque = (None if np.isnan(whole[name]).all() else whole[name] for name in ("velocity", "torque"))
-            joints = RawJoints(np.empty(0), self._names, whole["position"], velocity, torque)
+            joints = RawJoints(np.empty(0), self._names, whole["position"], whole.get("velocity"), whole.get("torque"))
         return BagStream(self.type, clock, joints, whole.get("imu"), self._frame or "")
 
     def _read(self) -> None:
@@ -88,7 +88,10 @@ class GatheredTopic:
         if part.joints is not None:
             new |= self._by_name(part.joints)
         for name, rows in new.items():
-            self._tables.setdefault(name, _Table(rows)).add(rows)
+            if name not in self._tables:
+                self._tables[name] = _Table(rows, self._count)
+            self._tables[name].add(rows)
+        self._count += len(new["received"])
 
     def _by_name(self, joints: RawJoints) -> dict[str, FloatArray]:
         """Tables of joints whose columns are those of all messages so far; what a message lacks is not a number."""
@@ -99,6 +102,8 @@ class GatheredTopic:
                 self._tables[name].widen(len(self._names))
         wide: dict[str, FloatArray] = {}
         for name, table in quantities.items():
+            if table is None and name not in self._tables:
+                continue
             if table is None or joints.names != self._names:
                 wide[name] = np.full((len(joints.position), len(self._names)), np.nan)
                 if table is not None:
@@ -111,8 +116,11 @@ class GatheredTopic:
 class _Table:
     """Rows that become more. It doubles when it is full; room that is not used takes no memory."""
 
-    def __init__(self, like: NDArray[Any]) -> None:
+    def __init__(self, like: NDArray[Any], missing: int) -> None:
+        """Of rows like these, behind some that are missing: not numbers."""
         self._rows, self._count = np.empty((_ROOM, *like.shape[1:]), like.dtype), 0
+        if missing:
+            self.add(np.full((missing, *like.shape[1:]), np.nan))
 
     def add(self, rows: NDArray[Any]) -> None:
         count = self._count + len(rows)

@@ -28,6 +28,7 @@ _COARSE, _FINE = 0.01, 0.0025  # [s]
 _SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay below
 _SLOWEST = 0.05  # [rad/s]: slower motion tells nothing
 _ENOUGH = 1.0  # [s] of such motion
+_AT_ONCE = 4096  # [steps]
 _PIECE, _PLENTY, _FEWEST = (
     30_000,
     12_000,
@@ -110,10 +111,22 @@ def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> t
     that leaves much, a foot moves over the floor.
     """
     velocity = np.gradient(track.joint_position, track.time, axis=0)
-    motion = legs.motion(track.joint_position, velocity, np.zeros_like(track.angular_velocity_in_base))
-    # A foot that rolls moves its centre by its angular velocity x radius: omega's part is in the design, the legs' here.
     up = np.median(track.acceleration, axis=0)
     up = up / np.linalg.norm(up)
+    parts = [slice(first, first + _AT_ONCE) for first in range(0, len(velocity), _AT_ONCE)]
+    found = [_turning(legs, track.joint_position[part], velocity[part], up) for part in parts]
+    angular_velocity_in_base, slip = (np.concatenate(values) for values in zip(*found, strict=True))
+    return angular_velocity_in_base, (slip < _SLIP * stance.scale.length / stance.scale.time) & (
+        np.linalg.norm(angular_velocity_in_base, axis=1) > _SLOWEST
+    )
+
+
+def _turning(
+    legs: LegChains, position: FloatArray, velocity: FloatArray, up: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) angular velocity of the base by the encoders, in base axes, and (n,) speed that it leaves to the feet [m/s]."""
+    motion = legs.motion(position, velocity, np.zeros((len(position), 3)))
+    # A foot that rolls moves its centre by its angular velocity x radius: omega's part is in the design, the legs' here.
     radius = legs.foot_radius[:, None] * up
     moved = cross(motion.foot_angular_velocity, np.broadcast_to(radius, motion.foot.shape)) - motion.foot_velocity
     arm = cross_matrix(radius - motion.foot)  # omega x (p - r) = -(p - r) x omega
@@ -122,10 +135,7 @@ def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> t
     transposed = np.swapaxes(design, 1, 2)
     solution = np.linalg.solve(transposed @ design, transposed @ target)
     slip = np.sqrt(((target - design @ solution) ** 2).mean(axis=(1, 2)) * 3)
-    angular_velocity_in_base = np.asarray(solution[:, 3:, 0], dtype=float)
-    return angular_velocity_in_base, (slip < _SLIP * stance.scale.length / stance.scale.time) & (
-        np.linalg.norm(angular_velocity_in_base, axis=1) > _SLOWEST
-    )
+    return np.asarray(solution[:, 3:, 0], dtype=float), np.asarray(slip, dtype=float)
 
 
 def _best_offset(unexplained: Unexplained, factor: FloatArray) -> tuple[float, float]:
