@@ -101,7 +101,10 @@ class Integral:
 
     def __init__(self, time: FloatArray, values: FloatArray) -> None:
         self._time = time
-        self._integral = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
+        integrals = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
+        self._columns = [
+            np.ascontiguousarray(column) for column in integrals.T
+        ]  # as `interp` would make them each time
 
     def means(self, edges: FloatArray) -> FloatArray:
         """(n - 1, k) means between n edges; those should be no nearer to each other than the samples are."""
@@ -112,7 +115,7 @@ class Integral:
         return (self._at(end) - self._at(begin)) / (end - begin)[:, None]
 
     def _at(self, time: FloatArray) -> FloatArray:
-        columns: list[FloatArray] = [np.interp(time, self._time, column) for column in self._integral.T]
+        columns: list[FloatArray] = [np.interp(time, self._time, column) for column in self._columns]
         return np.column_stack(columns)
 
 

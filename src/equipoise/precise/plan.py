@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.posture import check_posture, feet_in_posture
-from equipoise.precise.lift_design import AMPLITUDES, LiftDesign, check_lift
+from equipoise.precise.lift_design import AMPLITUDES, LiftChecks, LiftDesign
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import body_jacobian, prior_rows
@@ -185,7 +186,7 @@ class Candidates:
         doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
         lifts: possible lifts.
         postures: postures of planted moves, from the first posture.
-        information: (size, size) information of each lift, then of each posture's move.
+        rows: (m, size) rows of each lift, then of each posture's move: what they add to the information is rows^T rows.
         left_out: reasons why others are not possible.
     """
 
@@ -194,7 +195,7 @@ class Candidates:
     doubt: FloatArray | None = None
     lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
     postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
-    information: list[FloatArray] = field(default_factory=list[FloatArray])
+    rows: list[FloatArray] = field(default_factory=list[FloatArray])
     left_out: list[str] = field(default_factory=list[str])
 
     @classmethod
@@ -217,6 +218,10 @@ class Candidates:
         found._inform()
         return found
 
+    def information(self, index: int) -> FloatArray:
+        """(size, size) information of a lift, or of a posture's move, by its number in `rows`."""
+        return self.rows[index].T @ self.rows[index]
+
     def _check_planted(self, posture: BodyPosture) -> None:
         predictor = self.predictor
         check_posture(predictor.robot, predictor.stance, feet_in_posture(predictor.stance, predictor.com, posture))
@@ -224,10 +229,11 @@ class Candidates:
     def _check_lifts(self, posture: BodyPosture) -> None:
         self._check_planted(posture)
         for diagonal in DIAGONALS:
-            self._check(LiftDesign(posture, diagonal, 1))
+            self._checks.check(LiftDesign(posture, diagonal, 1))
 
-    def _check(self, design: LiftDesign) -> None:
-        check_lift(self.predictor.robot, self.predictor.stance, self.predictor.com, design, self.doubt)
+    @cached_property
+    def _checks(self) -> LiftChecks:
+        return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.doubt)
 
     def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], None]) -> BodyPosture | None:
         """The posture, or a smaller one in its direction, that passes a check."""
@@ -250,7 +256,7 @@ class Candidates:
                 side = -side
                 design = LiftDesign(posture, diagonal, side, turn)
                 try:
-                    self._check(design)
+                    self._checks.check(design)
                 except ReachError as error:
                     self.left_out.append(f"{describe(posture)}, {turn} on {diagonal}: {error}")
                     continue
@@ -267,7 +273,11 @@ class Candidates:
         for block in (lifts, planted):
             block.prepare(x)
             block.differentiate(x)
-            self.information += [information for _, information, _ in block.by_motion(x)]
+            jacobian = block.jacobian(x)
+            for _, motion in block.motions:
+                rows = np.zeros((motion.stop - motion.start, unknowns.size))
+                rows[:, block.columns] = jacobian[motion]
+                self.rows.append(rows)
 
 
 def make_plan(
@@ -305,33 +315,28 @@ def make_plan(
         left -= durations.search
         for index, lift in enumerate(candidates.lifts):
             if lift.posture == candidates.lifts[0].posture and lift.turn is None:
-                information += 2 * candidates.information[index]
+                information += 2 * candidates.information(index)
     visited: dict[BodyPosture, list[LiftDesign]] = {}
     count = len(candidates.lifts)
     often = math.ceil(FEW_LIFTS / count)
     remaining = {index: often - used.count(lift) for index, lift in enumerate(candidates.lifts)}
     total = budget - left
+    steps = _Steps(candidates)
     while True:
         alive()
-        best, gain, cost_of_best, added_by_best = None, 0.0, 0.0, prior
-        covariance = np.linalg.inv(information)
-        weighted = weights @ covariance
         possible = [index for index, times in remaining.items() if times > 0]
-        for index in [*possible, *range(count, count + len(candidates.postures))]:
-            added, cost = _step(candidates, index, visited, durations)
-            if added is None or cost > left:
-                continue
-            # Of the sum of weighted variances: exact for an addition A: W (C^-1 + A)^-1 W^T.
-            lowered = float(
-                np.sum(weighted @ np.linalg.solve(np.eye(len(added)) + added @ covariance, added) * weighted)
-            )
-            if lowered / cost > gain:
-                best, gain, cost_of_best, added_by_best = index, lowered / cost, cost, added
+        costs = {
+            index: cost
+            for index in [*possible, *range(count, count + len(candidates.postures))]
+            if (cost := _cost(candidates, index, visited, durations)) is not None and cost <= left
+        }
+        covariance = np.asarray(np.linalg.inv(information), dtype=float)
+        best = steps.best(costs, visited, covariance, weights)
         if best is None:
             break
-        information = information + added_by_best
-        left -= cost_of_best
-        total += cost_of_best
+        information = information + sum(candidates.information(part) for part in steps.parts(best, visited))
+        left -= costs[best]
+        total += costs[best]
         if best < count:
             visited.setdefault(candidates.lifts[best].posture, []).append(candidates.lifts[best])
             remaining[best] -= 1
@@ -350,21 +355,77 @@ def make_plan(
     )  # fmt: skip
 
 
-def _step(
+def _cost(
     candidates: Candidates, index: int, visited: dict[BodyPosture, list[LiftDesign]], durations: Durations
-) -> tuple[FloatArray | None, float]:
-    """Information and robot time of a candidate, the way to its posture included; None if it is done already."""
+) -> float | None:
+    """Robot time of a candidate, the way to its posture included [s]; None if it is done already."""
     count = len(candidates.lifts)
     if index >= count:
-        posture = candidates.postures[index - count]
-        return (None, 0.0) if posture in visited else (candidates.information[index], durations.posture)
+        return None if candidates.postures[index - count] in visited else durations.posture
     posture = candidates.lifts[index].posture
     if visited.get(posture):
-        return candidates.information[index], durations.lift
-    if posture in visited:  # so far without lifts
-        return candidates.information[index], durations.lift + durations.replant
-    move = candidates.information[count + candidates.postures.index(posture)]
-    return candidates.information[index] + move, durations.lift + durations.posture + durations.replant
+        return durations.lift
+    way = durations.replant if posture in visited else durations.posture + durations.replant
+    return durations.lift + way
+
+
+class _Steps:
+    """What each candidate would lower the variances by, all at once.
+
+    An addition J^T J to the information whose inverse is C lowers the weighted covariance W C W^T by
+
+        W C J^T (1 + J C J^T)^-1 J C W^T,
+
+    which takes systems of as many equations as J has rows instead of as there are unknowns.
+    """
+
+    def __init__(self, candidates: Candidates) -> None:
+        self._count = len(candidates.lifts)
+        self._move = [self._count + candidates.postures.index(lift.posture) for lift in candidates.lifts]
+        self._posture = [*(lift.posture for lift in candidates.lifts), *candidates.postures]
+        longest = max(len(rows) for rows in candidates.rows)
+        self._rows = np.zeros((len(candidates.rows), longest, candidates.unknowns.size))
+        for index, rows in enumerate(candidates.rows):
+            self._rows[index, : len(rows)] = rows
+
+    def parts(self, index: int, visited: Container[BodyPosture]) -> tuple[int, ...]:
+        """What is done for a candidate: the lift, and before it the move to its posture; or a move."""
+        if index >= self._count or self._posture[index] in visited:
+            return (index,)
+        return (index, self._move[index])
+
+    def best(
+        self,
+        costs: Mapping[int, float],
+        visited: Container[BodyPosture],
+        covariance: FloatArray,
+        weights: FloatArray,
+    ) -> int | None:
+        """The candidate that lowers the sum of the weighted variances most per second; None if there is none.
+
+        Args:
+            costs: robot time of those that are possible, by their index [s].
+            covariance: (size, size) covariance of the unknowns.
+            weights: (10, size) weights of these.
+        """
+        size = len(covariance)
+        seen = (self._rows.reshape(-1, size) @ covariance).reshape(self._rows.shape)
+        effect = (seen.reshape(-1, size) @ weights.T).reshape(*seen.shape[:2], -1)
+        alone = [index for index in costs if len(self.parts(index, visited)) == 1]
+        with_move = [index for index in costs if len(self.parts(index, visited)) == 2]
+        moves = [self._move[index] for index in with_move]
+        lowered = dict(zip(alone, _lowered(self._rows[alone], seen[alone], effect[alone]), strict=True))
+        both = [np.concatenate([of[with_move], of[moves]], axis=1) for of in (self._rows, seen, effect)]
+        lowered |= dict(zip(with_move, _lowered(*both), strict=True))
+        gains = {index: lowered[index] / cost for index, cost in costs.items()}
+        best = max(gains, key=lambda index: gains[index], default=None)
+        return best if best is not None and gains[best] > 0 else None
+
+
+def _lowered(rows: FloatArray, seen: FloatArray, effect: FloatArray) -> list[float]:
+    """Of k additions with (k, m, size) rows J, J C and (k, m, 10) J C W^T: the trace of what they lower W C W^T by."""
+    noise = np.eye(rows.shape[1]) + seen @ np.swapaxes(rows, 1, 2)
+    return np.sum(np.linalg.solve(noise, effect) * effect, axis=(1, 2)).tolist()
 
 
 def _in_order(visited: dict[BodyPosture, list[LiftDesign]]) -> tuple[Visit, ...]:
