@@ -14,6 +14,7 @@ SOURCE = Path(equipoise.__file__).parent
 FLOORS = [
     ["errors", "conventions", "_version"],
     ["alive", "threads", "user_file", "plugins"],
+    ["user_cache"],
     ["robot"],
     ["recording"],
     ["platform"],

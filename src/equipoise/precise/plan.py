@@ -1,68 +1,33 @@
 """Which trials the precise method does, and why these: those that teach most about what is reported, per second.
 
-Candidates are postures over height, roll, pitch and yaw, and in each posture lifts on both diagonals, passive and with the
-body turning. Each is predicted (predict.py) and adds its Fisher information to what the priors, the search and earlier
-motions give. Greedily the one is taken that lowers most, per second of robot time, the sum over reported quantities of
-posterior variance over the square of its goal (A-optimal design).
+Candidates (planning/candidates.py) are postures over height, roll, pitch and yaw, and in each posture lifts on both
+diagonals, passive and with the body turning. Each is predicted (predict.py) and adds its Fisher information to what the
+priors, the search and earlier motions give. Greedily the one is taken that lowers most, per second of robot time, the sum
+over reported quantities of posterior variance over the square of its goal (A-optimal design; planning/gains.py).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
-from equipoise.errors import ReachError, SettingsError
-from equipoise.experiments.posture import check_posture, feet_in_posture
-from equipoise.precise.lift_design import AMPLITUDES, LiftChecks, LiftDesign
-from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import Unknowns
+from equipoise.errors import SettingsError
+from equipoise.precise.lift_design import LiftDesign
+from equipoise.precise.planning.candidates import Candidates, describe
+from equipoise.precise.planning.gains import Steps
 from equipoise.precise.posterior import body_jacobian, prior_rows
-from equipoise.precise.predict import Predictor
-from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock
-from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, components
-from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.model import DIAGONALS
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
-# Asked for at full size first, then smaller, until the legs reach them.
-_SIZES = (1.0, 0.75, 0.5, 0.3)
-_LIFT_POSTURES = (
-    BodyPosture(),
-    BodyPosture(crouch=0.2),
-    BodyPosture(roll=0.22, crouch=0.06),
-    BodyPosture(roll=-0.22, crouch=0.06),
-    BodyPosture(pitch=0.27, crouch=0.08),
-    BodyPosture(pitch=-0.27, crouch=0.08),
-    BodyPosture(yaw=0.3, crouch=0.05),
-    BodyPosture(yaw=-0.3, crouch=0.05),
-    BodyPosture(roll=0.22, pitch=0.22, crouch=0.12),
-    BodyPosture(roll=-0.22, pitch=0.22, crouch=0.12),
-    BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12),
-    BodyPosture(roll=-0.22, pitch=-0.22, crouch=0.12),
-)
-_PLANTED_POSTURES = (
-    BodyPosture(crouch=0.15, yaw=0.3, ahead=0.15, aside=0.1),
-    BodyPosture(crouch=0.15, yaw=-0.3, ahead=0.15, aside=-0.1),
-    BodyPosture(crouch=0.25, roll=0.25, ahead=-0.15),
-    BodyPosture(crouch=0.25, roll=-0.25, ahead=-0.15),
-    BodyPosture(crouch=0.1, yaw=0.3, aside=-0.15),
-    BodyPosture(crouch=0.1, yaw=-0.3, aside=0.15),
-    BodyPosture(crouch=0.25, pitch=0.25, yaw=0.2, aside=0.1),
-    BodyPosture(crouch=0.25, pitch=0.25, yaw=-0.2, aside=-0.1),
-    BodyPosture(crouch=0.3, roll=0.25, yaw=0.3),
-    BodyPosture(crouch=0.3, roll=-0.25, yaw=-0.3),
-    BodyPosture(crouch=0.05, pitch=-0.25, ahead=0.15),
-    BodyPosture(crouch=0.35),
-)
 _SCALE_OF_MASS = 0.005  # as a fraction: the plan takes the mass to be known, from a scale or about so from torques
 # Robot time on an A1, as measured, settling included [s]; others' is longer with the square root of their height.
 _LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
@@ -178,108 +143,6 @@ class Durations:
         )
 
 
-@dataclass(eq=False)
-class Candidates:
-    """Everything that may be done, and what each would teach.
-
-    Attributes:
-        doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
-        lifts: possible lifts.
-        postures: postures of planted moves, from the first posture.
-        rows: (m, size) rows of each lift, then of each posture's move: what they add to the information is rows^T rows.
-        left_out: reasons why others are not possible.
-    """
-
-    predictor: Predictor
-    unknowns: Unknowns
-    doubt: FloatArray | None = None
-    lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
-    postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
-    rows: list[FloatArray] = field(default_factory=list[FloatArray])
-    left_out: list[str] = field(default_factory=list[str])
-
-    @classmethod
-    def of(
-        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None
-    ) -> Candidates:
-        """Of a robot as it is thought to be."""
-        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt)
-        for wanted in _LIFT_POSTURES:
-            posture = found._largest(wanted, found._check_lifts)
-            if posture is not None:
-                found._add_lifts(posture)
-        for wanted in _PLANTED_POSTURES:
-            posture = found._largest(wanted, found._check_planted)
-            if posture is not None:
-                found.postures.append(posture)
-        if not found.lifts:
-            raise ReachError(f"no lift of the precise method is within reach: {found.left_out[0]}")
-        found.postures = list(dict.fromkeys([*(lift.posture for lift in found.lifts), *found.postures]))
-        found._inform()
-        return found
-
-    def information(self, index: int) -> FloatArray:
-        """(size, size) information of a lift, or of a posture's move, by its number in `rows`."""
-        return self.rows[index].T @ self.rows[index]
-
-    def _check_planted(self, posture: BodyPosture) -> None:
-        predictor = self.predictor
-        check_posture(predictor.robot, predictor.stance, feet_in_posture(predictor.stance, predictor.com, posture))
-
-    def _check_lifts(self, posture: BodyPosture) -> None:
-        self._check_planted(posture)
-        for diagonal in DIAGONALS:
-            self._checks.check(LiftDesign(posture, diagonal, 1))
-
-    @cached_property
-    def _checks(self) -> LiftChecks:
-        return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.doubt)
-
-    def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], None]) -> BodyPosture | None:
-        """The posture, or a smaller one in its direction, that passes a check."""
-        reason = ""
-        for size in _SIZES:
-            posture = BodyPosture(*(size * value for value in vars(wanted).values()))
-            try:
-                check(posture)
-            except ReachError as error:
-                reason = reason or str(error)
-                continue
-            return posture
-        self.left_out.append(f"{describe(wanted)}: {reason}")
-        return None
-
-    def _add_lifts(self, posture: BodyPosture) -> None:
-        side = 1
-        for turn in (None, *AMPLITUDES):
-            for diagonal in DIAGONALS:
-                side = -side
-                design = LiftDesign(posture, diagonal, side, turn)
-                try:
-                    self._checks.check(design)
-                except ReachError as error:
-                    self.left_out.append(f"{describe(posture)}, {turn} on {diagonal}: {error}")
-                    continue
-                self.lifts.append(design)
-
-    def _inform(self) -> None:
-        unknowns, predictor = self.unknowns, self.predictor
-        x, legs = unknowns.start(), LegChains(predictor.robot)
-        rotation = np.array(predictor.robot.imu_in_base.rotation)
-        lifts = TiltBlock(unknowns, legs, rotation, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
-        home = self.lifts[0].posture
-        moves = [(k, predictor.move(home, posture)) for k, posture in enumerate(self.postures)]
-        planted = PlantedBlock(unknowns, legs, rotation, moves)
-        for block in (lifts, planted):
-            block.prepare(x)
-            block.differentiate(x)
-            jacobian = block.jacobian(x)
-            for _, motion in block.motions:
-                rows = np.zeros((motion.stop - motion.start, unknowns.size))
-                rows[:, block.columns] = jacobian[motion]
-                self.rows.append(rows)
-
-
 def make_plan(
     candidates: Candidates,
     budget: float,
@@ -321,7 +184,7 @@ def make_plan(
     often = math.ceil(FEW_LIFTS / count)
     remaining = {index: often - used.count(lift) for index, lift in enumerate(candidates.lifts)}
     total = budget - left
-    steps = _Steps(candidates)
+    steps = Steps(candidates)
     while True:
         alive()
         possible = [index for index, times in remaining.items() if times > 0]
@@ -369,79 +232,10 @@ def _cost(
     return durations.lift + way
 
 
-class _Steps:
-    """What each candidate would lower the variances by, all at once.
-
-    An addition J^T J to the information whose inverse is C lowers the weighted covariance W C W^T by
-
-        W C J^T (1 + J C J^T)^-1 J C W^T,
-
-    which takes systems of as many equations as J has rows instead of as there are unknowns.
-    """
-
-    def __init__(self, candidates: Candidates) -> None:
-        self._count = len(candidates.lifts)
-        self._move = [self._count + candidates.postures.index(lift.posture) for lift in candidates.lifts]
-        self._posture = [*(lift.posture for lift in candidates.lifts), *candidates.postures]
-        longest = max(len(rows) for rows in candidates.rows)
-        self._rows = np.zeros((len(candidates.rows), longest, candidates.unknowns.size))
-        for index, rows in enumerate(candidates.rows):
-            self._rows[index, : len(rows)] = rows
-
-    def parts(self, index: int, visited: Container[BodyPosture]) -> tuple[int, ...]:
-        """What is done for a candidate: the lift, and before it the move to its posture; or a move."""
-        if index >= self._count or self._posture[index] in visited:
-            return (index,)
-        return (index, self._move[index])
-
-    def best(
-        self,
-        costs: Mapping[int, float],
-        visited: Container[BodyPosture],
-        covariance: FloatArray,
-        weights: FloatArray,
-    ) -> int | None:
-        """The candidate that lowers the sum of the weighted variances most per second; None if there is none.
-
-        Args:
-            costs: robot time of those that are possible, by their index [s].
-            covariance: (size, size) covariance of the unknowns.
-            weights: (10, size) weights of these.
-        """
-        size = len(covariance)
-        seen = (self._rows.reshape(-1, size) @ covariance).reshape(self._rows.shape)
-        effect = (seen.reshape(-1, size) @ weights.T).reshape(*seen.shape[:2], -1)
-        alone = [index for index in costs if len(self.parts(index, visited)) == 1]
-        with_move = [index for index in costs if len(self.parts(index, visited)) == 2]
-        moves = [self._move[index] for index in with_move]
-        lowered = dict(zip(alone, _lowered(self._rows[alone], seen[alone], effect[alone]), strict=True))
-        both = [np.concatenate([of[with_move], of[moves]], axis=1) for of in (self._rows, seen, effect)]
-        lowered |= dict(zip(with_move, _lowered(*both), strict=True))
-        gains = {index: lowered[index] / cost for index, cost in costs.items()}
-        best = max(gains, key=lambda index: gains[index], default=None)
-        return best if best is not None and gains[best] > 0 else None
-
-
-def _lowered(rows: FloatArray, seen: FloatArray, effect: FloatArray) -> list[float]:
-    """Of k additions with (k, m, size) rows J, J C and (k, m, 10) J C W^T: the trace of what they lower W C W^T by."""
-    noise = np.eye(rows.shape[1]) + seen @ np.swapaxes(rows, 1, 2)
-    return np.sum(np.linalg.solve(noise, effect) * effect, axis=(1, 2)).tolist()
-
-
 def _in_order(visited: dict[BodyPosture, list[LiftDesign]]) -> tuple[Visit, ...]:
     """Postures with lifts first, the most telling first, so that a run cut short has done the best part of it."""
     order = sorted(visited.items(), key=lambda item: len(item[1]) == 0)
     return tuple(Visit(posture, tuple(lifts)) for posture, lifts in order)
-
-
-def describe(posture: BodyPosture) -> str:
-    """In words, short."""
-    parts = [
-        f"{name} {math.degrees(value):+.0f} deg" if name in AMPLITUDES else f"{name} {value:+.2f}"
-        for name, value in vars(posture).items()
-        if value
-    ]
-    return ", ".join(parts) or "nominal"
 
 
 def name_components(values: FloatArray) -> dict[str, float]:

@@ -148,7 +148,7 @@ class Predictor:
             height = float(np.linalg.norm(arm - (arm @ left) * left))
             about_com = float(left @ composite_parameters(robot, position).inertia @ left)
             about_line = about_com + robot.mass * height**2
-            inverse = np.linalg.pinv(foot_jacobians(robot, position))
+            inverse = np.asarray(np.linalg.pinv(foot_jacobians(robot, position)), dtype=float)
             self._stood[design] = _OnTwoFeet(feet, position, inverse, left, height, about_com, about_line)
         return self._stood[design]
 
