@@ -54,7 +54,7 @@ class Steps:
         size = len(covariance)
         seen = (self._rows.reshape(-1, size) @ covariance).reshape(self._rows.shape)
         effect = (seen.reshape(-1, size) @ weights.T).reshape(len(seen), -1, len(weights))
-        noise = np.eye(seen.shape[1]) + seen @ self._transposed
+        noise = np.eye(self._rows.shape[1]) + seen @ self._transposed
         alone = [index for index in costs if len(self.parts(index, visited)) == 1]
         lowered = dict(zip(alone, _lowered(noise[alone], effect[alone]), strict=True))
         lifts = [index for index in costs if len(self.parts(index, visited)) == 2]
