@@ -101,7 +101,9 @@ def command(*words: object, cache: Path) -> tuple[float, float]:
     """CPU seconds and the most memory [MB] of a command."""
     typed = [sys.executable, "-m", "equipoise", *map(str, words)]
     environment = {**AS_TYPED, "EQUIPOISE_CACHE": str(cache)}
-    done = subprocess.run([sys.executable, "-c", MEASURED, *typed], env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, *typed], check=False, env=environment, capture_output=True, text=True
+    )
     if done.returncode:
         raise SystemExit(f"{' '.join(typed)}: {done.stderr}")
     seconds, kilobytes = map(float, done.stdout.split())
