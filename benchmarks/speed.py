@@ -1,6 +1,7 @@
-"""What a `paper` calibration of the A1 costs beside the physics alone: `make bench-speed`.
+"""What a `paper` calibration of the A1 costs beside the physics alone, and what commands cost: `make bench-speed`.
 
-Writes benchmarks/results/speed.md. One process, one core; the runs alternate, medians are compared.
+Writes benchmarks/results/speed.md. One process, one core; the runs alternate, medians are compared. Commands are run as a user
+types them, with nothing said of threads.
 """
 
 from __future__ import annotations
@@ -14,17 +15,27 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
+from equipoise.threads import ONE_THREAD
+
+AS_TYPED = {key: value for key, value in os.environ.items() if key not in ONE_THREAD}
+os.environ.update(ONE_THREAD)
 
 import mujoco
 import numpy as np
 
 import equipoise
-from equipoise import Paper, RunFolder, calibrate, load_robot, simulate
+from equipoise import Paper, Precise, RunFolder, calibrate, load_robot, nominal_stance, simulate
+from equipoise.precise import sway
 from equipoise.recording.recording import Recording
 
 RESULTS = Path(__file__).parent / "results"
+# By a small process: one that is begun has been as large as the process that began it. Linux counts in kilobytes.
+MEASURED = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss)
+"""
 REPEATS = 7
 
 
@@ -86,6 +97,53 @@ def wall(*arguments: str) -> float:
     return statistics.median(times)
 
 
+def command(*words: object, cache: Path) -> tuple[float, float]:
+    """CPU seconds and the most memory [MB] of a command."""
+    typed = [sys.executable, "-m", "equipoise", *map(str, words)]
+    environment = {**AS_TYPED, "EQUIPOISE_CACHE": str(cache)}
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, *typed], check=False, env=environment, capture_output=True, text=True
+    )
+    if done.returncode:
+        raise SystemExit(f"{' '.join(typed)}: {done.stderr}")
+    seconds, kilobytes = map(float, done.stdout.split())
+    return seconds, kilobytes / 1000
+
+
+def sway_for_long(folder: Path) -> None:
+    """A calibration of which one sway lasts for a quarter of an hour, as a run of 1,000 s."""
+    robot, periods = load_robot("unitree_a1"), sway._ALL_AXES_PERIODS
+    sway._ALL_AXES_PERIODS = 1422
+    method = Precise(budget=60 + sway.sway_time(nominal_stance(robot)))
+    try:
+        with simulate(robot, "realistic", seed=7) as simulation, RunFolder.create(folder, robot, method, {}) as run:
+            calibrate(simulation.platform, robot, method, keep=run.keep)
+    finally:
+        sway._ALL_AXES_PERIODS = periods
+
+
+def commands() -> list[str]:
+    """Rows of what commands cost, with interpreter, imports and reading."""
+    quiet = ("--quiet", "--no-report")
+    with tempfile.TemporaryDirectory() as folder:
+        cache, run, swaying = (Path(folder) / name for name in ("cache", "run", "swaying"))
+        command("calibrate", "unitree_a1", "--out", run, "--seed", 7, "--no-pictures", *quiet, cache=cache)
+        sway_for_long(swaying)
+        log = swaying / "recording.mcap"
+        asked = {
+            "`equipoise plan`, the first time": (("plan", "unitree_a1"), cache / "empty", ""),
+            "`equipoise plan`, again": (("plan", "unitree_a1"), cache, ""),
+            "`equipoise estimate RUN`, of 120 s": (("estimate", run, *quiet), cache, ""),
+            "`equipoise estimate LOG`, of 1,000 s at 500 Hz": (
+                ("estimate", log, "--robot", "unitree_a1", *quiet),
+                cache,
+                "10 s, 400 MB",
+            ),
+        }
+        rows = [(what, *command(*words, cache=where), target) for what, (words, where, target) in asked.items()]
+    return [f"| {what} | {seconds:.1f} | {megabytes:.0f} | {target} |" for what, seconds, megabytes, target in rows]
+
+
 def main() -> None:
     one_round()
     rounds = [one_round() for _ in range(REPEATS)]
@@ -117,6 +175,10 @@ def main() -> None:
         f"| `import equipoise` | {wall('-c', 'import equipoise'):.2f} | 0.6 |",
         f"| `import equipoise` and every name that needs no simulator | {wall('-c', eager):.2f} | 0.6 |",
         f"| `equipoise --help` | {wall('-m', 'equipoise', '--help'):.2f} | 1.0 |",
+        "",
+        "| as typed, with interpreter, imports and reading | CPU s | most memory [MB] | target |",
+        "|---|---|---|---|",
+        *commands(),
     ]
     text = "\n".join(lines) + "\n"
     (RESULTS / "speed.md").write_text(text, encoding="utf-8")

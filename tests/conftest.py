@@ -19,6 +19,7 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
 from equipoise.simulation import mujoco_model
+from equipoise.user_cache import VARIABLE
 
 # A loaded machine is slow now and then, and the same commit passes or fails always.
 settings.register_profile("equipoise", deadline=None, derandomize=True)
@@ -33,6 +34,14 @@ def pytest_terminal_summary(terminalreporter):
     skipped = (str(report.longrepr[2]) for report in terminalreporter.getreports("skipped") if report.longrepr)
     for reason in dict.fromkeys(reason for reason in skipped if "NOT TRIED" in reason):
         print(f"WARNING: {reason.removeprefix('Skipped: ')}", file=sys.stderr)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory):
+    """No test finds what another run of them left in the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(VARIABLE, str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,8 @@ SOURCE = Path(equipoise.__file__).parent
 # From the ground up; a module may import from lower floors and from its own.
 FLOORS = [
     ["errors", "conventions", "_version"],
-    ["alive", "user_file", "plugins"],
+    ["alive", "threads", "user_file", "plugins"],
+    ["user_cache"],
     ["robot"],
     ["recording"],
     ["platform"],

@@ -332,6 +332,20 @@ def test_the_legs_tell_by_how_much_the_imus_clock_differs(a1, precise_run, late)
     assert found.offset == pytest.approx(-late, abs=3e-3)
 
 
+def test_a_long_log_is_looked_at_until_there_is_enough_motion(a1, precise_run, stance):
+    """Three minutes of standing come first: more than one piece."""
+    log = as_log(precise_run.recordings)
+    standing = still(a1, stance.joint_position, seconds=180.0)
+    later = replace(
+        log, joints=shifted(replace(log.joints, velocity=None, torque=None), 181.0), imu=shifted(log.imu, 181.02)
+    )
+    found = compare_gyroscope(a1, stance, Recording.concatenate([standing, replace(later, commands=None)]))
+    alone = compare_gyroscope(a1, stance, log)
+    assert found.agrees
+    assert found.offset == pytest.approx(alone.offset - 0.02, abs=2e-3)
+    assert found.time == pytest.approx(alone.time, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("factor", "question"),
     [

@@ -13,7 +13,8 @@ from equipoise import nominal_stance
 from equipoise.errors import ReachError, SettingsError
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.plan import Candidates, Durations, Goals, describe, make_plan, name_components
+from equipoise.precise.plan import Durations, Goals, make_plan, name_components
+from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.predict import Predictor
 from equipoise.precise.unknowns import Priors
@@ -111,7 +112,7 @@ def test_few_possible_lifts_are_done_more_than_once(candidates):
     few = dataclasses.replace(
         candidates,
         lifts=candidates.lifts[:2],
-        information=[*candidates.information[:2], *candidates.information[len(candidates.lifts) :]],
+        rows=[*candidates.rows[:2], *candidates.rows[len(candidates.lifts) :]],
     )
     lifts = [lift for visit in make_plan(few, 60.0).visits for lift in visit.lifts]
     assert [lifts.count(lift) for lift in few.lifts] == [5, 5]

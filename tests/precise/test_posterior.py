@@ -103,6 +103,30 @@ def test_bodies_jacobians_are_those_of_larger_differences(posterior):
     assert not jacobian[:, unknowns["joint_zero"].start :].any()
 
 
+def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, evidence, monkeypatch):
+    """The same information, gradients and noise by motion as all rows have, however many samples are looked at at once."""
+
+    def told(x):
+        block = blocks_of(a1, posterior.unknowns, evidence)["torque"]
+        block.prepare(x)
+        before = list(block.by_motion(x))
+        block.renew_noise(x + 0.5)
+        return before, block.normalised_residual, len(block.residual(x))
+
+    few, noise, count = told(posterior.x)
+    monkeypatch.setattr("equipoise.precise.residual_blocks._SAMPLES_AT_ONCE", 50)
+    pieces, same_noise, _ = told(posterior.x)
+    monkeypatch.setattr("equipoise.precise.residual_blocks._few_rows", lambda system: system)
+    many, all_noise, all_rows = told(posterior.x)
+    assert count < all_rows
+    assert noise == pytest.approx(all_noise, rel=1e-9) == pytest.approx(same_noise, rel=1e-9)
+    for one in (few, pieces):
+        for (motion, information, gradient), (other, expected, slope) in zip(one, many, strict=True):
+            assert motion == other
+            np.testing.assert_allclose(information, expected, atol=1e-9 * np.abs(expected).max())
+            np.testing.assert_allclose(gradient, slope, atol=1e-8 * np.abs(slope).max())
+
+
 # --- the torques of a robot whose motors and friction are known
 
 
@@ -130,7 +154,9 @@ def test_rows_of_several_motions_belong_to_their_motions(a1):
     unknowns = Unknowns(a1, nominal_stance(a1), Priors())
     block = TorqueBlock(unknowns, [(4, moving_robot(a1, 5)), (7, moving_robot(a1, 6)), (7, moving_robot(a1, 7))])
     block.prepare(unknowns.start())
-    assert block.motions == [(4, slice(0, 24)), (7, slice(24, 72))]
+    (first, rows), (second, others) = block.motions
+    assert (first, rows, second, others.start) == (4, slice(0, 24), 7, 24)
+    assert others.stop == len(block.residual(unknowns.start())) < 72  # as many as there are columns say the same
 
 
 # --- the estimate against the truth

@@ -1,8 +1,11 @@
 """Splines through samples whose course, or whose noise, is known."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
+from scipy.interpolate import BSpline
 
 from equipoise.precise.measurements.smoothing import fit_spline
 
@@ -67,3 +70,29 @@ def test_a_gap_wider_than_the_knots_stays_finite():
     assert np.isfinite(fit.noise(BETWEEN)).all()
     outside = (BETWEEN < 0.44) | (BETWEEN > 0.53)
     np.testing.assert_allclose(fit.spline(BETWEEN[outside]), at(QUINTICS, BETWEEN[outside]), atol=1e-4)
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.01])
+def test_the_band_is_the_dense_problem(weight):
+    """Against least squares that know nothing of bands: the spline, and what noise does to it."""
+    generator, few = np.random.default_rng(4), TIME[:80]
+    values, rates = generator.standard_normal((2, len(few), 3))
+    fit = fit_spline(few, values, 0.02, rates if weight else None, weight)
+    unit = BSpline(fit.spline.t, np.eye(len(fit.spline.c)), 5)
+    design = np.vstack([unit(few), weight * unit.derivative()(few)])
+    dense = np.linalg.lstsq(design, np.vstack([values, weight * rates]), rcond=None)[0]
+    np.testing.assert_allclose(fit.spline.c, dense, atol=1e-6)
+    curvature = unit.derivative(2)(few)
+    expected = curvature @ np.linalg.inv(design.T @ design) @ curvature.T
+    np.testing.assert_allclose(fit.noise(few, 2), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_motion_of_many_minutes_costs_as_much_memory_as_its_samples():
+    time = np.arange(0, 300, 1 / 500)
+    waves = np.column_stack([np.sin(2 * time), np.cos(3 * time)])
+    tracemalloc.start()
+    fit = fit_spline(time, waves, 0.03)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    np.testing.assert_allclose(fit.spline(time), waves, atol=1e-6)
+    assert peak < 100e6  # a dense design: 12 GB

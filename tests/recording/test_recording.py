@@ -116,6 +116,18 @@ def test_streams_are_copies_that_cannot_be_written():
         stream.position = position
 
 
+def test_parts_of_a_recording_share_its_samples_and_nobody_elses():
+    whole = recording_of()
+    assert np.shares_memory(whole.between(-1, 100).joints.position, whole.joints.position)
+    values = np.zeros((2, 2))
+    closed = values[:]
+    closed.setflags(write=False)  # but what it is a part of can be written
+    stream = JointStream([0.0, 0.1], closed)
+    values[0, 0] = 7
+    assert stream.position[0, 0] == 0
+    assert not np.shares_memory(JointStream([0.0, 0.1], values[::-1]).position, values)
+
+
 def test_integers_and_lists_become_floats():
     stream = JointStream([0, 1], [[1, 2], [3, 4]])
     assert stream.time.dtype == stream.position.dtype == np.float64

@@ -110,6 +110,7 @@ class Data:
     Ig: Inertia
 
 class Model:
+    def saveToString(self) -> str: ...
     nq: int
     nv: int
     njoints: int

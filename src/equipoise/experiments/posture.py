@@ -52,18 +52,23 @@ def stance_line(stance: Stance, diagonal: str) -> tuple[FloatArray, FloatArray, 
 
 
 def check_posture(
-    robot: RobotModel, stance: Stance, feet_in_base: FloatArray, standing: tuple[str, ...] = LEG_NAMES
+    robot: RobotModel,
+    stance: Stance,
+    feet_in_base: FloatArray,
+    standing: tuple[str, ...] = LEG_NAMES,
+    near: FloatArray | None = None,
 ) -> FloatArray:
     """Joint positions of a posture that is within reach, limits and torques.
 
     Args:
         feet_in_base: (4, 3) foot positions in the base frame [m].
         standing: legs that carry the robot there.
+        near: (nj,) joint positions of a posture near by, from which this one is sooner found; default the nominal ones [rad].
 
     Raises:
         ReachError: a leg is too long or too short, a joint too near its limit, or a motor too weak.
     """
-    position = inverse_kinematics(robot, feet_in_base, stance.joint_position)
+    position = inverse_kinematics(robot, feet_in_base, stance.joint_position if near is None else near)
     margin = np.minimum(position - robot.lower_limit, robot.upper_limit - position)
     worst = int(np.argmin(margin))
     if margin[worst] < _LIMIT_MARGIN:

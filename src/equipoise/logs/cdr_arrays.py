@@ -60,8 +60,11 @@ def read_messages(types: Mapping[str, Any], message_type: str, bodies: Sequence[
         while len(rows):
             walk = _Walk(types, data[0].tobytes())
             walk.message(message_type)
-            alike = (data[:, walk.fixed] == data[0, walk.fixed]).all(axis=1)
-            records = np.ascontiguousarray(data[alike]).view(walk.record(length))[:, 0]
+            alike = np.ones(len(rows), dtype=bool)
+            for part in walk.fixed_runs():
+                alike &= (data[:, part] == data[0, part]).all(axis=1)
+            chosen = data if alike.all() else np.ascontiguousarray(data[alike])
+            records = chosen.view(walk.record(length))[:, 0]
             numbers = {name: records[name] for name in walk.names}
             groups.append(Messages(rows[alike], numbers, walk.texts))
             rows, data = rows[~alike], data[~alike]
@@ -91,6 +94,13 @@ class _Walk:
         if self._position > length:
             raise ValueError("a message is shorter than its type says")
         return np.dtype({"names": self.names, "formats": self._formats, "offsets": self._offsets, "itemsize": length})
+
+    def fixed_runs(self) -> list[slice]:
+        """The same offsets as runs: a dozen slices are compared ten times as fast as two hundred columns."""
+        offsets = np.unique(self.fixed)
+        return [
+            slice(int(run[0]), int(run[-1]) + 1) for run in np.split(offsets, np.flatnonzero(np.diff(offsets) > 1) + 1)
+        ]
 
     def message(self, message_type: str, path: str = "") -> None:
         for name, node in self._types[message_type][1]:

@@ -19,6 +19,7 @@ from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.robot.model import LEG_NAMES
 from equipoise.robot.stance import Stance
 
+_AT_ONCE = 4096  # [steps]
 _PLANTED_WINDOW, _PLANTED_SLID = 0.2, 1.5e-3  # [s], [m] on an A1: feet that move less in a window do not slip
 
 
@@ -60,16 +61,16 @@ class FootPaths:
         attitude = attitudes(time, angular_velocity_in_base)
         to_rest = attitude.as_matrix()
         up = attitude.inv().apply(rest.up)
-        motion = legs.motion(position, np.gradient(position, time, axis=0), angular_velocity_in_base)
-        rolling = cross(motion.foot_angular_velocity, legs.foot_radius[:, None] * up[:, None])
+        foot, foot_angular_velocity = _feet(
+            legs, position, np.gradient(position, time, axis=0), angular_velocity_in_base
+        )
+        rolling = cross(foot_angular_velocity, legs.foot_radius[:, None] * up[:, None])
         velocity = np.einsum("nij,nlj->nli", to_rest, rolling)
         rolled = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(time)[:, None, None], axis=0)
         feet = legs.feet(rest.joint_position[None])[0]
-        way = np.einsum("nij,nlj->nli", to_rest, motion.foot) - feet
+        way = np.einsum("nij,nlj->nli", to_rest, foot) - feet
         way[1:] -= rolled
-        return cls(
-            time, way, way @ rest.up, (motion.foot - feet) @ rest.up, np.linalg.norm(attitude.as_rotvec(), axis=1)
-        )
+        return cls(time, way, way @ rest.up, (foot - feet) @ rest.up, np.linalg.norm(attitude.as_rotvec(), axis=1))
 
     def slid(self, feet: tuple[str, ...] = LEG_NAMES) -> FloatArray:
         """(n,) by how much the farthest of some feet has moved against their mean [m]."""
@@ -111,3 +112,18 @@ class FootPaths:
         first, last = max(runs, key=lambda run: run[1] - run[0])
         start, end = float(self.time[first]), float(self.time[last + window - 1])
         return (start, end) if end - start >= shortest else None
+
+
+def _feet(
+    legs: LegChains, position: FloatArray, velocity: FloatArray, angular_velocity_in_base: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 4, 3) centres of the feet and their angular velocities, in base axes; some thousand steps at a time.
+
+    All that `LegChains.motion` knows besides of a motion of many minutes would fill the memory.
+    """
+    foot, turning = np.empty((len(position), 4, 3)), np.empty((len(position), 4, 3))
+    for first in range(0, len(position), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        motion = legs.motion(position[part], velocity[part], angular_velocity_in_base[part])
+        foot[part], turning[part] = motion.foot, motion.foot_angular_velocity
+    return foot, turning

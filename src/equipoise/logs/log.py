@@ -6,7 +6,7 @@ on one clock that starts at zero, and notes what it found.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +16,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
-from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
+from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
 from equipoise.robot.model import RobotModel
 
 _MOST_BAD = 0.05  # of a stream's samples: more is no dropped packet but another kind of file
@@ -136,22 +136,28 @@ def _joint_stream(
     raw: RawJoints, columns: NDArray[np.intp], origin: float, span: tuple[float, float], findings: list[LogFinding]
 ) -> JointStream:
     rows = _rows_of_legs(raw, columns, findings)
-    time, position = raw.time[rows], raw.position[rows[:, None], columns]
+    time, position = raw.time[rows], _taken(raw.position, rows, columns)
     velocity = _measured(raw.velocity, rows, columns, "velocities", findings)
     torque = _measured(raw.torque, rows, columns, "torques", findings)
-    needed = np.hstack([part for part in (position, velocity, torque) if part is not None])
-    kept = _kept("joint", time, needed, span, findings)
+    kept = _kept("joint", time, [part for part in (position, velocity, torque) if part is not None], span, findings)
     return JointStream(
         time[kept] - origin,
-        position[kept],
-        None if velocity is None else velocity[kept],
-        None if torque is None else torque[kept],
+        _taken(position, kept),
+        None if velocity is None else _taken(velocity, kept),
+        None if torque is None else _taken(torque, kept),
     )
+
+
+def _taken(values: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp] | None = None) -> FloatArray:
+    """Some rows and columns of a table; the table itself if those are all: a log has no room for copies."""
+    if columns is not None and columns.tolist() != list(range(values.shape[1])):
+        return read_only(values[rows[:, None], columns])
+    return values if len(rows) == len(values) else read_only(values[rows])
 
 
 def _rows_of_legs(raw: RawJoints, columns: NDArray[np.intp], findings: list[LogFinding]) -> NDArray[np.intp]:
     """Samples with any of the legs' joints: an arm may share the topic."""
-    there = ~np.isnan(raw.position[:, columns])
+    there = ~np.isnan(raw.position)[:, columns]
     rows = np.flatnonzero(there.any(axis=1))
     if not rows.size:
         raise RecordingError("the log holds no sample of the legs' joints")
@@ -175,31 +181,32 @@ def _measured(
     if values is None:
         findings.append(LogFinding("joints", f"the log has no joint {what}"))
         return None
-    chosen = values[rows[:, None], columns]
+    chosen = _taken(values, rows, columns)
     bad = ~np.isfinite(chosen).all(axis=1)
     if bad.mean() > _MOST_BAD:
         findings.append(
             LogFinding("joints", f"joint {what} are not numbers in {bad.mean():.0%} of the samples: not used")
         )
         return None
-    if not np.nan_to_num(chosen).any():
+    if not ((chosen != 0) & ~np.isnan(chosen)).any():
         findings.append(LogFinding("joints", f"joint {what} are zero throughout: taken as not measured"))
         return None
     return chosen
 
 
 def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[LogFinding]) -> ImuStream:
-    values = np.hstack([raw.angular_velocity_in_imu, raw.acceleration_in_imu])
+    values = [raw.angular_velocity_in_imu, raw.acceleration_in_imu]
     kept = _kept("IMU", raw.time, values, span, findings)
     if len(kept) > 1:
-        repeated = np.concatenate([[False], (np.diff(values[kept], axis=0) == 0).all(axis=1)])
+        same = np.all([(np.diff(part[kept], axis=0) == 0).all(axis=1) for part in values], axis=0)
+        repeated = np.concatenate([[False], same])
         longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeated[1:], [True]]))).max())
         if repeated.mean() > _HELD and longest <= _LONGEST_HELD:
             # Held values would look like a sensor with half the noise that lags by half its period.
             message = f"{repeated.mean():.0%} of the IMU samples repeat the last one, as if written faster than read: left out"
             findings.append(LogFinding("IMU", message))
             kept = kept[~repeated]
-    return ImuStream(raw.time[kept] - origin, raw.angular_velocity_in_imu[kept], raw.acceleration_in_imu[kept])
+    return ImuStream(raw.time[kept] - origin, *(_taken(part, kept) for part in values))
 
 
 def _commands(
@@ -212,17 +219,18 @@ def _commands(
     if not set(names) <= set(raw.names):
         findings.append(LogFinding("commands", "they name other joints than the joint states: not used"))
         return None
-    position = raw.position[:, [raw.names.index(name) for name in names]]
+    columns = np.array([raw.names.index(name) for name in names], dtype=np.intp)
+    position = _taken(raw.position, np.arange(len(raw.position)), columns)
     try:
-        kept = _kept("command", raw.time, position, span, findings)
+        kept = _kept("command", raw.time, [position], span, findings)
     except RecordingError as error:
         findings.append(LogFinding("commands", f"not used: {error}"))
         return None
-    return CommandStream(raw.time[kept] - origin, position[kept])
+    return CommandStream(raw.time[kept] - origin, _taken(position, kept))
 
 
 def _kept(
-    name: str, time: FloatArray, values: FloatArray, span: tuple[float, float], findings: list[LogFinding]
+    name: str, time: FloatArray, values: Sequence[FloatArray], span: tuple[float, float], findings: list[LogFinding]
 ) -> NDArray[np.intp]:
     """Indices of the samples that can be used: numbers, with stamps that increase.
 
@@ -232,7 +240,8 @@ def _kept(
     index = np.flatnonzero(~np.isfinite(time) | ((time >= span[0]) & (time <= span[1])))
     if not index.size:
         raise RecordingError(f"the log holds no {name} sample within the time that was asked for")
-    broken = ~np.isfinite(time[index]) | ~np.isfinite(values[index]).all(axis=1)
+    finite = np.all([np.isfinite(part).all(axis=1) for part in values], axis=0)
+    broken = ~np.isfinite(time[index]) | ~finite[index]
     _refuse_many(name, broken, "are not numbers")
     if broken.any():
         findings.append(LogFinding(name, f"{broken.sum()} of {len(index)} {name} samples are not numbers: left out"))

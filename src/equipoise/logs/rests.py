@@ -113,9 +113,12 @@ def _still_runs(track: Track, shortest: int) -> list[tuple[int, int]]:
 def _spread(values: FloatArray) -> FloatArray:
     """(n - window + 1,) largest spread, over columns, of the means over the parts of each window."""
     length = _WINDOW // _PARTS
-    means = sliding_window_view(values, length, axis=0).mean(axis=-1)
-    parts = np.stack([means[k * length : len(values) - _WINDOW + k * length + 1] for k in range(_PARTS)])
-    return np.ptp(parts, axis=0).max(axis=1)
+    largest = np.zeros(len(values) - _WINDOW + 1)
+    for column in values.T:
+        means = sliding_window_view(column, length).mean(axis=-1)
+        parts = np.stack([means[k * length : len(values) - _WINDOW + k * length + 1] for k in range(_PARTS)])
+        largest = np.maximum(largest, np.ptp(parts, axis=0))
+    return largest
 
 
 def _folded(stance: Stance, feet: FloatArray, normal: FloatArray) -> bool:

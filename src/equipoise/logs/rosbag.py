@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import EquipoiseError, RecordingError
-from equipoise.logs.cdr_arrays import Messages, read_messages
+from equipoise.logs.bag_streams import BagStream, GatheredTopic
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_by_order
 from equipoise.logs.log import RawImu, RawJoints, RawLog
-from equipoise.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE, MOTOR_NAMES, known_types
-from equipoise.logs.stamps import Stamps, common_times
+from equipoise.logs.message_types import LOW_STATE, MOTOR_NAMES, known_types
+from equipoise.logs.stamps import common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
+from equipoise.recording.mcap_reader import message_batches
 from equipoise.robot.model import RobotModel
 
 SUFFIXES = (".mcap", ".db3")
 _METADATA = "metadata.yaml"
-
-
-@dataclass(eq=False)
-class _Gathered:
-    """A topic's messages as they are in the bag, in order."""
-
-    type: str
-    received: list[int] = field(default_factory=list[int])
-    bodies: list[bytes] = field(default_factory=list[bytes])
 
 
 def is_bag(path: Path) -> bool:
@@ -76,7 +67,7 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     if not parts:
         raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {_METADATA} nor .mcap or .db3 files")
     found: dict[str, tuple[str, int]] = {}
-    gathered: dict[str, _Gathered] = {}
+    gathered: dict[str, GatheredTopic] = {}
     findings: list[LogFinding] = []
     chosen: list[str | None] = []
     types = dict(known_types())
@@ -85,27 +76,39 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
             if not chosen:
                 found = {name: (info.msgtype or "", info.msgcount) for name, info in reader.topics.items()}
                 chosen = list(choose_topics(found, wanted, findings))
-                gathered = {topic: _Gathered(found[topic][0]) for topic in chosen if topic is not None}
-            types |= _gather(reader, gathered)
+                gathered = {
+                    topic: GatheredTopic(topic, found[topic][0], types) for topic in chosen if topic is not None
+                }
+            _gather(reader, gathered, types)
     joint_topic, imu_topic, command_topic = chosen
     if joint_topic is None or imu_topic is None:
         raise nothing_to_read(path, found, joint_topic, imu_topic)
-    streams = {
-        topic: _TAKE[of.type](topic, of, read_messages(types, of.type, of.bodies)) for topic, of in gathered.items()
-    }
+    streams = {topic: of.stream() for topic, of in gathered.items()}
     return _raw_log(robot, streams, (joint_topic, imu_topic, command_topic), findings)
 
 
-def _gather(reader: Reader, gathered: Mapping[str, _Gathered]) -> dict[str, Any]:
-    """Collects the messages of topics; returns the definitions that the bag itself carries."""
+def _gather(reader: Reader, gathered: Mapping[str, GatheredTopic], types: dict[str, Any]) -> None:
+    """Collects the messages of topics, and the definitions that the bag itself carries."""
     connections = [connection for connection in reader.connections if connection.topic in gathered]
-    if connections:
+    types |= _own_types(connections)
+    for (topic, message_type), (received, bodies) in _batches(reader, connections):
+        if topic in gathered and message_type == gathered[topic].type:
+            gathered[topic].take(received, bodies)
+
+
+def _batches(
+    reader: Reader, connections: Sequence[Connection]
+) -> Iterator[tuple[tuple[str, str], tuple[Sequence[int], Sequence[bytes]]]]:
+    """Topic and type, times of receipt and bodies of messages that go together."""
+    storage: Any = reader.storage
+    files = [part for part in getattr(storage, "storages", [storage]) if isinstance(part, McapReader)]
+    if files and not reader.compression_mode:
+        for file in files:
+            for batch in message_batches(Path(str(file.path))):
+                yield from batch.items()
+    elif connections:
         for connection, received, body in reader.messages(connections=connections):
-            into = gathered[connection.topic]
-            if connection.msgtype == into.type:
-                into.received.append(received)
-                into.bodies.append(body)
-    return _own_types(connections)
+            yield (connection.topic, connection.msgtype or ""), ([received], [body])
 
 
 def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:
@@ -119,93 +122,8 @@ def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:
     return types
 
 
-@dataclass(frozen=True, eq=False)
-class _Stream:
-    """A topic's messages as arrays; what a type does not have is None."""
-
-    type: str
-    clock: Stamps
-    joints: RawJoints | None = None
-    imu: FloatArray | None = None
-    frame: str = ""
-
-
-def _joint_states(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
-    """Columns by name; messages may name different joints, or the same in another order."""
-    named = [
-        tuple(of.texts[f"name.{k}"] for k in range(sum(path.startswith("name.") for path in of.texts))) for of in groups
-    ]
-    columns = {name: index for index, name in enumerate(dict.fromkeys(name for names in named for name in names))}
-    tables = {quantity: np.full((len(gathered.bodies), len(columns)), np.nan) for quantity in _JOINT_QUANTITIES}
-    for names, of in zip(named, groups, strict=True):
-        where = of.rows[:, None], np.array([columns[name] for name in names], dtype=np.intp)
-        for quantity, table in tables.items():
-            if of.numbers[quantity].shape[1] == len(names):
-                table[where] = of.numbers[quantity]
-    velocity, torque = (None if np.isnan(tables[name]).all() else tables[name] for name in _JOINT_QUANTITIES[1:])
-    clock = _clock(topic, gathered, _headers(groups, len(gathered.bodies)))
-    return _Stream(gathered.type, clock, RawJoints(np.empty(0), tuple(columns), tables["position"], velocity, torque))
-
-
-def _imus(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
-    imu = np.empty((len(gathered.bodies), 6))
-    for of in groups:
-        for k, vector in enumerate(("angular_velocity", "linear_acceleration")):
-            imu[of.rows, 3 * k : 3 * k + 3] = of.stacked(f"{vector}.{{}}", "xyz")
-    clock = _clock(topic, gathered, _headers(groups, len(gathered.bodies)))
-    return _Stream(gathered.type, clock, None, imu, groups[0].texts["header.frame_id"])
-
-
-def _low_states(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
-    (of,) = groups  # nothing in it varies in length
-    motors = range(len(MOTOR_NAMES))
-    position, velocity, torque = (of.stacked(f"motor_state.{{}}.{name}", motors) for name in ("q", "dq", "tau_est"))
-    imu = np.hstack([of.numbers["imu_state.gyroscope"], of.numbers["imu_state.accelerometer"]]).astype(float)
-    clock = _clock(topic, gathered, ticks=of.numbers["tick"])
-    return _Stream(gathered.type, clock, RawJoints(np.empty(0), MOTOR_NAMES, position, velocity, torque), imu)
-
-
-def _low_commands(topic: str, gathered: _Gathered, groups: Sequence[Messages]) -> _Stream:
-    (of,) = groups
-    position = of.stacked("motor_cmd.{}.q", range(len(MOTOR_NAMES)))
-    return _Stream(gathered.type, _clock(topic, gathered), RawJoints(np.empty(0), MOTOR_NAMES, position))
-
-
-def _headers(groups: Sequence[Messages], count: int) -> NDArray[np.int64]:
-    """(count,) the messages' own stamps [ns]."""
-    stamps = np.zeros(count, dtype=np.int64)
-    for of in groups:
-        seconds, rest = (of.numbers[f"header.stamp.{part}"].astype(np.int64) for part in ("sec", "nanosec"))
-        stamps[of.rows] = seconds * 10**9 + rest
-    return stamps
-
-
-def _clock(
-    topic: str, gathered: _Gathered, headers: NDArray[Any] | None = None, ticks: NDArray[Any] | None = None
-) -> Stamps:
-    none = np.empty(0, dtype=np.int64)
-    return Stamps(
-        topic,
-        np.array(gathered.received, dtype=np.int64),
-        none if headers is None else headers,
-        none if ticks is None else ticks.astype(np.int64),
-    )
-
-
-_JOINT_QUANTITIES = ("position", "velocity", "effort")
-_TAKE: dict[str, Callable[[str, _Gathered, Sequence[Messages]], _Stream]] = {
-    JOINT_STATE: _joint_states,
-    IMU: _imus,
-    LOW_STATE: _low_states,
-    LOW_CMD: _low_commands,
-}
-
-
-# --- streams
-
-
 def _raw_log(
-    robot: RobotModel, streams: Mapping[str, _Stream], topics: tuple[str, str, str | None], findings: list[LogFinding]
+    robot: RobotModel, streams: Mapping[str, BagStream], topics: tuple[str, str, str | None], findings: list[LogFinding]
 ) -> RawLog:
     joint_topic, imu_topic, command_topic = topics
     times, kind = common_times([stream.clock for stream in streams.values()], (joint_topic, imu_topic), findings)

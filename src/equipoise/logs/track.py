@@ -60,10 +60,10 @@ class Track:
         return cls(
             (edges[1:] + edges[:-1]) / 2,
             step,
-            Integral(joints.time, joints.position).means(edges),
-            Integral(imu.time, imu.angular_velocity_in_imu).means(edges) @ to_base,
-            Integral(imu.time, imu.acceleration_in_imu).means(edges) @ to_base,
-            None if joints.torque is None else Integral(joints.time, joints.torque).means(edges),
+            _means(joints.time, joints.position, edges),
+            _means(imu.time, imu.angular_velocity_in_imu, edges) @ to_base,
+            _means(imu.time, imu.acceleration_in_imu, edges) @ to_base,
+            None if joints.torque is None else _means(joints.time, joints.torque, edges),
             _noise_of_means(imu.time, imu.angular_velocity_in_imu, step),
             _noise_of_means(joints.time, joints.position, step),
         )
@@ -71,6 +71,18 @@ class Track:
     def without_bias(self, gyro_bias: FloatArray) -> Track:
         """With a (3,) bias in base axes taken off the angular velocity [rad/s]."""
         return replace(self, angular_velocity_in_base=self.angular_velocity_in_base - gyro_bias)
+
+    def part(self, steps: slice) -> Track:
+        """Some of the steps."""
+        torque = None if self.joint_torque is None else self.joint_torque[steps]
+        return replace(
+            self,
+            time=self.time[steps],
+            joint_position=self.joint_position[steps],
+            angular_velocity_in_base=self.angular_velocity_in_base[steps],
+            acceleration_in_base=self.acceleration_in_base[steps],
+            joint_torque=torque,
+        )
 
     def indices(self, start: float, end: float) -> slice:
         """Steps whose middles are within start <= time < end [s]."""
@@ -89,14 +101,27 @@ class Integral:
 
     def __init__(self, time: FloatArray, values: FloatArray) -> None:
         self._time = time
-        self._integral = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
+        integrals = np.asarray(cumulative_trapezoid(values, time, axis=0, initial=0), dtype=float)
+        self._columns = [
+            np.ascontiguousarray(column) for column in integrals.T
+        ]  # as `interp` would make them each time
 
     def means(self, edges: FloatArray) -> FloatArray:
         """(n - 1, k) means between n edges; those should be no nearer to each other than the samples are."""
-        at_edges = np.empty((len(edges), self._integral.shape[1]))
-        for column in range(at_edges.shape[1]):
-            at_edges[:, column] = np.interp(edges, self._time, self._integral[:, column])
-        return np.diff(at_edges, axis=0) / np.diff(edges)[:, None]
+        return np.diff(self._at(edges), axis=0) / np.diff(edges)[:, None]
+
+    def means_between(self, begin: FloatArray, end: FloatArray) -> FloatArray:
+        """(n, k) means over n steps from (n,) times to (n,) times."""
+        return (self._at(end) - self._at(begin)) / (end - begin)[:, None]
+
+    def _at(self, time: FloatArray) -> FloatArray:
+        columns: list[FloatArray] = [np.interp(time, self._time, column) for column in self._columns]
+        return np.column_stack(columns)
+
+
+def _means(time: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
+    """`Integral.means`, of one column after the other: a log has more samples than there should be copies of."""
+    return np.hstack([Integral(time, column[:, None]).means(edges) for column in values.T])
 
 
 def _noise_of_means(time: FloatArray, values: FloatArray, step: float) -> float:
@@ -104,6 +129,6 @@ def _noise_of_means(time: FloatArray, values: FloatArray, step: float) -> float:
     if len(time) < 8:
         return 0.0
     # Third differences forget all that is smooth; of white noise they have twenty times its variance.
-    differences = np.abs(np.diff(values, n=3, axis=0))
-    noise = float(np.median(np.median(differences, axis=0))) / (0.6745 * np.sqrt(20))
+    sizes = [float(np.median(np.abs(np.diff(column, n=3)))) for column in values.T]
+    noise = float(np.median(sizes)) / (0.6745 * np.sqrt(20))
     return noise / np.sqrt(max(1.0, step / float(np.median(np.diff(time)))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,16 +125,55 @@ def check_lift(
     Raises:
         ReachError: says what is wrong.
     """
-    settings = lift_settings(stance)
-    feet, lifted = lift_feet(stance, com, design, settings.height)
-    position = check_posture(robot, stance, feet)
-    for angle in (0.0,) if design.turn is None else (AMPLITUDES[design.turn], -AMPLITUDES[design.turn]):
-        check_posture(robot, stance, turned_feet(lifted, com, design.turn, angle), DIAGONALS[design.diagonal])
-    height = float(com @ design.posture.rotation[2] - (feet @ design.posture.rotation[2]).mean())
-    half_width = float(np.abs(stance.feet_in_base[:, 1]).mean())
-    if settings.height > half_width or height <= 0:
-        raise ReachError(
-            f"a lift of {settings.height * 1000:.0f} mm is too high for feet {half_width * 2000:.0f} mm apart"
-        )
-    tipping = Pendulum.of(robot, position, design.posture.rotation[2], design.diagonal)
-    safe_stop(tipping, settings, stance, found_doubt(stance) if doubt is None else doubt)
+    LiftChecks(robot, stance, com, doubt).check(design)
+
+
+class LiftChecks:
+    """`check_lift` of many lifts of one robot: what those that differ in their turn alone share is looked at once."""
+
+    def __init__(self, robot: RobotModel, stance: Stance, com: FloatArray, doubt: FloatArray | None = None) -> None:
+        self._robot, self._stance, self._com = robot, stance, com
+        self._doubt = found_doubt(stance) if doubt is None else doubt
+        self._settings = lift_settings(stance)
+        self._known: dict[tuple[str, LiftDesign], FloatArray | ReachError] = {}
+
+    def check(self, design: LiftDesign) -> None:
+        """See `check_lift`."""
+        without_turn = replace(design, turn=None)
+        planted = self._once(self._planted, without_turn)
+        _, lifted = lift_feet(self._stance, self._com, design, self._settings.height)
+        for angle in (0.0,) if design.turn is None else (AMPLITUDES[design.turn], -AMPLITUDES[design.turn]):
+            feet = turned_feet(lifted, self._com, design.turn, angle)
+            check_posture(self._robot, self._stance, feet, DIAGONALS[design.diagonal], near=planted)
+        self._once(self._safe, without_turn)
+
+    def _once(self, look: Callable[[LiftDesign], FloatArray], design: LiftDesign) -> FloatArray:
+        """What a look finds, or raises, without looking again."""
+        key = look.__name__, design
+        if key not in self._known:
+            try:
+                self._known[key] = look(design)
+            except ReachError as error:
+                self._known[key] = error
+        found = self._known[key]
+        if isinstance(found, ReachError):
+            raise found
+        return found
+
+    def _planted(self, design: LiftDesign) -> FloatArray:
+        """(nj,) joint positions over the line, on four feet [rad]."""
+        feet, _ = lift_feet(self._stance, self._com, design, self._settings.height)
+        return check_posture(self._robot, self._stance, feet)
+
+    def _safe(self, design: LiftDesign) -> FloatArray:
+        """(2,) how far the robot may tip, either way [rad]."""
+        up, settings = design.posture.rotation[2], self._settings
+        feet, _ = lift_feet(self._stance, self._com, design, settings.height)
+        height = float(self._com @ up - (feet @ up).mean())
+        half_width = float(np.abs(self._stance.feet_in_base[:, 1]).mean())
+        if settings.height > half_width or height <= 0:
+            raise ReachError(
+                f"a lift of {settings.height * 1000:.0f} mm is too high for feet {half_width * 2000:.0f} mm apart"
+            )
+        tipping = Pendulum.of(self._robot, self._once(self._planted, design), up, design.diagonal)
+        return np.array(safe_stop(tipping, settings, self._stance, self._doubt))

@@ -17,7 +17,8 @@ from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, s
 from equipoise.precise.checks import judge
 from equipoise.precise.lift_design import AMPLITUDES, lift_feet, lift_settings, turned_feet
 from equipoise.precise.measurements.evidence import MotionReading, read_evidence
-from equipoise.precise.plan import Durations, Goals, Plan, describe
+from equipoise.precise.plan import Durations, Goals, Plan
+from equipoise.precise.planning.candidates import describe
 from equipoise.precise.posterior import Posterior, estimate_posterior
 from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.reading import PreciseReading

@@ -1,67 +1,33 @@
 """Which trials the precise method does, and why these: those that teach most about what is reported, per second.
 
-Candidates are postures over height, roll, pitch and yaw, and in each posture lifts on both diagonals, passive and with the
-body turning. Each is predicted (predict.py) and adds its Fisher information to what the priors, the search and earlier
-motions give. Greedily the one is taken that lowers most, per second of robot time, the sum over reported quantities of
-posterior variance over the square of its goal (A-optimal design).
+Candidates (planning/candidates.py) are postures over height, roll, pitch and yaw, and in each posture lifts on both
+diagonals, passive and with the body turning. Each is predicted (predict.py) and adds its Fisher information to what the
+priors, the search and earlier motions give. Greedily the one is taken that lowers most, per second of robot time, the sum
+over reported quantities of posterior variance over the square of its goal (A-optimal design; planning/gains.py).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
-from equipoise.errors import ReachError, SettingsError
-from equipoise.experiments.posture import check_posture, feet_in_posture
-from equipoise.precise.lift_design import AMPLITUDES, LiftDesign, check_lift
-from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import Unknowns
+from equipoise.errors import SettingsError
+from equipoise.precise.lift_design import LiftDesign
+from equipoise.precise.planning.candidates import Candidates, describe
+from equipoise.precise.planning.gains import Steps
 from equipoise.precise.posterior import body_jacobian, prior_rows
-from equipoise.precise.predict import Predictor
-from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock
-from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, components
-from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.model import DIAGONALS
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
-# Asked for at full size first, then smaller, until the legs reach them.
-_SIZES = (1.0, 0.75, 0.5, 0.3)
-_LIFT_POSTURES = (
-    BodyPosture(),
-    BodyPosture(crouch=0.2),
-    BodyPosture(roll=0.22, crouch=0.06),
-    BodyPosture(roll=-0.22, crouch=0.06),
-    BodyPosture(pitch=0.27, crouch=0.08),
-    BodyPosture(pitch=-0.27, crouch=0.08),
-    BodyPosture(yaw=0.3, crouch=0.05),
-    BodyPosture(yaw=-0.3, crouch=0.05),
-    BodyPosture(roll=0.22, pitch=0.22, crouch=0.12),
-    BodyPosture(roll=-0.22, pitch=0.22, crouch=0.12),
-    BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12),
-    BodyPosture(roll=-0.22, pitch=-0.22, crouch=0.12),
-)
-_PLANTED_POSTURES = (
-    BodyPosture(crouch=0.15, yaw=0.3, ahead=0.15, aside=0.1),
-    BodyPosture(crouch=0.15, yaw=-0.3, ahead=0.15, aside=-0.1),
-    BodyPosture(crouch=0.25, roll=0.25, ahead=-0.15),
-    BodyPosture(crouch=0.25, roll=-0.25, ahead=-0.15),
-    BodyPosture(crouch=0.1, yaw=0.3, aside=-0.15),
-    BodyPosture(crouch=0.1, yaw=-0.3, aside=0.15),
-    BodyPosture(crouch=0.25, pitch=0.25, yaw=0.2, aside=0.1),
-    BodyPosture(crouch=0.25, pitch=0.25, yaw=-0.2, aside=-0.1),
-    BodyPosture(crouch=0.3, roll=0.25, yaw=0.3),
-    BodyPosture(crouch=0.3, roll=-0.25, yaw=-0.3),
-    BodyPosture(crouch=0.05, pitch=-0.25, ahead=0.15),
-    BodyPosture(crouch=0.35),
-)
 _SCALE_OF_MASS = 0.005  # as a fraction: the plan takes the mass to be known, from a scale or about so from torques
 # Robot time on an A1, as measured, settling included [s]; others' is longer with the square root of their height.
 _LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
@@ -177,99 +143,6 @@ class Durations:
         )
 
 
-@dataclass(eq=False)
-class Candidates:
-    """Everything that may be done, and what each would teach.
-
-    Attributes:
-        doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
-        lifts: possible lifts.
-        postures: postures of planted moves, from the first posture.
-        information: (size, size) information of each lift, then of each posture's move.
-        left_out: reasons why others are not possible.
-    """
-
-    predictor: Predictor
-    unknowns: Unknowns
-    doubt: FloatArray | None = None
-    lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
-    postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
-    information: list[FloatArray] = field(default_factory=list[FloatArray])
-    left_out: list[str] = field(default_factory=list[str])
-
-    @classmethod
-    def of(
-        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None
-    ) -> Candidates:
-        """Of a robot as it is thought to be."""
-        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt)
-        for wanted in _LIFT_POSTURES:
-            posture = found._largest(wanted, found._check_lifts)
-            if posture is not None:
-                found._add_lifts(posture)
-        for wanted in _PLANTED_POSTURES:
-            posture = found._largest(wanted, found._check_planted)
-            if posture is not None:
-                found.postures.append(posture)
-        if not found.lifts:
-            raise ReachError(f"no lift of the precise method is within reach: {found.left_out[0]}")
-        found.postures = list(dict.fromkeys([*(lift.posture for lift in found.lifts), *found.postures]))
-        found._inform()
-        return found
-
-    def _check_planted(self, posture: BodyPosture) -> None:
-        predictor = self.predictor
-        check_posture(predictor.robot, predictor.stance, feet_in_posture(predictor.stance, predictor.com, posture))
-
-    def _check_lifts(self, posture: BodyPosture) -> None:
-        self._check_planted(posture)
-        for diagonal in DIAGONALS:
-            self._check(LiftDesign(posture, diagonal, 1))
-
-    def _check(self, design: LiftDesign) -> None:
-        check_lift(self.predictor.robot, self.predictor.stance, self.predictor.com, design, self.doubt)
-
-    def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], None]) -> BodyPosture | None:
-        """The posture, or a smaller one in its direction, that passes a check."""
-        reason = ""
-        for size in _SIZES:
-            posture = BodyPosture(*(size * value for value in vars(wanted).values()))
-            try:
-                check(posture)
-            except ReachError as error:
-                reason = reason or str(error)
-                continue
-            return posture
-        self.left_out.append(f"{describe(wanted)}: {reason}")
-        return None
-
-    def _add_lifts(self, posture: BodyPosture) -> None:
-        side = 1
-        for turn in (None, *AMPLITUDES):
-            for diagonal in DIAGONALS:
-                side = -side
-                design = LiftDesign(posture, diagonal, side, turn)
-                try:
-                    self._check(design)
-                except ReachError as error:
-                    self.left_out.append(f"{describe(posture)}, {turn} on {diagonal}: {error}")
-                    continue
-                self.lifts.append(design)
-
-    def _inform(self) -> None:
-        unknowns, predictor = self.unknowns, self.predictor
-        x, legs = unknowns.start(), LegChains(predictor.robot)
-        rotation = np.array(predictor.robot.imu_in_base.rotation)
-        lifts = TiltBlock(unknowns, legs, rotation, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
-        home = self.lifts[0].posture
-        moves = [(k, predictor.move(home, posture)) for k, posture in enumerate(self.postures)]
-        planted = PlantedBlock(unknowns, legs, rotation, moves)
-        for block in (lifts, planted):
-            block.prepare(x)
-            block.differentiate(x)
-            self.information += [information for _, information, _ in block.by_motion(x)]
-
-
 def make_plan(
     candidates: Candidates,
     budget: float,
@@ -305,33 +178,28 @@ def make_plan(
         left -= durations.search
         for index, lift in enumerate(candidates.lifts):
             if lift.posture == candidates.lifts[0].posture and lift.turn is None:
-                information += 2 * candidates.information[index]
+                information += 2 * candidates.information(index)
     visited: dict[BodyPosture, list[LiftDesign]] = {}
     count = len(candidates.lifts)
     often = math.ceil(FEW_LIFTS / count)
     remaining = {index: often - used.count(lift) for index, lift in enumerate(candidates.lifts)}
     total = budget - left
+    steps = Steps(candidates)
     while True:
         alive()
-        best, gain, cost_of_best, added_by_best = None, 0.0, 0.0, prior
-        covariance = np.linalg.inv(information)
-        weighted = weights @ covariance
         possible = [index for index, times in remaining.items() if times > 0]
-        for index in [*possible, *range(count, count + len(candidates.postures))]:
-            added, cost = _step(candidates, index, visited, durations)
-            if added is None or cost > left:
-                continue
-            # Of the sum of weighted variances: exact for an addition A: W (C^-1 + A)^-1 W^T.
-            lowered = float(
-                np.sum(weighted @ np.linalg.solve(np.eye(len(added)) + added @ covariance, added) * weighted)
-            )
-            if lowered / cost > gain:
-                best, gain, cost_of_best, added_by_best = index, lowered / cost, cost, added
+        costs = {
+            index: cost
+            for index in [*possible, *range(count, count + len(candidates.postures))]
+            if (cost := _cost(candidates, index, visited, durations)) is not None and cost <= left
+        }
+        covariance = np.asarray(np.linalg.inv(information), dtype=float)
+        best = steps.best(costs, visited, covariance, weights)
         if best is None:
             break
-        information = information + added_by_best
-        left -= cost_of_best
-        total += cost_of_best
+        information = information + sum(candidates.information(part) for part in steps.parts(best, visited))
+        left -= costs[best]
+        total += costs[best]
         if best < count:
             visited.setdefault(candidates.lifts[best].posture, []).append(candidates.lifts[best])
             remaining[best] -= 1
@@ -350,37 +218,24 @@ def make_plan(
     )  # fmt: skip
 
 
-def _step(
+def _cost(
     candidates: Candidates, index: int, visited: dict[BodyPosture, list[LiftDesign]], durations: Durations
-) -> tuple[FloatArray | None, float]:
-    """Information and robot time of a candidate, the way to its posture included; None if it is done already."""
+) -> float | None:
+    """Robot time of a candidate, the way to its posture included [s]; None if it is done already."""
     count = len(candidates.lifts)
     if index >= count:
-        posture = candidates.postures[index - count]
-        return (None, 0.0) if posture in visited else (candidates.information[index], durations.posture)
+        return None if candidates.postures[index - count] in visited else durations.posture
     posture = candidates.lifts[index].posture
     if visited.get(posture):
-        return candidates.information[index], durations.lift
-    if posture in visited:  # so far without lifts
-        return candidates.information[index], durations.lift + durations.replant
-    move = candidates.information[count + candidates.postures.index(posture)]
-    return candidates.information[index] + move, durations.lift + durations.posture + durations.replant
+        return durations.lift
+    way = durations.replant if posture in visited else durations.posture + durations.replant
+    return durations.lift + way
 
 
 def _in_order(visited: dict[BodyPosture, list[LiftDesign]]) -> tuple[Visit, ...]:
     """Postures with lifts first, the most telling first, so that a run cut short has done the best part of it."""
     order = sorted(visited.items(), key=lambda item: len(item[1]) == 0)
     return tuple(Visit(posture, tuple(lifts)) for posture, lifts in order)
-
-
-def describe(posture: BodyPosture) -> str:
-    """In words, short."""
-    parts = [
-        f"{name} {math.degrees(value):+.0f} deg" if name in AMPLITUDES else f"{name} {value:+.2f}"
-        for name, value in vars(posture).items()
-        if value
-    ]
-    return ", ".join(parts) or "nominal"
 
 
 def name_components(values: FloatArray) -> dict[str, float]:

@@ -6,7 +6,7 @@ noise that an A1's sensors have. Only the derivatives of the residuals are used,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,28 @@ _REST_TO_AIR = 1.4  # unloading and lifting, over the lift time
 
 
 @dataclass(frozen=True, eq=False)
+class _OnTwoFeet:
+    """A robot with two feet up, before it tips or turns.
+
+    Attributes:
+        feet: (4, 3) feet in the base frame [m].
+        position: (nj,) joint positions [rad].
+        inverse_jacobians: (4, n, 3) joints of each leg by its foot [rad/m].
+        left: (3,) direction of the line, in base axes.
+        height: height of the CoM over the line [m].
+        about_com, about_line: moments of inertia about that direction, through the CoM and through the line [kg m2].
+    """
+
+    feet: FloatArray
+    position: FloatArray
+    inverse_jacobians: FloatArray
+    left: FloatArray
+    height: float
+    about_com: float
+    about_line: float
+
+
+@dataclass(frozen=True, eq=False)
 class Predictor:
     """Predicts motions of a robot.
 
@@ -53,6 +75,7 @@ class Predictor:
     robot: RobotModel
     stance: Stance
     com: FloatArray
+    _stood: dict[LiftDesign, _OnTwoFeet] = field(default_factory=dict[LiftDesign, "_OnTwoFeet"], init=False)
 
     @cached_property
     def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -70,15 +93,9 @@ class Predictor:
         robot, stance = self.robot, self.stance
         settings, times = lift_settings(stance), Times.of(stance)
         time, velocity_noise, angular_velocity_noise = self._noise
-        _, lifted = lift_feet(stance, self.com, design, settings.height)
-        position = inverse_kinematics(robot, lifted, stance.joint_position)
-        left = design.posture.rotation.T @ stance_line(stance, design.diagonal)[0]
-        standing = [leg in DIAGONALS[design.diagonal] for leg in LEG_NAMES]
-        arm = self.com - lifted[standing].mean(axis=0)
-        height = float(np.linalg.norm(arm - (arm @ left) * left))
-        body = composite_parameters(robot, position)
-        about_com = float(left @ body.inertia @ left)
-        about_line = about_com + robot.mass * height**2
+        stands = self._stands(replace(design, turn=None))
+        lifted, position, left = stands.feet, stands.position, stands.left
+        height, about_com, about_line = stands.height, stands.about_com, stands.about_line
         rate = np.sqrt(robot.mass * GRAVITY * height / about_line)
         distance = offset_of(stance, -design.side) / height + 0.004 * (design.side == 0)
         tilt = distance * (np.cosh(rate * (time + _IN_AIR_AFTER * settings.lift_time)) - 1)
@@ -98,8 +115,7 @@ class Predictor:
         nearby = 1e-3
         moved = (turned_feet(lifted, self.com, design.turn, nearby) - lifted) / nearby
         per_angle = np.zeros(len(position))
-        inverse = np.linalg.pinv(foot_jacobians(robot, position))
-        per_angle[robot.leg_joints] = np.einsum("lji,li->lj", inverse, moved)
+        per_angle[robot.leg_joints] = np.einsum("lji,li->lj", stands.inverse_jacobians, moved)
         mounting = np.array(robot.imu_in_base.rotation)
         in_imu = angular_velocity_in_base @ mounting
         up = design.posture.rotation[2] @ mounting
@@ -119,6 +135,22 @@ class Predictor:
             _GYRO_NOISE / np.sqrt(_RATE),
             _REST_TO_AIR * settings.lift_time,
         )
+
+    def _stands(self, design: LiftDesign) -> _OnTwoFeet:
+        """What lifts that differ in their turn alone share."""
+        if design not in self._stood:
+            robot, stance = self.robot, self.stance
+            _, feet = lift_feet(stance, self.com, design, lift_settings(stance).height)
+            position = inverse_kinematics(robot, feet, stance.joint_position)
+            left = design.posture.rotation.T @ stance_line(stance, design.diagonal)[0]
+            standing = [leg in DIAGONALS[design.diagonal] for leg in LEG_NAMES]
+            arm = self.com - feet[standing].mean(axis=0)
+            height = float(np.linalg.norm(arm - (arm @ left) * left))
+            about_com = float(left @ composite_parameters(robot, position).inertia @ left)
+            about_line = about_com + robot.mass * height**2
+            inverse = np.asarray(np.linalg.pinv(foot_jacobians(robot, position)), dtype=float)
+            self._stood[design] = _OnTwoFeet(feet, position, inverse, left, height, about_com, about_line)
+        return self._stood[design]
 
     def move(self, before: BodyPosture, after: BodyPosture) -> PlantedMove:
         """What a move over planted feet would look like; how the feet roll does not matter for what it teaches."""

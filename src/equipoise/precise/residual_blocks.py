@@ -37,6 +37,7 @@ _FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 1.2e-4, 0.8e-4, 3e-4, 4e-4
 # Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
 _FRICTION_UNKNOWN = 1.0
 _TORQUE_FLOOR = 0.01  # of an A1's torque scale over 38: [Nm]
+_SAMPLES_AT_ONCE = 1024
 _TORQUE_CORRELATION = 30.0  # samples of a motion that say what one says: friction's errors last
 
 
@@ -297,7 +298,7 @@ class TorqueBlock(ResidualBlock):
         self._owner = np.repeat([index for index, _ in torques], counts)
         self.normalised_residual = 1.0
         self._matrix, self._target = np.zeros((0, 0)), np.zeros(0)
-        self._per_sample = 0
+        self._row_correlation, self._rows = np.zeros(0), 0
 
     @classmethod
     def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TorqueBlock | None:
@@ -306,20 +307,46 @@ class TorqueBlock(ResidualBlock):
         return cls(unknowns, torques) if torques else None
 
     def prepare(self, x: FloatArray) -> None:
-        """The rows as a linear system in the inertial parameters and what the actuators do, whitened."""
-        unknowns = self.unknowns
-        rows = torque_rows(unknowns.robot, self.samples, unknowns.values(x))
+        """The rows as a linear system in the inertial parameters and what the actuators do, whitened.
+
+        Many rows of one motion become as few as there are columns, by orthogonal turns, which change no square and no
+        product of what is made of them: neither time nor memory of a round grows with how long a motion lasted.
+        """
+        systems: list[FloatArray] = []
+        owner: list[tuple[int, float]] = []
+        self._rows = 0
+        for first in range(0, len(self._owner), _SAMPLES_AT_ONCE):
+            part = slice(first, first + _SAMPLES_AT_ONCE)
+            whitened = self._whitened(x, part)
+            self._rows += whitened.shape[0] * whitened.shape[1]
+            of_part = np.column_stack([self._owner[part], self._correlation[part]])
+            edges = np.flatnonzero(np.diff(of_part, axis=0).any(axis=1)) + 1
+            for begin, end in itertools.pairwise([0, *edges.tolist(), len(of_part)]):
+                system = whitened[begin:end].reshape(-1, whitened.shape[2])
+                systems.append(_few_rows(system))
+                owner += [(int(of_part[begin, 0]), float(of_part[begin, 1]))] * len(systems[-1])
+        whole = np.concatenate(systems)
+        self._matrix, self._target = whole[:, :-1], whole[:, -1]
+        self._row_correlation = np.array([correlation for _, correlation in owner])
+        owners = np.array([index for index, _ in owner])
+        edges = np.flatnonzero(np.diff(np.concatenate([[-1], owners, [-1]])))
+        self.motions = [(int(owners[a]), slice(int(a), int(b))) for a, b in itertools.pairwise(edges)]
+
+    def _whitened(self, x: FloatArray, part: slice) -> FloatArray:
+        """(n, r, columns + 1) rows of some of the samples and, in the last column, their targets."""
+        unknowns, samples = self.unknowns, self.samples.part(part)
+        rows = torque_rows(unknowns.robot, samples, unknowns.values(x))
         scale = unknowns.torque_scale
         coulomb = max(float(np.abs(unknowns.value(x, "coulomb")[0])), 0.02 * scale)
         direction = np.abs(rows.friction_direction)
         unknown = coulomb**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2
         noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, unknown, rows.torque)
         stiffness, _ = unknowns.robot.gains(unknowns.stance.hip_height)
-        noise += sawtooth(rows, self.samples.period, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
+        noise += sawtooth(rows, samples.period, stiffness)[:, None, None] ** 2 * np.eye(noise.shape[1])
         # The accelerometer's noise acts through the mass: a hundredth of a metre per second squared on all of it.
         weight = (0.01 * unknowns.robot.mass) ** 2 * np.array([1, 1, 1, 0.01, 0.01, 0.01])
         noise += np.einsum("nrk,k,nsk->nrs", rows.acceleration_rows, weight, rows.acceleration_rows)
-        level = self.normalised_residual * np.sqrt(self._correlation)
+        level = self.normalised_residual * np.sqrt(self._correlation[part])
         whitening = _whitening(noise) / level[:, None, None]
         terms = {
             "torque_gain": -rows.torque * rows.reported[:, None],
@@ -327,15 +354,10 @@ class TorqueBlock(ResidualBlock):
             "viscous": _summed(rows.torque, rows.joint_velocity),
             "armature": _summed(rows.torque, rows.joint_acceleration),
         }
-        system = np.concatenate([rows.base, rows.links, *(terms[name] for name in self.actuators)], axis=2)
-        self._matrix = (whitening @ system).reshape(-1, system.shape[2])
-        self._target = (whitening @ np.einsum("nrj,nj->nr", rows.torque, rows.reported)[..., None]).reshape(-1)
-        self._per_sample = system.shape[1]
-        edges = np.flatnonzero(np.diff(np.concatenate([[-1], self._owner, [-1]])))
-        self.motions = [
-            (int(self._owner[a]), slice(self._per_sample * int(a), self._per_sample * int(b)))
-            for a, b in itertools.pairwise(edges)
-        ]
+        target = np.einsum("nrj,nj->nr", rows.torque, rows.reported)[..., None]
+        return whitening @ np.concatenate(
+            [rows.base, rows.links, *(terms[name] for name in self.actuators), target], axis=2
+        )
 
     def _linear(self, x: FloatArray) -> FloatArray:
         values = self.unknowns.values(x)
@@ -359,9 +381,13 @@ class TorqueBlock(ResidualBlock):
         return jacobian / gain
 
     def renew_noise(self, x: FloatArray) -> None:
-        residual = self.residual(x) * self.normalised_residual
-        residual = residual * np.repeat(np.sqrt(self._correlation), self._per_sample)
-        self.normalised_residual = max(1.0, float(np.sqrt(np.mean(residual**2))))
+        residual = self.residual(x) * self.normalised_residual * np.sqrt(self._row_correlation)
+        self.normalised_residual = max(1.0, float(np.sqrt(np.sum(residual**2) / self._rows)))
+
+
+def _few_rows(system: FloatArray) -> FloatArray:
+    """(m, c) rows with the squares and products of (n, c) rows, m no more than c."""
+    return np.asarray(np.linalg.qr(system, mode="r"), dtype=float) if len(system) > system.shape[1] else system
 
 
 def _summed(torque: FloatArray, signal: FloatArray) -> FloatArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,16 +13,17 @@ from equipoise.experiments.progress import Progress
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
-from equipoise.precise.plan import FEW_LIFTS, Candidates, Durations, Plan, describe, make_plan
+from equipoise.precise.plan import FEW_LIFTS, Durations, Plan, make_plan
+from equipoise.precise.planning.candidates import Candidates, describe
+from equipoise.precise.planning.nominal import nominal_candidates
 from equipoise.precise.posterior import Posterior, estimate_posterior, prior_rows
 from equipoise.precise.safe_lift import found_doubt
 from equipoise.precise.sway import sway_all_axes, sway_time
 from equipoise.precise.trials import PreciseTrials
-from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import components, composite_parameters
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.robot.stance import Stance
 
 if TYPE_CHECKING:
     from equipoise.precise.method import Precise
@@ -35,13 +35,7 @@ _FEWEST_LIFTS = 4  # below, no precise result
 
 def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
-    return make_plan(_nominal_candidates(robot, settings.priors), _budget(stance, settings), settings.goals)
-
-
-@lru_cache(maxsize=2)
-def _nominal_candidates(robot: RobotModel, priors: Priors) -> Candidates:
-    stance = nominal_stance(robot)
-    return Candidates.of(robot, stance, composite_parameters(robot, stance.joint_position).com, priors)
+    return make_plan(nominal_candidates(robot, settings.priors), _budget(stance, settings), settings.goals)
 
 
 def _budget(stance: Stance, settings: Precise) -> float:

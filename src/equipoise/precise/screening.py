@@ -13,6 +13,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from equipoise.alive import alive
@@ -89,7 +90,8 @@ def screen_log(robot: RobotModel, log: Recording) -> None:
     if not np.ptp(log.imu.angular_velocity_in_imu, axis=0).any():
         raise RecordingError("the gyroscope reads the same throughout the log: it is dead, or was not logged")
     # Of a log most samples count: one that is far off is a glitch.
-    _check_radians(robot, np.quantile(log.joints.position, (0.05, 0.5, 0.95), axis=0))
+    levels = [np.quantile(position, (0.05, 0.5, 0.95)) for position in log.joints.position.T]
+    _check_radians(robot, np.column_stack(levels))
     _check_frozen(log)
     _check_velocity([piece.recording for piece in split_at_gaps(log)])
 
@@ -126,14 +128,10 @@ def _check_frozen(recording: Recording) -> None:
     if commands is None or len(joints.time) < 3:
         return
     needed = max(2, round(_FROZEN_TIME / float(np.median(np.diff(joints.time)))))
-    same = np.diff(joints.position, axis=0) == 0
-    count = np.cumsum(np.vstack([np.zeros(same.shape[1], dtype=int), same]), axis=0)
-    frozen = (count[needed:] - count[:-needed] == needed).any(axis=0)
-    for joint in np.flatnonzero(frozen):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], same[:, joint], [False]]).astype(int)))
-        for first, last in edges.reshape(-1, 2):
-            if last - first < needed:
-                continue
+    for joint in range(joints.position.shape[1]):
+        same = np.diff(joints.position[:, joint]) == 0
+        runs = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
+        for first, last in runs[runs[:, 1] - runs[:, 0] >= needed]:
             start, end = joints.time[first], joints.time[last]
             meant = commands.position[(commands.time >= start) & (commands.time <= end), joint]
             if len(meant) and float(np.ptp(meant)) > _FROZEN_MOVE:
@@ -153,10 +151,14 @@ def _check_velocity(recordings: Sequence[Recording]) -> None:
         if joints.velocity is None or len(joints.time) < 3:
             continue
         block = max(1, round(_VELOCITY_BLOCK / float(np.median(np.diff(joints.time)))))
-        steps = (joints.velocity[1:] + joints.velocity[:-1]) / 2 * np.diff(joints.time)[:, None]
-        path = np.vstack([np.zeros(steps.shape[1]), np.cumsum(steps, axis=0)])
+        paths = [
+            cumulative_trapezoid(velocity, joints.time, initial=0)[
+                ::block
+            ]  # of a joint: one at a time takes little memory
+            for velocity in joints.velocity.T
+        ]
         moved.append(np.diff(joints.position[::block], axis=0))
-        integrated.append(np.diff(path[::block], axis=0))
+        integrated.append(np.diff(np.column_stack(paths), axis=0))
     if not moved:
         return
     by_encoder, by_velocity = np.concatenate(moved), np.concatenate(integrated)

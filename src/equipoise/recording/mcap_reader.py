@@ -8,10 +8,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk
+from mcap.records import Channel, Chunk, Schema
 from mcap.stream_reader import get_chunk_data_stream
 
 from equipoise.errors import RecordingError
@@ -19,6 +20,8 @@ from equipoise.recording.mcap_writer import MAGIC
 
 _MESSAGE_HEAD = 22  # bytes: channel, sequence number and two times
 _FRAME = 9  # bytes: the opcode and the length that every record begins with
+_MESSAGE = struct.Struct("<BQHIQ")  # opcode, length, channel, sequence number, time of receipt
+_RUN = 1 << 20  # bytes
 _NO_DATA = 64  # bytes: so many zeros at the end are what a power cut left in place of data
 
 
@@ -72,6 +75,65 @@ def _read(data: bytes) -> McapContent:
     if not closed and len(data) > len(MAGIC) and data.endswith(MAGIC):
         raise RecordingError("it was closed, and lacks records that it must have had")
     return McapContent(channels, messages, closed)
+
+
+Batch = dict[tuple[str, str], tuple[list[int], list[bytes]]]
+"""Times of receipt [ns] and bodies of messages, by their topic and type."""
+
+
+def message_batches(path: Path) -> Iterator[Batch]:
+    """The messages of a file that was closed, some hundred at a time, in the order in which they were written.
+
+    No more than a chunk of the file is in memory, and nothing is made of a message but its bytes: of a log with a million
+    of them half is read by the time that other readers take for a tenth.
+    """
+    types: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    with open(path, "rb") as file:
+        file.seek(len(MAGIC))
+        for records in _runs(file):
+            yield _batch(records, types, channels)
+
+
+def _batch(records: bytes, types: dict[int, str], channels: dict[int, tuple[str, str]]) -> Batch:
+    """The messages among records; what their schemas and channels are is noted."""
+    batch: Batch = {}
+    position, end = 0, len(records)
+    records += bytes(_MESSAGE.size)  # so that the last record can be looked at as if it were a message
+    while position + _FRAME <= end:
+        opcode, length, channel, _, received = _MESSAGE.unpack_from(records, position)
+        begin, position = position + _FRAME, position + _FRAME + length
+        if position > end:
+            raise RecordingError(f"a record of {length} bytes is longer than what holds it")
+        if opcode == Opcode.MESSAGE:
+            times, bodies = batch.setdefault(channels[channel], ([], []))
+            times.append(received)
+            bodies.append(records[begin + _MESSAGE_HEAD : position])
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(ReadDataStream(BytesIO(records[begin:position])))
+            types[schema.id] = schema.name
+        elif opcode == Opcode.CHANNEL:
+            made = Channel.read(ReadDataStream(BytesIO(records[begin:position])))
+            channels[made.id] = made.topic, types.get(made.schema_id, "")
+    return batch
+
+
+def _runs(file: BinaryIO) -> Iterator[bytes]:
+    """Whole records in runs: those of a chunk, or those between two chunks."""
+    outside = bytearray()
+    while len(head := file.read(_FRAME)) == _FRAME:
+        opcode, length = struct.unpack("<BQ", head)
+        if opcode == Opcode.FOOTER:
+            break
+        content = file.read(length)
+        if opcode != Opcode.CHUNK:
+            outside += head + content
+        if outside and (opcode == Opcode.CHUNK or len(outside) > _RUN):
+            yield bytes(outside)
+            outside.clear()
+        if opcode == Opcode.CHUNK:
+            yield _of_chunk(content)
+    yield bytes(outside)
 
 
 class McapTail:
@@ -158,8 +220,13 @@ def _unpacked(records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes
     """Records, and in place of a chunk those inside."""
     for opcode, content in records:
         if opcode == Opcode.CHUNK:
-            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-            yield from _records(stream.read(size), 0)
+            yield from _records(_of_chunk(content), 0)
         else:
             yield opcode, content
+
+
+def _of_chunk(content: bytes) -> bytes:
+    """The records in a chunk."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    return stream.read(size)

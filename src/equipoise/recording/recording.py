@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -232,20 +232,20 @@ class Recording:
             parts[0].joint_names,
             JointStream(
                 np.concatenate([stream.time for stream in joints]),
-                np.concatenate([stream.position for stream in joints]),
+                read_only(np.concatenate([stream.position for stream in joints])),
                 _joined([stream.velocity for stream in joints]),
                 _joined([stream.torque for stream in joints]),
             ),
             ImuStream(
                 np.concatenate([part.imu.time for part in parts]),
-                np.concatenate([part.imu.angular_velocity_in_imu for part in parts]),
-                np.concatenate([part.imu.acceleration_in_imu for part in parts]),
+                read_only(np.concatenate([part.imu.angular_velocity_in_imu for part in parts])),
+                read_only(np.concatenate([part.imu.acceleration_in_imu for part in parts])),
             ),
             None
             if any(stream is None for stream in commands)
             else CommandStream(
                 np.concatenate([stream.time for stream in commands if stream is not None]),
-                np.concatenate([stream.position for stream in commands if stream is not None]),
+                read_only(np.concatenate([stream.position for stream in commands if stream is not None])),
             ),
             tuple(event for part in parts for event in part.events),
         )
@@ -277,7 +277,7 @@ def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], require
     value = getattr(stream, name)
     if value is None and not required:
         return
-    array = np.array(value, dtype=float)
+    array = _own(value)
     if array.shape != shape:
         raise RecordingError(f"{kind} {name} has shape {array.shape}; its times and joints make it {shape}")
     if not np.isfinite(array).all():
@@ -285,6 +285,20 @@ def _validate(stream: Any, kind: str, name: str, shape: tuple[int, ...], require
         raise RecordingError(f"{kind} {name} is not finite at sample {first} (t = {stream.time[first]:.3f} s)")
     array.setflags(write=False)
     object.__setattr__(stream, name, array)
+
+
+def _own(value: Any) -> FloatArray:
+    """The array itself if nobody can change it, nor what it is a part of, else a copy: parts of recordings share samples."""
+    part = value
+    while isinstance(part, np.ndarray) and not part.flags.writeable:
+        part = cast("Any", part.base)
+    return value if part is None and value.dtype == float else np.array(value, dtype=float)
+
+
+def read_only(array: FloatArray) -> FloatArray:
+    """An array that nobody else has, read-only from now on: a stream takes it as it is."""
+    array.setflags(write=False)
+    return array
 
 
 def _slice(time: FloatArray, start: float, end: float) -> slice:
@@ -302,4 +316,4 @@ def _cut(array: FloatArray | None, part: slice) -> FloatArray | None:
 
 def _joined(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
     present = [array for array in arrays if array is not None]
-    return np.concatenate(present) if len(present) == len(arrays) else None
+    return read_only(np.concatenate(present)) if len(present) == len(arrays) else None

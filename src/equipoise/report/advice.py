@@ -10,7 +10,8 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.method import Precise
-from equipoise.precise.plan import Candidates, Plan, Visit, describe, make_plan
+from equipoise.precise.plan import Plan, Visit, make_plan
+from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.posterior import Posterior, body_jacobian
 from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.routine import plan_ahead

@@ -16,6 +16,7 @@ from equipoise.study.executors import ctrl_c_held, process_pool
 from equipoise.study.store import FAILURES, TrialStore
 from equipoise.study.study import Study
 from equipoise.study.trial import SUCCEEDED, Row, check_study, run_trial
+from equipoise.threads import ONE_THREAD
 
 LOST = "WorkerLost"
 """Status of a trial whose worker process died of it, twice."""
@@ -201,9 +202,8 @@ class _Crew:
 @contextmanager
 def _one_thread_each() -> Generator[None]:
     """Processes started in here run NumPy on one thread: many trials at once want the cores, not each of them all."""
-    names = [f"{library}_NUM_THREADS" for library in ("OMP", "OPENBLAS", "MKL")]
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from equipoise import errors
 from equipoise.errors import EquipoiseError, OutputError
+from equipoise.threads import ONE_THREAD
 from equipoise.view.open import Viewing, be_gentle, open_run
 from equipoise.view.player import Player
 from equipoise.view.viser_page import Page, require_port, require_viser, show
@@ -49,7 +50,12 @@ class ViewerProcess:
         command = [sys.executable, "-m", "equipoise.view.process", str(path), host, str(port)]
         # In a session of its own: Ctrl-C is for the run, which ends the page in its own time.
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True, env=_one_core()
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            env={**os.environ, **ONE_THREAD},
         )
         try:
             self.url = self._greeting()
@@ -93,12 +99,6 @@ class ViewerProcess:
         if "error" in table:
             raise getattr(errors, table["error"])(table["message"])
         raise OutputError("the view did not start; run without --view, and look at the run afterwards: equipoise view")
-
-
-def _one_core() -> dict[str, str]:
-    """The environment of a process that leaves the other cores alone."""
-    variables = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    return {**os.environ, **dict.fromkeys(variables, "1")}
 
 
 def how_to_look(url: str) -> str:

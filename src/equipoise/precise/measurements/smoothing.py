@@ -1,4 +1,8 @@
-"""Quintic splines through noisy samples: positions with velocities, at any time in between."""
+"""Quintic splines through noisy samples: positions with velocities, at any time in between.
+
+A quintic B-spline overlaps its five neighbours to either side and nothing else, so that the normal equations are a band of
+eleven diagonals: a fit costs time and memory in proportion to the number of samples, however long a motion is.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.sparse import csr_array
 
 from equipoise.conventions import FloatArray
 
 _DEGREE = 5
+_AT_ONCE = 1 << 16  # samples: what they weigh is small against what they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,17 +25,17 @@ class SplineFit:
 
     Attributes:
         spline: spline of all columns.
-        covariance: (k, k) covariance of the coefficients of any column, for samples with a standard deviation of one.
+        factor: (6, k) Cholesky factor of the normal equations, lower, as bands: the inverse of these is the covariance of the
+            coefficients of any column, for samples with a standard deviation of one.
     """
 
     spline: BSpline
-    covariance: FloatArray
+    factor: FloatArray
 
     def noise(self, time: FloatArray, derivative: int = 0) -> FloatArray:
-        """(n, n) covariance of the spline's values, or of a derivative, at (n,) times; as `covariance`."""
-        unit = BSpline(self.spline.t, np.eye(len(self.covariance)), _DEGREE)
-        basis = unit.derivative(derivative)(time) if derivative else unit(time)
-        return basis @ self.covariance @ basis.T
+        """(n, n) covariance of the spline's values, or of a derivative, at (n,) times; for samples as in `factor`."""
+        basis = _basis(self.spline.t, time, derivative)
+        return basis @ cho_solve_banded((self.factor, True), basis.toarray().T)
 
 
 def fit_spline(
@@ -51,14 +58,48 @@ def fit_spline(
     intervals = max(1, int(np.ceil((end - start) / knot_spacing)))
     grid = np.linspace(start, end, intervals + 1)
     knots = np.concatenate([np.repeat(start, _DEGREE), grid, np.repeat(end, _DEGREE)])
-    design = BSpline.design_matrix(time, knots, _DEGREE).toarray()
-    rows, targets = [design], [values]
-    if derivative is not None:
-        slopes = BSpline(knots, np.eye(design.shape[1]), _DEGREE).derivative()(time)
-        rows.append(derivative_weight * slopes)
-        targets.append(derivative_weight * derivative)
-    matrix, target = np.concatenate(rows), np.concatenate(targets)
-    # A little weight on nothing keeps a knot interval without a sample (dropped ones) finite.
-    gram = matrix.T @ matrix + 1e-9 * np.eye(design.shape[1])
-    covariance = np.asarray(np.linalg.inv(gram), dtype=float)
-    return SplineFit(BSpline(knots, covariance @ (matrix.T @ target), _DEGREE), covariance)
+    bands, moment = (
+        np.zeros((_DEGREE + 1, len(knots) - _DEGREE - 1)),
+        np.zeros((len(knots) - _DEGREE - 1, values.shape[1])),
+    )
+    for first in range(0, len(time), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        design = _basis(knots, time[part])
+        bands += _bands(design)
+        moment += design.T @ values[part]
+        if derivative is not None:
+            slopes = _basis(knots, time[part], 1) * derivative_weight
+            bands += _bands(slopes)
+            moment += slopes.T @ (derivative_weight * derivative[part])
+    bands[0] += 1e-9  # a little weight on nothing keeps a knot interval without a sample (dropped ones) finite
+    factor = cholesky_banded(bands, lower=True)
+    return SplineFit(BSpline(knots, cho_solve_banded((factor, True), moment), _DEGREE), factor)
+
+
+def _basis(knots: FloatArray, time: FloatArray, derivative: int = 0) -> csr_array:
+    """Sparse (n, k) values, or derivatives, of all B-splines at (n,) times."""
+    inner = knots[derivative : len(knots) - derivative]
+    basis = csr_array(BSpline.design_matrix(time, inner, _DEGREE - derivative))
+    for degree in range(_DEGREE - derivative + 1, _DEGREE + 1):
+        basis = basis @ _coefficients_of_derivative(knots[_DEGREE - degree : len(knots) - (_DEGREE - degree)], degree)
+    return basis
+
+
+def _coefficients_of_derivative(knots: FloatArray, degree: int) -> csr_array:
+    """Sparse (k - 1, k) from a spline's coefficients to its derivative's: their differences over the knots that they span."""
+    count = len(knots) - degree - 1
+    per_time = degree / (knots[degree + 1 : degree + count] - knots[1:count])
+    rows = np.arange(count - 1)
+    return csr_array(
+        (np.concatenate([-per_time, per_time]), (np.tile(rows, 2), np.concatenate([rows, rows + 1]))),
+        shape=(count - 1, count),
+    )
+
+
+def _bands(design: csr_array) -> FloatArray:
+    """(6, k) diagonals of design^T design, the main one and those below it."""
+    gram = design.T @ design
+    bands = np.zeros((_DEGREE + 1, gram.shape[0]))
+    for below in range(_DEGREE + 1):
+        bands[below, : gram.shape[0] - below] = gram.diagonal(-below)
+    return bands

@@ -92,6 +92,10 @@ class TorqueSamples:
             np.full(len(time), np.median(np.diff(joints.time))),
         )  # fmt: skip
 
+    def part(self, samples: slice) -> TorqueSamples:
+        """Some of the samples."""
+        return TorqueSamples(*(getattr(self, name)[samples] for name in self.__dataclass_fields__))
+
     @classmethod
     def joined(cls, parts: Sequence[TorqueSamples]) -> TorqueSamples:
         """All samples of several."""

@@ -1,0 +1,166 @@
+"""Candidates of a plan: postures, lifts in them, and what each would teach, as far as a robot can do them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import ReachError
+from equipoise.experiments.posture import check_posture, feet_in_posture
+from equipoise.precise.lift_design import AMPLITUDES, LiftChecks, LiftDesign
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.parameters import Unknowns
+from equipoise.precise.predict import Predictor
+from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock
+from equipoise.precise.unknowns import Priors
+from equipoise.robot.model import DIAGONALS, RobotModel
+from equipoise.robot.posture import BodyPosture
+from equipoise.robot.stance import Stance
+
+# Asked for at full size first, then smaller, until the legs reach them.
+_SIZES = (1.0, 0.75, 0.5, 0.3)
+_LIFT_POSTURES = (
+    BodyPosture(),
+    BodyPosture(crouch=0.2),
+    BodyPosture(roll=0.22, crouch=0.06),
+    BodyPosture(roll=-0.22, crouch=0.06),
+    BodyPosture(pitch=0.27, crouch=0.08),
+    BodyPosture(pitch=-0.27, crouch=0.08),
+    BodyPosture(yaw=0.3, crouch=0.05),
+    BodyPosture(yaw=-0.3, crouch=0.05),
+    BodyPosture(roll=0.22, pitch=0.22, crouch=0.12),
+    BodyPosture(roll=-0.22, pitch=0.22, crouch=0.12),
+    BodyPosture(roll=0.22, pitch=-0.22, crouch=0.12),
+    BodyPosture(roll=-0.22, pitch=-0.22, crouch=0.12),
+)
+_PLANTED_POSTURES = (
+    BodyPosture(crouch=0.15, yaw=0.3, ahead=0.15, aside=0.1),
+    BodyPosture(crouch=0.15, yaw=-0.3, ahead=0.15, aside=-0.1),
+    BodyPosture(crouch=0.25, roll=0.25, ahead=-0.15),
+    BodyPosture(crouch=0.25, roll=-0.25, ahead=-0.15),
+    BodyPosture(crouch=0.1, yaw=0.3, aside=-0.15),
+    BodyPosture(crouch=0.1, yaw=-0.3, aside=0.15),
+    BodyPosture(crouch=0.25, pitch=0.25, yaw=0.2, aside=0.1),
+    BodyPosture(crouch=0.25, pitch=0.25, yaw=-0.2, aside=-0.1),
+    BodyPosture(crouch=0.3, roll=0.25, yaw=0.3),
+    BodyPosture(crouch=0.3, roll=-0.25, yaw=-0.3),
+    BodyPosture(crouch=0.05, pitch=-0.25, ahead=0.15),
+    BodyPosture(crouch=0.35),
+)
+
+
+@dataclass(eq=False)
+class Candidates:
+    """Everything that may be done, and what each would teach.
+
+    Attributes:
+        doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
+        lifts: possible lifts.
+        postures: postures of planted moves, from the first posture.
+        rows: (m, size) rows of each lift, then of each posture's move: what they add to the information is rows^T rows.
+        left_out: reasons why others are not possible.
+    """
+
+    predictor: Predictor
+    unknowns: Unknowns
+    doubt: FloatArray | None = None
+    lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
+    postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
+    rows: list[FloatArray] = field(default_factory=list[FloatArray])
+    left_out: list[str] = field(default_factory=list[str])
+
+    @classmethod
+    def of(
+        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None
+    ) -> Candidates:
+        """Of a robot as it is thought to be."""
+        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt)
+        for wanted in _LIFT_POSTURES:
+            posture = found._largest(wanted, found._check_lifts)
+            if posture is not None:
+                found._add_lifts(posture)
+        for wanted in _PLANTED_POSTURES:
+            posture = found._largest(wanted, found._check_planted)
+            if posture is not None:
+                found.postures.append(posture)
+        if not found.lifts:
+            raise ReachError(f"no lift of the precise method is within reach: {found.left_out[0]}")
+        found.postures = list(dict.fromkeys([*(lift.posture for lift in found.lifts), *found.postures]))
+        found._inform()
+        return found
+
+    def information(self, index: int) -> FloatArray:
+        """(size, size) information of a lift, or of a posture's move, by its number in `rows`."""
+        return self.rows[index].T @ self.rows[index]
+
+    def _check_planted(self, posture: BodyPosture) -> None:
+        predictor = self.predictor
+        check_posture(predictor.robot, predictor.stance, feet_in_posture(predictor.stance, predictor.com, posture))
+
+    def _check_lifts(self, posture: BodyPosture) -> None:
+        self._check_planted(posture)
+        for diagonal in DIAGONALS:
+            self._checks.check(LiftDesign(posture, diagonal, 1))
+
+    @cached_property
+    def _checks(self) -> LiftChecks:
+        return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.doubt)
+
+    def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], None]) -> BodyPosture | None:
+        """The posture, or a smaller one in its direction, that passes a check."""
+        reason = ""
+        for size in _SIZES:
+            posture = BodyPosture(*(size * value for value in vars(wanted).values()))
+            try:
+                check(posture)
+            except ReachError as error:
+                reason = reason or str(error)
+                continue
+            return posture
+        self.left_out.append(f"{describe(wanted)}: {reason}")
+        return None
+
+    def _add_lifts(self, posture: BodyPosture) -> None:
+        side = 1
+        for turn in (None, *AMPLITUDES):
+            for diagonal in DIAGONALS:
+                side = -side
+                design = LiftDesign(posture, diagonal, side, turn)
+                try:
+                    self._checks.check(design)
+                except ReachError as error:
+                    self.left_out.append(f"{describe(posture)}, {turn} on {diagonal}: {error}")
+                    continue
+                self.lifts.append(design)
+
+    def _inform(self) -> None:
+        unknowns, predictor = self.unknowns, self.predictor
+        x, legs = unknowns.start(), LegChains(predictor.robot)
+        rotation = np.array(predictor.robot.imu_in_base.rotation)
+        lifts = TiltBlock(unknowns, legs, rotation, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
+        home = self.lifts[0].posture
+        moves = [(k, predictor.move(home, posture)) for k, posture in enumerate(self.postures)]
+        planted = PlantedBlock(unknowns, legs, rotation, moves)
+        for block in (lifts, planted):
+            block.prepare(x)
+            block.differentiate(x)
+            jacobian = block.jacobian(x)
+            for _, motion in block.motions:
+                rows = np.zeros((motion.stop - motion.start, unknowns.size))
+                rows[:, block.columns] = jacobian[motion]
+                self.rows.append(rows)
+
+
+def describe(posture: BodyPosture) -> str:
+    """In words, short."""
+    parts = [
+        f"{name} {math.degrees(value):+.0f} deg" if name in AMPLITUDES else f"{name} {value:+.2f}"
+        for name, value in vars(posture).items()
+        if value
+    ]
+    return ", ".join(parts) or "nominal"

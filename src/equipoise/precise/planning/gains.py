@@ -1,0 +1,86 @@
+"""What each step of a plan would lower the variances by, all candidates at once."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.planning.candidates import Candidates
+from equipoise.robot.posture import BodyPosture
+
+_TELLING = 1e-6  # of a row, in units of its noise, for a prior's standard deviation: less tells nothing
+
+
+class Steps:
+    """The next step of a plan: a lift, with the move to its posture where that was not taken before, or a move.
+
+    An addition J^T J to the information whose inverse is C lowers the weighted covariance W C W^T by
+
+        W C J^T (1 + J C J^T)^-1 J C W^T,
+
+    which takes systems of as many equations as J has rows instead of as there are unknowns.
+    """
+
+    def __init__(self, candidates: Candidates) -> None:
+        self._count = len(candidates.lifts)
+        self._move = [self._count + candidates.postures.index(lift.posture) for lift in candidates.lifts]
+        self._posture = [*(lift.posture for lift in candidates.lifts), *candidates.postures]
+        self._rows = _as_few_rows(candidates.rows)
+        self._transposed = np.swapaxes(self._rows, 1, 2).copy()
+        self._moves_transposed = self._transposed[self._move]
+
+    def parts(self, index: int, visited: Container[BodyPosture]) -> tuple[int, ...]:
+        """What is done for a candidate: the lift, and before it the move to its posture; or a move."""
+        if index >= self._count or self._posture[index] in visited:
+            return (index,)
+        return (index, self._move[index])
+
+    def best(
+        self,
+        costs: Mapping[int, float],
+        visited: Container[BodyPosture],
+        covariance: FloatArray,
+        weights: FloatArray,
+    ) -> int | None:
+        """The candidate that lowers the sum of the weighted variances most per second; None if there is none.
+
+        Args:
+            costs: robot time of those that are possible, by their index [s].
+            covariance: (size, size) covariance of the unknowns.
+            weights: (10, size) weights of these.
+        """
+        size = len(covariance)
+        seen = (self._rows.reshape(-1, size) @ covariance).reshape(self._rows.shape)
+        effect = (seen.reshape(-1, size) @ weights.T).reshape(len(seen), -1, len(weights))
+        noise = np.eye(self._rows.shape[1]) + seen @ self._transposed
+        alone = [index for index in costs if len(self.parts(index, visited)) == 1]
+        lowered = dict(zip(alone, _lowered(noise[alone], effect[alone]), strict=True))
+        lifts = [index for index in costs if len(self.parts(index, visited)) == 2]
+        if lifts:
+            moves = [self._move[index] for index in lifts]
+            shared = seen[lifts] @ self._moves_transposed[lifts]
+            both = np.block([[noise[lifts], shared], [np.swapaxes(shared, 1, 2), noise[moves]]])
+            lowered |= dict(
+                zip(lifts, _lowered(both, np.concatenate([effect[lifts], effect[moves]], axis=1)), strict=True)
+            )
+        gains = {index: lowered[index] / cost for index, cost in costs.items()}
+        best = max(gains, key=lambda index: gains[index], default=None)
+        return best if best is not None and gains[best] > 0 else None
+
+
+def _lowered(noise: FloatArray, effect: FloatArray) -> list[float]:
+    """The traces of what is lowered, of (k, m, m) matrices 1 + J C J^T and (k, m, 10) J C W^T."""
+    return np.sum(np.linalg.solve(noise, effect) * effect, axis=(1, 2)).tolist()
+
+
+def _as_few_rows(rows: Sequence[FloatArray]) -> FloatArray:
+    """(k, m, size) rows with the same squares and products, each as few as they tell something: zeros fill up the others."""
+    longest = max(map(len, rows))
+    padded = np.zeros((len(rows), longest, rows[0].shape[1]))
+    for index, each in enumerate(rows):
+        padded[index, : len(each)] = each
+    _, sizes, directions = np.linalg.svd(padded, full_matrices=False)
+    telling = int((sizes > _TELLING).sum(axis=1).max(initial=1))
+    return np.asarray(sizes[:, :telling, None] * directions[:, :telling], dtype=float)

@@ -1,0 +1,59 @@
+"""What was computed once and may be computed again: files in the user's folder for such, which anybody may empty at any time.
+
+It is `EQUIPOISE_CACHE`, or `equipoise` in the folder that the system keeps for caches. If it is set to nothing, or cannot be
+written, nothing is kept.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from equipoise.errors import OutputError
+from equipoise.user_file import write_file
+
+VARIABLE = "EQUIPOISE_CACHE"
+_MOST = 32  # files; the oldest go first
+
+
+def read_cached(name: str) -> bytes | None:
+    """The content of a file; None if it is not there."""
+    folder = _folder()
+    if folder is None:
+        return None
+    try:
+        return (folder / name).read_bytes()
+    except OSError:
+        return None
+
+
+def keep_cached(name: str, content: bytes) -> None:
+    """Keep a file, whole or not at all, in place of the oldest of many; that it cannot be kept is no error."""
+    folder = _folder()
+    if folder is None:
+        return
+    with suppress(OSError, OutputError):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_file(folder / name, content)
+        by_age = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in by_age[_MOST:]:
+            path.unlink(missing_ok=True)
+
+
+def _folder() -> Path | None:
+    told = os.environ.get(VARIABLE)
+    if told is not None:
+        return Path(told) if told else None
+    with suppress(RuntimeError):  # there is no home
+        return _of_system() / "equipoise"
+    return None
+
+
+def _of_system() -> Path:
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
