@@ -266,7 +266,6 @@ class Candidates:
         planted = PlantedBlock(unknowns, legs, rotation, moves)
         for block in (lifts, planted):
             block.prepare(x)
-            block.differentiate(x)
             self.information += [information for _, information, _ in block.by_motion(x)]
 
 
