@@ -24,7 +24,9 @@ NOTHING_WRONG = {
     "joint_zero": np.zeros(12),
     "imu_tilt": np.zeros(3),
     "accelerometer_bias": np.zeros(3),
-    "foot_radius": 0,
+    "foot_radius": np.zeros(1),
+    "floor_slope": np.zeros(2),
+    "floor_warp": np.zeros(1),
 }
 
 
@@ -41,11 +43,17 @@ def moves(robot):
 
 
 def rows_of(robot, moves):
-    return PlantedRows(LegChains(robot), np.array(robot.imu_in_base.rotation), moves)
+    return PlantedRows(LegChains(robot), np.array(robot.imu_in_base.rotation), nominal_stance(robot), moves)
+
+
+def residuals(rows, values):
+    """(moves, 4, 3) displacements of the feet and (moves, 2, 4) heights of their centres [m]."""
+    found = rows.residuals(values)
+    return found[:, :3].transpose(0, 2, 1), found[:, 3:]
 
 
 def test_planted_feet_do_not_move_and_stand_level(robot, moves):
-    displacements, heights = rows_of(robot, moves).residuals(NOTHING_WRONG)
+    displacements, heights = residuals(rows_of(robot, moves), NOTHING_WRONG)
     assert displacements.shape == (3, 4, 3)
     assert heights.shape == (3, 2, 4)
     assert np.abs(displacements).max() < 1e-6
@@ -58,7 +66,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
     for joint in range(12):
         zero = size * np.eye(12)[joint]
         biases = NOTHING_WRONG | {"joint_zero": zero}
-        found, heights = rows.residuals(biases)
+        found, heights = residuals(rows, biases)
         for number, (move, posture) in enumerate(zip(moves, POSTURES, strict=True)):
             before, after = (foot_positions(robot, rest.joint_position - zero) for rest in (move.before, move.after))
             moved = after @ posture.rotation.T @ HOME.rotation - before
@@ -67,7 +75,7 @@ def test_a_joint_zero_moves_feet_as_the_kinematics_say(robot, moves):
                 above = feet @ rotation[2]
                 np.testing.assert_allclose(heights[number, row], above - above.mean(), atol=1e-9)
         half = NOTHING_WRONG | {"joint_zero": zero / 2}
-        for whole, part in zip((found, heights), rows.residuals(half), strict=True):
+        for whole, part in zip((found, heights), residuals(rows, half), strict=True):
             np.testing.assert_allclose(part, whole / 2, atol=0.02 * np.abs(whole).max() + 1e-6)
         assert np.abs(found).max() > 5e-5  # of the millimetre that a foot moves, most is common to both postures
 
@@ -89,9 +97,9 @@ def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
     value = {"joint_zero": np.linspace(-8e-3, 6e-3, 12), "imu_tilt": np.array([0.02, -0.01, 0.03])}
     biases = NOTHING_WRONG | {bias: value.get(bias, np.array([0.05, 0.08, -0.03]))}
     rows = rows_of(robot, [seen_by(move, biases) for move in moves])
-    for found in rows.residuals(biases):
+    for found in residuals(rows, biases):
         assert np.abs(found).max() < 1e-6
-    displacements, heights = rows.residuals(NOTHING_WRONG)
+    displacements, heights = residuals(rows, NOTHING_WRONG)
     assert np.abs(heights).max() > 1e-4
     if bias != "accelerometer_bias":
         assert np.abs(displacements).max() > 1e-4
@@ -99,8 +107,8 @@ def test_known_biases_of_sensors_are_taken_off(robot, moves, bias):
 
 def test_what_the_feet_rolled_is_taken_off(robot, moves):
     rolled = 1e-3 * np.arange(12.0).reshape(4, 3)
-    biases = NOTHING_WRONG | {"foot_radius": 0.1}
-    found, _ = rows_of(robot, [replace(moves[0], rolled=rolled)]).residuals(biases)
+    biases = NOTHING_WRONG | {"foot_radius": np.array([0.1])}
+    found, _ = residuals(rows_of(robot, [replace(moves[0], rolled=rolled)]), biases)
     np.testing.assert_allclose(found[0], -1.1 * (rolled - rolled.mean(axis=0)), atol=1e-6)
 
 
@@ -108,8 +116,8 @@ def test_the_feet_of_a_simulated_move_stay_once_their_rolling_is_known(a1, ideal
     recording = ideal_motions.move
     moving = recording.phase("move", until="rest")
     move = read_move(a1, LegChains(a1), recording.phase("before"), moving, recording.phase("rest"), np.zeros(3))
-    displacements, heights = rows_of(a1, [move]).residuals(NOTHING_WRONG)
-    sliding, _ = rows_of(a1, [replace(move, rolled=np.zeros((4, 3)))]).residuals(NOTHING_WRONG)
+    displacements, heights = residuals(rows_of(a1, [move]), NOTHING_WRONG)
+    sliding, _ = residuals(rows_of(a1, [replace(move, rolled=np.zeros((4, 3)))]), NOTHING_WRONG)
     stay, slide = np.abs(displacements).max(), np.abs(sliding).max()
     assert stay < 2.5e-4
     assert slide > 4 * stay

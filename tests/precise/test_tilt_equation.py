@@ -139,7 +139,7 @@ def test_columns_are_pinocchios_momentum_about_the_line_and_its_rate(robot, diag
 
 def test_a_sloping_floor_and_worn_feet_change_where_feet_touch(robot):
     state, slope = random_state(robot, 6), np.array([0.02, -0.03])
-    biases = nothing_wrong(robot) | {"floor_slope": slope, "foot_radius": -0.1}
+    biases = nothing_wrong(robot) | {"floor_slope": slope, "foot_radius": np.array([-0.1])}
     rows = rows_of(robot, frozen_lift(robot, "FL_RR", state), biases=biases)
     normal = 0.9 * (state[3] + [*slope, 0]) / np.linalg.norm(state[3] + [*slope, 0])
     moving = Moving(robot, "FL_RR", state, normal)
@@ -219,7 +219,7 @@ def test_y_is_constant_while_a_robot_topples_on_rolling_feet_and_not_for_another
 
 def test_y_is_constant_on_feet_of_no_size_too_and_the_size_tells(a1):
     without = toppling(a1, radius=0.0)
-    assert residual(a1, without, biases=nothing_wrong(a1) | {"foot_radius": -1.0}) < 1e-6
+    assert residual(a1, without, biases=nothing_wrong(a1) | {"foot_radius": np.array([-1.0])}) < 1e-6
     assert residual(a1, without) > 1e-3
 
 
@@ -281,7 +281,7 @@ def test_a_known_offset_of_the_clocks_is_taken_off(a1):
     expected = rows_of(a1, lift) @ parameters(a1)
 
     def miss(offset):
-        rows = rows_of(a1, younger, biases=nothing_wrong(a1) | {"clock_offset": offset})
+        rows = rows_of(a1, younger, biases=nothing_wrong(a1) | {"clock_offset": np.array([offset])})
         return np.abs(rows @ parameters(a1) - expected).max()
 
     missed, found = miss(0.0), miss(late)

@@ -17,6 +17,7 @@ from equipoise.precise.residual_blocks import BLOCKS, ResidualBlock
 from equipoise.precise.two_runs import estimate_two_runs
 from equipoise.precise.unknowns import AXIS, Priors, by_the_model, finding_names, unknown
 from equipoise.report.contents import run_contents
+from equipoise.robot.inertial import base_parameters
 
 # A second accelerometer, which on a bench read more than the first by this [m/s2].
 MORE, BENCH = np.array([0.4, 0.0, -0.1]), 1e-3
@@ -46,9 +47,9 @@ class Bench(ResidualBlock):
         values = self.unknowns.values(x)
         return (values["second_bias"] - values["accelerometer_bias"] - MORE) / BENCH
 
-    def jacobian(self, x):
+    def linearise(self, x):
         scale = self.unknowns.scale[self.columns]
-        return np.hstack([-np.eye(3), np.eye(3)]) * scale / BENCH
+        return self.residual(x), np.hstack([-np.eye(3), np.eye(3)]) * scale / BENCH
 
 
 @pytest.fixture
@@ -112,27 +113,17 @@ def test_without_an_equation_nothing_is_said(a1, precise_run, few):
 # --- what holds for every row
 
 
-class Read(dict):
-    """Values that note which of them are read."""
-
-    def __init__(self, values):
-        super().__init__(values)
-        self.names = set()
-
-    def __getitem__(self, name):
-        self.names.add(name)
-        return super().__getitem__(name)
-
-
-def test_equations_read_what_they_say_they_depend_on(a1, few):
-    legs, rotation = LegChains(a1), np.array(a1.imu_in_base.rotation)
+def test_equations_depend_on_what_they_say(a1, precise_run, few):
+    """And on nothing else: they are given no other value."""
+    legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), by_the_model(a1)
     lifts = [motion.lift for motion in few.motions if motion.lift is not None]
     moves = [motion.move for motion in few.motions if motion.move is not None]
-    tilt, planted = Read(by_the_model(a1)), Read(by_the_model(a1))
-    TiltEquation(legs, rotation, lifts).rows(tilt)
-    PlantedRows(legs, rotation, moves).residuals(planted)
-    assert tilt.names == set(TiltEquation.DEPENDS_ON)
-    assert planted.names == set(PlantedRows.DEPENDS_ON)
+    inertial = np.concatenate([base_parameters(a1).vector, np.ones(legs.links)])
+    _, _, by_y, _ = TiltEquation(legs, rotation, lifts).linearise(values, inertial)
+    _, by_rows = PlantedRows(legs, rotation, precise_run.stance, moves).linearise(values)
+    for equation, by in ((TiltEquation, by_y), (PlantedRows, by_rows)):
+        assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)
+        assert all((np.abs(part) > 1e-9).any() for part in by.values())
 
 
 @pytest.mark.parametrize("row", Priors.rows(), ids=lambda row: row.name)

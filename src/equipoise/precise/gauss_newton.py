@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -10,10 +11,41 @@ from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 
-_ITERATIONS = 8
-_RENEWED = 2  # iteration of the first round at which columns by differences are renewed
-_CONVERGED = 1e-2  # largest change of an unknown, in units of its posterior standard deviation
-_NEARLY = 0.5  # of that: a step that large at the end is no end
+_ITERATIONS, _HALVINGS = 8, 8
+# Largest part of a step, in posterior standard deviations of the unknown: with one so small a round is done, whose noise
+# levels hang on the unknowns little; with one so small the estimate is; and a larger last one is none.
+_NEAR, _CONVERGED, _SETTLED = 0.3, 1e-2, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Squared residuals and their derivatives, to first order of the residuals.
+
+    Attributes:
+        information: (size, size) J^T J of the residuals' derivative J.
+        gradient: (size,) J^T r of the residuals r.
+        cost: squared residuals.
+    """
+
+    information: FloatArray
+    gradient: FloatArray
+    cost: float
+
+    @classmethod
+    def of(cls, residual: FloatArray, jacobian: FloatArray) -> NormalEquations:
+        """Of residuals and their derivative."""
+        return cls(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual))
+
+    def __add__(self, other: NormalEquations) -> NormalEquations:
+        return NormalEquations(
+            self.information + other.information, self.gradient + other.gradient, self.cost + other.cost
+        )
+
+    def step(self) -> tuple[FloatArray, float]:
+        """Gauss-Newton step, and the largest part of it in standard deviations of the unknown that it changes."""
+        step = -np.linalg.solve(self.information, self.gradient)
+        deviation = np.sqrt(np.diag(np.linalg.inv(self.information)))
+        return np.asarray(step, dtype=float), float(np.abs(step / deviation).max())
 
 
 class Problem(Protocol):
@@ -23,20 +55,12 @@ class Problem(Protocol):
         """Noise levels of a round."""
         ...
 
-    def differentiate(self, x: FloatArray) -> None:
-        """Renew the columns that are differences."""
-        ...
-
     def renew_noise(self, x: FloatArray) -> None:
         """Raise the noise of what does not fit."""
         ...
 
-    def cost(self, x: FloatArray) -> float:
-        """Squared residuals."""
-        ...
-
-    def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(size, size) information and (size,) gradient."""
+    def normal_equations(self, x: FloatArray) -> NormalEquations:
+        """Squared residuals and their derivatives."""
         ...
 
 
@@ -50,40 +74,32 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
     Raises:
         RecordingError: what was recorded does not determine the unknowns.
     """
-    x, converged = start, False
+    x = start
     try:
-        for remaining in range(rounds, -1, -1):
+        for _ in range(rounds):
             problem.prepare(x)
-            x, converged = _descend(problem, x, first_round=remaining == rounds)
-            if remaining:
-                problem.renew_noise(x)
+            x, _ = _descend(problem, x, _NEAR)
+            problem.renew_noise(x)
+        problem.prepare(x)
+        x, left = _descend(problem, x, _CONVERGED)
     except np.linalg.LinAlgError as error:
         raise RecordingError(f"the recordings do not determine an estimate: {error}") from error
-    return x, converged
+    return x, left < _SETTLED
 
 
-def _descend(problem: Problem, x: FloatArray, first_round: bool) -> tuple[FloatArray, bool]:
-    """Steps that are halved until they help; where no part of one does, columns by differences are out of date."""
-    cost, full, deviation = problem.cost(x), np.full(len(x), np.inf), np.ones(len(x))
-    renew = True
-    for iteration in range(_ITERATIONS):
+def _descend(problem: Problem, x: FloatArray, near: float) -> tuple[FloatArray, float]:
+    """Steps that are halved until they help, until one is small or no part of one helps; and the last one's size."""
+    here, size = problem.normal_equations(x), np.inf
+    for _ in range(_ITERATIONS):
         alive()
-        renewed = renew or (first_round and iteration == _RENEWED)
-        if renewed:
-            problem.differentiate(x)
-        renew = False
-        information, gradient = problem.normal_equations(x)
-        full = -np.linalg.solve(information, gradient)
-        deviation = np.sqrt(np.diag(np.linalg.inv(information)))
-        for part in 0.5 ** np.arange(8):
-            tried = problem.cost(x + part * full)
-            if tried <= cost * (1 + 1e-9):
-                x, cost = x + part * full, tried
+        step, size = here.step()
+        if size < near:
+            return x + step, size
+        for part in 0.5 ** np.arange(_HALVINGS):
+            there = problem.normal_equations(x + part * step)
+            if there.cost <= here.cost * (1 + 1e-9):
+                x, here = x + part * step, there
                 break
         else:
-            if renewed:
-                break
-            renew = True
-        if (np.abs(full) < _CONVERGED * deviation).all():
             break
-    return x, bool((np.abs(full) < _NEARLY * deviation).all())
+    return x, size

@@ -38,6 +38,7 @@ class Unknowns:
             self.scale = np.concatenate([self.scale, own])
         self.size = len(self.scale)
         self.tabled = slice(10, self.size)
+        self._joined, self._above_knees = _joined_bodies(robot, stance)
         self.model_base = base_parameters(robot)
         self.model_base_vector = self.model_base.vector
 
@@ -82,26 +83,29 @@ class Unknowns:
 
     def base_body(self, x: FloatArray) -> InertialParameters:
         """The base."""
-        return InertialParameters.from_pinocchio(pin.Inertia.FromDynamicParameters(base_vector(x[self["base"]])))
+        return InertialParameters.from_vector(base_vector(x[self["base"]]))
 
     def robot_body(self, x: FloatArray) -> InertialParameters:
         """The whole robot frozen at the nominal stance, in the base frame."""
-        return self._frozen(x, below_knees=True)
+        return InertialParameters.from_vector(self.inertial(x) @ self._joined)
 
     def stance_effective_body(self, x: FloatArray) -> InertialParameters:
         """The paper's body: base, hips and thighs, about its own CoM."""
-        return self._frozen(x, below_knees=False)
+        return InertialParameters.from_vector(self.inertial(x) @ (self._joined * self._above_knees))
 
-    def _frozen(self, x: FloatArray, below_knees: bool) -> InertialParameters:
-        total = pin.Inertia.FromDynamicParameters(base_vector(x[self["base"]]))
-        poses = Kinematics(self.robot).joint_poses(self.stance.joint_position)
-        joints = [(joint, leg.joint_ids[-1]) for leg in self.robot.legs.values() for joint in leg.joint_ids]
-        for factor, (joint, knee) in zip(1 + self.value(x, "leg_mass"), joints, strict=True):
-            if below_knees or joint != knee:
-                link = self.robot.pinocchio.inertias[joint]
-                scaled = pin.Inertia(link.mass * factor, link.lever, link.inertia * factor)
-                total = total + poses[joint].act(scaled)
-        return InertialParameters.from_pinocchio(total)
+
+def _joined_bodies(robot: RobotModel, stance: Stance) -> tuple[FloatArray, FloatArray]:
+    """What the inertial parameters of `Unknowns.inertial` add up to, frozen at a stance.
+
+    Returns:
+        (10 + links, 10) parameters in the base frame, about its origin, of the base and of each leg link;
+        (10 + links, 1) one for what is not below a knee, else zero.
+    """
+    poses = Kinematics(robot).joint_poses(stance.joint_position)
+    joints = [(leg, joint) for leg in robot.legs.values() for joint in leg.joint_ids]
+    links = [poses[joint].act(robot.pinocchio.inertias[joint]).toDynamicParameters() for _, joint in joints]
+    above = [float(joint != leg.joint_ids[-1]) for leg, joint in joints]
+    return np.concatenate([np.eye(10), links]), np.concatenate([np.ones(10), above])[:, None]
 
 
 def log_cholesky(body: InertialParameters) -> FloatArray:

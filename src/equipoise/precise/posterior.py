@@ -19,7 +19,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.precise.gauss_newton import solve
+from equipoise.precise.gauss_newton import NormalEquations, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import Unknowns
@@ -131,46 +131,28 @@ class MapProblem:
         for block in self.blocks:
             block.prepare(x)
 
-    def differentiate(self, x: FloatArray) -> None:
-        """Renew the columns that are differences."""
-        for block in self.blocks:
-            block.differentiate(x)
-
     def renew_noise(self, x: FloatArray) -> None:
         """Raise the noise of what does not fit."""
         for block in self.blocks:
             block.renew_noise(x)
 
-    def evidence_cost(self, x: FloatArray) -> float:
-        """Squared residuals of all blocks, without priors."""
-        parts = [block.residual(x) for block in self.blocks]
-        return float(sum(part @ part for part in parts))
-
-    def cost(self, x: FloatArray) -> float:
-        """Squared residuals."""
-        prior = prior_rows(self.unknowns, x, self.mass)[0]
-        return self.evidence_cost(x) + float(prior @ prior)
-
-    def evidence_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(size, size) information and (size,) gradient of all blocks, without priors."""
+    def evidence_equations(self, x: FloatArray) -> NormalEquations:
+        """Of all blocks, without priors."""
         size = self.unknowns.size
-        information, gradient = np.zeros((size, size)), np.zeros(size)
+        information, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
         for block in self.blocks:
-            residual, jacobian = block.residual(x), block.jacobian(x)
+            residual, jacobian = block.linearise(x)
             information[np.ix_(block.columns, block.columns)] += jacobian.T @ jacobian
             gradient[block.columns] += jacobian.T @ residual
-        return information, gradient
+            cost += float(residual @ residual)
+        return NormalEquations(information, gradient, cost)
 
-    def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(size, size) information and (size,) gradient."""
-        information, gradient = self.evidence_equations(x)
-        residual, jacobian = prior_rows(self.unknowns, x, self.mass)
-        return information + jacobian.T @ jacobian, gradient + jacobian.T @ residual
+    def normal_equations(self, x: FloatArray) -> NormalEquations:
+        """Of all blocks and priors."""
+        return self.evidence_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
 
     def posterior(self, x: FloatArray, converged: bool) -> Posterior:
         """The estimate at x, with its covariance."""
-        information, _ = self.normal_equations(x)
-        covariance = np.asarray(np.linalg.inv(information), dtype=float)
         unknowns, start = self.unknowns, self.unknowns.start()
         by_motion: dict[int, FloatArray] = {}
         gradients: dict[int, FloatArray] = {}
@@ -178,6 +160,8 @@ class MapProblem:
             for motion, own, pull in block.by_motion(x):
                 by_motion[motion] = by_motion.get(motion, 0.0) + own
                 gradients[motion] = gradients.get(motion, 0.0) + pull
+        _, prior = prior_rows(unknowns, x, self.mass)
+        covariance = np.asarray(np.linalg.inv(prior.T @ prior + sum(by_motion.values())), dtype=float)
         _, prior = prior_rows(unknowns, start, None)
         before = np.asarray(np.linalg.inv(prior.T @ prior), dtype=float)
 

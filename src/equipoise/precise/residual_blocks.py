@@ -19,12 +19,11 @@ from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.planted_moves import PlantedMove, PlantedRows
-from equipoise.precise.measurements.tilt_equation import TiltEquation
+from equipoise.precise.measurements.tilt_equation import Derivatives, TiltEquation
 from equipoise.precise.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
 from equipoise.precise.parameters import Unknowns
 
 _INERTIAL = ("base", "leg_mass")  # what `Unknowns.inertial` is made of
-_DIFFERENCE = 0.1  # of a prior's standard deviation
 _OUTLIER = 3.0  # times the median misfit
 _FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
 _MANY = 1e6  # weight's inverse of what is left out
@@ -71,23 +70,28 @@ class ResidualBlock(ABC):
         self.unknowns, self.motions = unknowns, motions
         self.columns = unknowns.columns(*self.depends_on)
 
+    def _by_unknowns(self, x: FloatArray, by: Derivatives) -> FloatArray:
+        """(..., len(columns)) derivatives by the unknowns, of those by their values and by "inertial"."""
+        unknowns = self.unknowns
+        parts = [by[name] * unknowns.scale[unknowns[name]] for name in self.depends_on if name not in _INERTIAL]
+        if "inertial" in by:
+            parts.insert(0, by["inertial"] @ unknowns.inertial_jacobian(x)[:, unknowns.columns(*_INERTIAL)])
+        return np.concatenate(parts, axis=-1)
+
     def prepare(self, x: FloatArray) -> None:  # noqa: B027
         """Noise levels of a round; nothing to do where they do not depend on x."""
-
-    def differentiate(self, x: FloatArray) -> None:  # noqa: B027
-        """Renew the columns that are differences; nothing to do where none is."""
 
     @abstractmethod
     def residual(self, x: FloatArray) -> FloatArray:
         """(rows,) residual, in units of its noise."""
 
     @abstractmethod
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        """(rows, len(columns)) derivative of the residual."""
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The residual, and its (rows, len(columns)) derivative."""
 
     def by_motion(self, x: FloatArray) -> Iterator[tuple[int, FloatArray, FloatArray]]:
         """Of each motion: its index, its (size, size) information and its (size,) gradient."""
-        residual, jacobian = self.residual(x), self.jacobian(x)
+        residual, jacobian = self.linearise(x)
         places = np.ix_(self.columns, self.columns)
         for motion, rows in self.motions:
             alive()
@@ -105,32 +109,19 @@ class ResidualBlock(ABC):
 
 
 class _MotionBlock(ResidualBlock):
-    """Rows of motions that each have a noise level of their own, with columns by differences.
+    """Rows of motions that each have a noise level of their own.
 
     Attributes:
-        differentiated: names of the unknowns whose columns are differences; the last of `depends_on`.
         scale: (motions,) noise of each over what its sensors explain.
     """
-
-    differentiated: tuple[str, ...]
 
     def __init__(self, unknowns: Unknowns, motions: list[tuple[int, slice]]) -> None:
         super().__init__(unknowns, motions)
         self.scale = np.ones(len(motions))
-        self._differences = np.zeros((0, 0))
 
     @abstractmethod
     def normalised_residual(self, x: FloatArray) -> FloatArray:
         """(motions,) misfit of each, over what its sensors' noise explains."""
-
-    def differentiate(self, x: FloatArray) -> None:
-        """Renew the columns that are differences."""
-        here, columns = self.residual(x), self.unknowns.columns(*self.differentiated)
-        self._differences = np.empty((len(here), len(columns)))
-        for number, column in enumerate(columns):
-            ahead = x.copy()
-            ahead[column] += _DIFFERENCE
-            self._differences[:, number] = (self.residual(ahead) - here) / _DIFFERENCE
 
     def renew_noise(self, x: FloatArray) -> None:
         misfit = self.normalised_residual(x)
@@ -147,8 +138,7 @@ class _MotionBlock(ResidualBlock):
 class TiltBlock(_MotionBlock):
     """Rows of the tilt equation of all lifts, whitened."""
 
-    differentiated = TiltEquation.DEPENDS_ON
-    depends_on = (*_INERTIAL, *differentiated)
+    depends_on = (*_INERTIAL, *TiltEquation.DEPENDS_ON)
 
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, lifts: Sequence[tuple[int, LiftSamples]]
@@ -168,38 +158,36 @@ class TiltBlock(_MotionBlock):
     def prepare(self, x: FloatArray) -> None:
         """Noise of each trial's residual, propagated from that of its sensors."""
         values, inertial = self.unknowns.values(x), self.unknowns.inertial(x)
-        _, line_inertia = self.equation.rows(values)
-        sensitivity = self.equation.velocity_sensitivity(values, inertial) / (line_inertia @ inertial)
-        growth = self.unknowns.robot.mass * GRAVITY * 0.85 * self.unknowns.stance.hip_height / (line_inertia @ inertial)
+        about_line = self.equation.inertia_about_line(values, inertial)
+        sensitivity = self.equation.velocity_sensitivity(values, inertial) / about_line
+        growth = self.unknowns.robot.mass * GRAVITY * 0.85 * self.unknowns.stance.hip_height / about_line
         self._whitening = [
             _whitening(scale**2 * tilt_noise(lift, by_velocity, rate) + _FREE_CONSTANT)
             for lift, scale, by_velocity, rate in zip(self.lifts, self.scale, sensitivity, growth, strict=True)
         ]
 
     def residual(self, x: FloatArray) -> FloatArray:
-        return self._residual(*self.equation.rows(self.unknowns.values(x)), self.unknowns.inertial(x))
-
-    def _residual(self, rows: FloatArray, line_inertia: FloatArray, inertial: FloatArray) -> FloatArray:
-        momentum, inertia = rows @ inertial, line_inertia @ inertial
+        y, about_line = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
         return np.concatenate(
             [
-                whitening @ (momentum[trial] - momentum[trial].mean()) / about_line
-                for whitening, trial, about_line in zip(self._whitening, self.equation.trials, inertia, strict=True)
+                whitening @ (y[trial] - y[trial].mean()) / inertia
+                for whitening, trial, inertia in zip(self._whitening, self.equation.trials, about_line, strict=True)
             ]
         )
 
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        rows, line_inertia = self.equation.rows(self.unknowns.values(x))
-        inertial = self.unknowns.inertial(x)
-        momentum, inertia = rows @ inertial, line_inertia @ inertial
-        parts: list[FloatArray] = []
-        for index, (whitening, trial) in enumerate(zip(self._whitening, self.equation.trials, strict=True)):
-            about_line = inertia[index]
-            centred = rows[trial] - rows[trial].mean(axis=0)
-            residual = (momentum[trial] - momentum[trial].mean()) / about_line
-            parts.append(whitening @ (centred - np.outer(residual, line_inertia[index])) / about_line)
-        inertial_columns = self.unknowns.inertial_jacobian(x)[:, self.unknowns.columns(*_INERTIAL)]
-        return np.hstack([np.concatenate(parts) @ inertial_columns, self._differences])
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        y, about_line, by_y, by_inertia = self.equation.linearise(self.unknowns.values(x), self.unknowns.inertial(x))
+        columns, inertia_columns = self._by_unknowns(x, by_y), self._by_unknowns(x, by_inertia)
+        residuals: list[FloatArray] = []
+        jacobians: list[FloatArray] = []
+        for whitening, trial, inertia, row in zip(
+            self._whitening, self.equation.trials, about_line, inertia_columns, strict=True
+        ):
+            residual = (y[trial] - y[trial].mean()) / inertia
+            residuals.append(whitening @ residual)
+            centred = columns[trial] - columns[trial].mean(axis=0)
+            jacobians.append(whitening @ (centred - np.outer(residual, row)) / inertia)
+        return np.concatenate(residuals), np.concatenate(jacobians)
 
     def normalised_residual(self, x: FloatArray) -> FloatArray:
         residual = self.residual(x)
@@ -236,17 +224,16 @@ def _whitening(covariance: FloatArray) -> FloatArray:
 class PlantedBlock(_MotionBlock):
     """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
 
-    differentiated = depends_on = (*PlantedRows.DEPENDS_ON, "floor_slope", "floor_warp")
+    depends_on = PlantedRows.DEPENDS_ON
 
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, moves: Sequence[tuple[int, PlantedMove]]
     ) -> None:
         motions = [(index, slice(20 * k, 20 * k + 20)) for k, (index, _) in enumerate(moves)]
         super().__init__(unknowns, motions)
-        self.rows = PlantedRows(legs, rotation, [move for _, move in moves])
-        feet = unknowns.stance.feet_in_base - unknowns.stance.feet_in_base.mean(axis=0)
-        size = unknowns.stance.scale.length
-        turns = np.asarray([np.cross(axis, feet).ravel() for axis in np.eye(3)], dtype=float)
+        self.rows = PlantedRows(legs, rotation, unknowns.stance, [move for _, move in moves])
+        feet, size = self.rows.footholds, unknowns.stance.scale.length
+        turns = np.asarray([np.cross(axis, feet).T.ravel() for axis in np.eye(3)], dtype=float)
         moved = (size * _FOOT_NOISE) ** 2 * np.eye(12) + _TURN_NOISE**2 * turns.T @ turns
         leaning = feet[:, :2] @ feet[:, :2].T
         heights = (size * _HEIGHT_NOISE) ** 2 * np.eye(4) + _UP_NOISE**2 * leaning
@@ -254,7 +241,6 @@ class PlantedBlock(_MotionBlock):
         whitening[:12, :12] = _whitening(moved)
         whitening[12:16, 12:16] = whitening[16:, 16:] = _whitening(heights)
         self._whitening = whitening
-        self._plane = feet[:, :2]
 
     @classmethod
     def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> PlantedBlock | None:
@@ -262,22 +248,23 @@ class PlantedBlock(_MotionBlock):
         moves = [(motion.index, motion.move) for motion in evidence.motions if motion.move is not None]
         return cls(unknowns, legs, np.array(unknowns.robot.imu_in_base.rotation), moves) if moves else None
 
-    def _unscaled(self, x: FloatArray) -> FloatArray:
-        values = self.unknowns.values(x)
-        floor = -self._plane @ values["floor_slope"] + values["floor_warp"] * np.array([1.0, -1.0, -1.0, 1.0])
-        moved, heights = self.rows.residuals(values)
-        count = len(self.scale)
-        return np.hstack([moved.reshape(count, 12), (heights - floor).reshape(count, 8)]) @ self._whitening.T
-
     def residual(self, x: FloatArray) -> FloatArray:
-        return (self._unscaled(x) / self.scale[:, None]).ravel()
+        return self._whitened(self.rows.residuals(self.unknowns.values(x)).reshape(-1, 20, 1)).ravel()
 
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        return self._differences
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows, by = self.rows.linearise(self.unknowns.values(x))
+        columns = self._by_unknowns(x, by).reshape(-1, 20, len(self.columns))
+        jacobian = self._whitened(columns).reshape(-1, len(self.columns))
+        return self._whitened(rows.reshape(-1, 20, 1)).ravel(), jacobian
+
+    def _whitened(self, rows: FloatArray) -> FloatArray:
+        """(moves, 20, k) of such."""
+        return np.asarray(self._whitening @ rows / self.scale[:, None, None], dtype=float)
 
     def normalised_residual(self, x: FloatArray) -> FloatArray:
         # Of a move's 20 rows 15 say something: means are taken off.
-        return np.sqrt((self._unscaled(x) ** 2).sum(axis=1) / 15)
+        residual = self.residual(x).reshape(-1, 20)
+        return self.scale * np.sqrt((residual**2).sum(axis=1) / 15)
 
 
 class TorqueBlock(ResidualBlock):
@@ -370,15 +357,15 @@ class TorqueBlock(ResidualBlock):
     def _mean_gain(self, x: FloatArray) -> float:
         return 1 + float(self.unknowns.value(x, "torque_gain").mean())
 
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        unknowns, gain = self.unknowns, self._mean_gain(x)
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        unknowns, gain, residual = self.unknowns, self._mean_gain(x), self.residual(x)
         inertial_columns = unknowns.inertial_jacobian(x)[:, unknowns.columns(*_INERTIAL)]
         count = len(inertial_columns)
         jacobian = self._matrix * unknowns.scale[self.columns]
         jacobian[:, :count] = self._matrix[:, :count] @ inertial_columns
         gains = np.isin(self.columns, unknowns.columns("torque_gain"))
-        jacobian[:, gains] -= np.outer(self.residual(x), unknowns.scale[self.columns[gains]] / gains.sum())
-        return jacobian / gain
+        jacobian[:, gains] -= np.outer(residual, unknowns.scale[self.columns[gains]] / gains.sum())
+        return residual, jacobian / gain
 
     def renew_noise(self, x: FloatArray) -> None:
         residual = self.residual(x) * self.normalised_residual * np.sqrt(self._row_correlation)

@@ -19,7 +19,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.precise.gauss_newton import solve
+from equipoise.precise.gauss_newton import NormalEquations, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import MapProblem, body_prior_rows, prior_rows, total_mass
@@ -84,7 +84,7 @@ def estimate_two_runs(
     """
     problem = _TwoProblems(robot, stance, evidences, priors or Priors(), scale or ScaleReadings())
     z, converged = solve(problem, problem.start(), rounds)
-    information, _ = problem.normal_equations(z)
+    information = problem.normal_equations(z).information
     both = np.vstack([problem.to_first, problem.to_second])
     covariance = both @ np.linalg.inv(information) @ both.T
     return TwoRuns(
@@ -130,26 +130,16 @@ class _TwoProblems:
         for problem, run in self._runs(x):
             problem.prepare(run)
 
-    def differentiate(self, x: FloatArray) -> None:
-        for problem, run in self._runs(x):
-            problem.differentiate(run)
-
     def renew_noise(self, x: FloatArray) -> None:
         for problem, run in self._runs(x):
             problem.renew_noise(run)
 
-    def cost(self, x: FloatArray) -> float:
-        beliefs, _ = self._beliefs(x)
-        return float(beliefs @ beliefs) + sum(problem.evidence_cost(run) for problem, run in self._runs(x))
-
-    def normal_equations(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        residual, jacobian = self._beliefs(x)
-        information, gradient = jacobian.T @ jacobian, jacobian.T @ residual
+    def normal_equations(self, x: FloatArray) -> NormalEquations:
+        equations = NormalEquations.of(*self._beliefs(x))
         for (problem, run), to_run in zip(self._runs(x), (self.to_first, self.to_second), strict=True):
-            own_information, own_gradient = problem.evidence_equations(run)
-            information += to_run.T @ own_information @ to_run
-            gradient += to_run.T @ own_gradient
-        return information, gradient
+            own = problem.evidence_equations(run)
+            equations += NormalEquations(to_run.T @ own.information @ to_run, to_run.T @ own.gradient, own.cost)
+        return equations
 
     def _runs(self, z: FloatArray) -> list[tuple[MapProblem, FloatArray]]:
         return list(zip(self.problems, (self.to_first @ z, self.to_second @ z), strict=True))

@@ -3,14 +3,14 @@
 A field of `Priors` is a row. Its value is the standard deviation of the prior, a setting; the rest of the row says what one
 is per robot, its unit, where the prior comes from, what a report calls it and advises, and what becomes of it between two
 runs. Layout, priors, columns of the Jacobian, findings, checks, the estimate of two runs and the documents follow from it.
-A new unknown is a row here, and its name in the equation that it enters (`values["name"]`, and in what the equation says it
-depends on).
+A new unknown is a row here, and its name in the equation that it enters: `values["name"]`, and in what the equation says it
+depends on. Its derivatives follow from the equation (traced.py).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -18,11 +18,15 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
+from equipoise.precise.measurements.traced import Traced
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 Values = Mapping[str, FloatArray]
 """Value of every unknown, an array each, by its row's name and in its row's unit; zero is what the model says."""
+
+TracedValues = Mapping[str, Traced]
+"""The same in an equation of n samples, (size, n) each: a value is laid out once for every sample."""
 
 _ROW = "unknown"
 
@@ -230,6 +234,11 @@ class Priors:
 def by_the_model(robot: RobotModel) -> dict[str, FloatArray]:
     """`Values` of a robot that is as its model says, with perfect sensors on a level floor: all zero."""
     return {row.name: np.zeros(len(row.each.labels(robot))) for row in Priors.rows()}
+
+
+def inputs_of(values: Values, names: Sequence[str], count: int) -> TracedValues:
+    """Some values as inputs of an equation of so many samples; it can read no others."""
+    return {name: Traced.input(np.broadcast_to(values[name][:, None], (len(values[name]), count))) for name in names}
 
 
 def finding_names(robot: RobotModel, name: str) -> list[str]:

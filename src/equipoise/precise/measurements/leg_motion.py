@@ -13,8 +13,12 @@ import numpy as np
 
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.traced import Traced, contract, cos, sin, stacked, turned
+from equipoise.precise.measurements.traced import cross as traced_cross
 from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import joint_axis
+
+_SUM = "kl,il...->ik..."
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,37 @@ class LegMotion:
     foot_angular_velocity: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class TracedPosture:
+    """Legs in an equation, components first and samples last, in base axes.
+
+    Attributes:
+        rotation: (3, 3, k, 4, n) rotation of each link.
+        arm: (3, k, 4, n) from the joint above to each link's own, of the first one from the base's origin [m].
+        lever: (3, k, 4, n) from a link's joint to its CoM [m].
+        shank: (3, 4, n) from the last joint to the foot's centre [m].
+        com: (3, k, 4, n) CoM of each link, in the base frame [m].
+        foot: (3, 4, n) centres of the feet, in the base frame [m].
+    """
+
+    rotation: Traced
+    arm: Traced
+    lever: Traced
+    shank: Traced
+    com: Traced
+    foot: Traced
+
+
+@dataclass(frozen=True, eq=False)
+class TracedLegMotion:
+    """How such legs move, as in `LegMotion`: (3, k, 4, n) com_velocity and spin, (3, 4, n) of the feet."""
+
+    com_velocity: Traced
+    spin: Traced
+    foot_velocity: Traced
+    foot_angular_velocity: Traced
+
+
 class LegChains:
     """The four legs of a robot as arrays: leg FL FR RL RR first, then link from the hip down.
 
@@ -57,14 +92,18 @@ class LegChains:
         self.joints = np.array([leg.joints for leg in legs])
         self.mass = by_link(lambda joint: model.inertias[joint].mass)
         self.foot_radius = np.array([leg.foot_radius for leg in legs])
-        self._placement_rotation = by_link(lambda joint: model.jointPlacements[joint].rotation)
-        self._placement_translation = by_link(lambda joint: model.jointPlacements[joint].translation)
-        self._axis = by_link(lambda joint: joint_axis(model, joint))
-        self._lever = by_link(lambda joint: model.inertias[joint].lever)
-        self._inertia = by_link(lambda joint: model.inertias[joint].inertia)
-        self._foot = np.array([model.frames[leg.foot_frame_id].placement.translation for leg in legs])
-        self._axis_cross = cross_matrix(self._axis)
-        self._axis_cross_squared = self._axis_cross @ self._axis_cross
+        placed = by_link(lambda joint: model.jointPlacements[joint].rotation)
+        axis = by_link(lambda joint: joint_axis(model, joint))
+        about = cross_matrix(axis)
+        # A link in the one above it, at angle a (Rodrigues' formula): upright + sin(a) sideways - cos(a) across.
+        sideways, across = placed @ about, placed @ about @ about
+        self._upright, self._sideways, self._across = map(_first, (placed + across, sideways, across))
+        self._placement = _first(by_link(lambda joint: model.jointPlacements[joint].translation))
+        self._axis = _first(axis)
+        self._lever = _first(by_link(lambda joint: model.inertias[joint].lever))
+        self._inertia = _first(by_link(lambda joint: model.inertias[joint].inertia))
+        self._down_to = np.tril(np.ones((self.joints.shape[1],) * 2))  # sums over a link and all above it
+        self._foot = np.array([model.frames[leg.foot_frame_id].placement.translation for leg in legs]).T[..., None]
 
     @property
     def links(self) -> int:
@@ -73,7 +112,7 @@ class LegChains:
 
     def feet(self, joint_position: FloatArray) -> FloatArray:
         """(n, 4, 3) centres of the feet in the base frame, of (n, nj) joint positions [m]."""
-        return self.motion(joint_position, np.zeros_like(joint_position), np.zeros((len(joint_position), 3))).foot
+        return self.traced_posture(Traced(np.ascontiguousarray(joint_position.T))).foot.value.T
 
     def motion(
         self, joint_position: FloatArray, joint_velocity: FloatArray, angular_velocity_in_base: FloatArray
@@ -85,36 +124,55 @@ class LegChains:
             joint_velocity: (n, nj) joint velocities [rad/s].
             angular_velocity_in_base: (n, 3) angular velocity of the base, in its own axes [rad/s].
         """
-        alive()
-        count, links = len(joint_position), self.joints.shape[1]
-        rotation = np.broadcast_to(np.eye(3), (count, 4, 3, 3))
-        position, velocity = np.zeros((count, 4, 3)), np.zeros((count, 4, 3))
-        angular_velocity = np.broadcast_to(angular_velocity_in_base[:, None], (count, 4, 3))
-        com, com_velocity, spin = (np.empty((count, 4, links, 3)) for _ in range(3))
-        for link in range(links):
-            arm = _turned(rotation, self._placement_translation[:, link])
-            position = position + arm
-            velocity = velocity + cross(angular_velocity, arm)
-            angle = joint_position[:, self.joints[:, link], None, None]
-            about_axis = (  # Rodrigues' formula
-                np.eye(3)
-                + np.sin(angle) * self._axis_cross[:, link]
-                + (1 - np.cos(angle)) * self._axis_cross_squared[:, link]
-            )
-            rotation = rotation @ (self._placement_rotation[:, link] @ about_axis)
-            angular_velocity = (
-                angular_velocity
-                + _turned(rotation, self._axis[:, link]) * joint_velocity[:, self.joints[:, link], None]
-            )
-            lever = _turned(rotation, self._lever[:, link])
-            com[:, :, link] = position + lever
-            com_velocity[:, :, link] = velocity + cross(angular_velocity, lever)
-            in_link = np.swapaxes(rotation, -1, -2) @ angular_velocity[..., None]
-            spin[:, :, link] = (rotation @ (self._inertia[:, link] @ in_link))[..., 0]
-        arm = _turned(rotation, self._foot)
-        return LegMotion(
-            com, com_velocity, spin, position + arm, velocity + cross(angular_velocity, arm), angular_velocity
+        position, velocity, turning = (
+            Traced(np.ascontiguousarray(part.T)) for part in (joint_position, joint_velocity, angular_velocity_in_base)
         )
+        posture = self.traced_posture(position)
+        moving = self.traced_motion(posture, velocity, turning)
+        return LegMotion(
+            posture.com.value.T, moving.com_velocity.value.T, moving.spin.value.T,
+            posture.foot.value.T, moving.foot_velocity.value.T, moving.foot_angular_velocity.value.T,
+        )  # fmt: skip
+
+    def traced_posture(self, joint_position: Traced) -> TracedPosture:
+        """Legs of (nj, n) joint positions."""
+        alive()
+        above = Traced(np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 4, joint_position.value.shape[1])))
+        arms: list[Traced] = []
+        rotations: list[Traced] = []
+        for link, joints in enumerate(self.joints.T):
+            arms.append(turned(above, self._placement[:, link]))
+            above = self._below(above, link, joint_position[joints])
+            rotations.append(above)
+        arm, rotation = stacked(arms, axis=1), stacked(rotations, axis=2)
+        lever, shank, joint = (
+            turned(rotation, self._lever),
+            turned(above, self._foot),
+            contract(_SUM, self._down_to, arm),
+        )
+        return TracedPosture(rotation, arm, lever, shank, joint + lever, joint[:, -1] + shank)
+
+    def traced_motion(
+        self, posture: TracedPosture, joint_velocity: Traced, angular_velocity_in_base: Traced
+    ) -> TracedLegMotion:
+        """How they move, at (nj, n) joint velocities and (3, n) angular velocities of the base in its own axes."""
+        own = turned(posture.rotation, self._axis) * joint_velocity[self.joints.T]
+        below = angular_velocity_in_base[:, None, None] + contract(_SUM, self._down_to, own)
+        of_joint = contract(_SUM, self._down_to, traced_cross(below - own, posture.arm))
+        in_link = contract("ji...,j...->i...", posture.rotation, below)
+        return TracedLegMotion(
+            of_joint + traced_cross(below, posture.lever),
+            turned(posture.rotation, turned(self._inertia, in_link)),
+            of_joint[:, -1] + traced_cross(below[:, -1], posture.shank),
+            below[:, -1],
+        )
+
+    def _below(self, rotation: Traced, link: int, angle: Traced) -> Traced:
+        """(3, 3, 4, n) rotations of the links below some joints, of those above them and (4, n) joint positions."""
+        in_parent = (
+            self._upright[:, :, link] + sin(angle) * self._sideways[:, :, link] - cos(angle) * self._across[:, :, link]
+        )
+        return contract("ij...,jk...->ik...", rotation, in_parent)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -132,5 +190,6 @@ def cross_matrix(vector: FloatArray) -> FloatArray:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
-    return (rotation @ vectors[..., None])[..., 0]
+def _first(by_link: FloatArray) -> FloatArray:
+    """(..., k, 4, 1) arrays, components first, of (4, k, ...) ones."""
+    return np.ascontiguousarray(np.moveaxis(by_link, (1, 0), (-2, -1))[..., None])

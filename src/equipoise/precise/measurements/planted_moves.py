@@ -12,12 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.imu_frame import traced_mounting
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
-from equipoise.precise.measurements.tilt_equation import mounting
-from equipoise.precise.unknowns import Values
+from equipoise.precise.measurements.traced import Traced, contract, length, stacked, turned
+from equipoise.precise.unknowns import TracedValues, Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+_PER_MOVE = 20
+_CENTRED = np.eye(4) - 0.25  # takes the mean over the feet off
+_WARP = np.array([[1.0], [-1.0], [-1.0], [1.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,33 +87,61 @@ class PlantedRows:
 
     Attributes:
         DEPENDS_ON: names of the unknowns that the rows depend on.
+        footholds: (4, 3) places of the feet relative to their mean at the nominal stance, in base axes [m].
     """
 
-    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "foot_radius")
+    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "foot_radius", "floor_slope", "floor_warp")
 
-    def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, moves: Sequence[PlantedMove]) -> None:
+    def __init__(
+        self, legs: LegChains, rotation_imu_to_base: FloatArray, stance: Stance, moves: Sequence[PlantedMove]
+    ) -> None:
         self.legs, self._rotation = legs, rotation_imu_to_base
-        self._position = np.array([[move.before.joint_position, move.after.joint_position] for move in moves])
-        self._acceleration = np.array(
-            [[move.before.acceleration_in_imu, move.after.acceleration_in_imu] for move in moves]
-        )
-        self._to_before = np.array([move.rotation_to_before for move in moves])
-        self._rolled = np.array([move.rolled for move in moves])
+        self.footholds = stance.feet_in_base - stance.feet_in_base.mean(axis=0)
+        rests = [[move.before for move in moves], [move.after for move in moves]]
+        self._position = [np.array([rest.joint_position for rest in side]).T for side in rests]
+        self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
+        self._to_before = np.array([move.rotation_to_before for move in moves]).transpose(1, 2, 0)
+        self._rolled = np.array([move.rolled for move in moves]).T
 
-    def residuals(self, values: Values) -> tuple[FloatArray, FloatArray]:
-        """What should be zero at the right values.
+    def residuals(self, values: Values) -> FloatArray:
+        """(moves, 5, 4) what should be zero at the right values, of every foot [m].
 
-        Returns:
-            (moves, 4, 3) displacements of the feet relative to their mean, in base axes before the move [m];
-            (moves, 2, 4) heights of the feet's centres above their mean, against gravity, at the rests [m].
+        Three components of its displacement relative to the feet's mean, in base axes before the move; the height of its
+        centre above their mean, against gravity, less that of its foothold, before and after the move.
         """
-        rotation = mounting(self._rotation, values["imu_tilt"])
-        count = len(self._position)
-        feet = self.legs.feet((self._position - values["joint_zero"]).reshape(2 * count, -1)).reshape(count, 2, 4, 3)
-        to_before = rotation @ self._to_before @ rotation.T
-        rolled = (1 + values["foot_radius"]) * self._rolled
-        moved = np.einsum("mij,mlj->mli", to_before, feet[:, 1]) - feet[:, 0] - rolled
-        gravity = (self._acceleration - values["accelerometer_bias"]) @ rotation.T
-        up = gravity / np.linalg.norm(gravity, axis=2, keepdims=True)
-        heights = np.einsum("mrlj,mrj->mrl", feet, up)
-        return moved - moved.mean(axis=1, keepdims=True), heights - heights.mean(axis=2, keepdims=True)
+        return np.moveaxis(self._rows(inputs_of(values, self.DEPENDS_ON, self._moves), 1).value, -1, 0)
+
+    def linearise(self, values: Values) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """`residuals`, and by name of the unknown their (moves, 5, 4, size) derivatives."""
+        # As many copies of the moves as there are rows in each: walking back once gives the derivatives of all.
+        inputs = inputs_of(values, self.DEPENDS_ON, _PER_MOVE * self._moves)
+        rows = self._rows(inputs, _PER_MOVE)
+        seed = np.repeat(np.eye(_PER_MOVE), self._moves, axis=1).reshape(rows.value.shape)
+        gradients = rows.gradients(seed, [inputs[name] for name in self.DEPENDS_ON])
+        shape = (-1, *rows.value.shape[:2], self._moves)
+        by = {
+            name: np.moveaxis(gradient.reshape(shape), (0, -1), (-1, 0))
+            for name, gradient in zip(self.DEPENDS_ON, gradients, strict=True)
+        }
+        return np.moveaxis(rows.value[..., : self._moves], -1, 0), by
+
+    @property
+    def _moves(self) -> int:
+        return self._rolled.shape[-1]
+
+    def _rows(self, values: TracedValues, copies: int) -> Traced:
+        """(5, 4, n) rows of the moves, one copy of all of them after the other."""
+        to_before, rolled = np.tile(self._to_before, copies), np.tile(self._rolled, copies)
+        rotation = traced_mounting(self._rotation, values["imu_tilt"])
+        floor = contract("li,i...->l...", -self.footholds[:, :2], values["floor_slope"]) + _WARP * values["floor_warp"]
+        feet: list[Traced] = []
+        heights: list[Traced] = []
+        for rest in (0, 1):
+            feet.append(self.legs.traced_posture(np.tile(self._position[rest], copies) - values["joint_zero"]).foot)
+            gravity = turned(rotation, np.tile(self._acceleration[rest], copies) - values["accelerometer_bias"])
+            above = contract("il...,i...->l...", feet[rest], gravity / length(gravity))
+            heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
+        turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
+        moved = contract("ij...,jl...->il...", turn, feet[1]) - feet[0] - (1.0 + values["foot_radius"]) * rolled
+        moved = contract("lm,im...->il...", _CENTRED, moved)
+        return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)

@@ -15,37 +15,33 @@ the base's velocity without an accelerometer. All derivatives of o and l are ine
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
-from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.precise.measurements.leg_motion import LegChains, LegMotion, cross, cross_matrix
+from equipoise.precise.measurements.imu_frame import traced_mounting
+from equipoise.precise.measurements.leg_motion import LegChains, TracedPosture
 from equipoise.precise.measurements.lift_samples import LiftSamples
-from equipoise.precise.unknowns import Values
+from equipoise.precise.measurements.momenta import BASE, Momenta
+from equipoise.precise.measurements.support_line import Feet, RollingLine, SupportLine
+from equipoise.precise.measurements.traced import Traced, contract, cross, dot, length, turned
+from equipoise.precise.unknowns import TracedValues, Values, inputs_of
 
-_BASE = 10
-
-
-def mounting(rotation_imu_to_base: FloatArray, imu_tilt: FloatArray) -> FloatArray:
-    """(3, 3) the IMU's rotation to the base as it is.
-
-    Args:
-        rotation_imu_to_base: (3, 3) rotation from the IMU frame to the base frame, as it should be.
-        imu_tilt: (3,) rotation vector of the IMU in the frame where it should be [rad].
-    """
-    return rotation_imu_to_base @ Rotation.from_rotvec(imu_tilt).as_matrix()
+Derivatives = Mapping[str, FloatArray]
+"""(rows, size) derivatives by each unknown, by its name, and by "inertial"."""
 
 
 class TiltEquation:
-    """The rows of y(t) for a set of trials, at any values of the unknowns that it depends on.
+    """y(t) of a set of trials, at any values of what it depends on.
+
+    The inertial parameters are the base's (Pinocchio's order, about the base's origin), then a factor on each leg link's.
 
     Attributes:
-        DEPENDS_ON: names of the unknowns beside the inertial parameters, in which the rows are linear.
+        DEPENDS_ON: names of the unknowns beside the inertial parameters.
         trials: slices of the rows, by trial.
     """
 
@@ -53,7 +49,6 @@ class TiltEquation:
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> None:
         self.legs = legs
-        self._rotation = rotation_imu_to_base
         counts = [len(lift.joint_position) for lift in lifts]
         ends = np.cumsum(counts)
         self.trials = [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
@@ -62,162 +57,174 @@ class TiltEquation:
             np.asarray(cumulative_simpson(np.eye(count), dx=lift.step, axis=0, initial=0))
             for count, lift in zip(counts, lifts, strict=True)
         ]
+        self._samples = _Samples.of(legs, rotation_imu_to_base, lifts)
+        self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
+        middle = self._samples.at(np.array([(trial.start + trial.stop) // 2 for trial in self.trials]))
+        self._middle = replace(middle, joint_velocity=Traced.input(middle.joint_velocity.value))
 
-        def joined(name: str) -> FloatArray:
-            return np.concatenate([getattr(lift, name) for lift in lifts])
-
-        self._joint_position, self._joint_velocity = joined("joint_position"), joined("joint_velocity")
-        self._angular_velocity_in_imu = joined("angular_velocity_in_imu")
-        self._angular_acceleration_in_imu = joined("angular_acceleration_in_imu")
-        self._to_rest = joined("rotation_to_rest")
-        self._rest_acceleration_in_imu = np.repeat([lift.rest_acceleration_in_imu for lift in lifts], counts, axis=0)
-        self._left, self._right = np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T
-        self._first = np.array([trial.start for trial in self.trials], dtype=np.intp)
-
-    def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
+    def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
         """y(t) and the moment of inertia about the line.
 
         Returns:
-            (n, 10 + links) columns of y(t), with an arbitrary constant per trial, for the base's parameters (Pinocchio's
-            order, about the base's origin) and a factor on each leg link's;
-            (trials, 10 + links) columns of l . I_o l at each trial's first sample.
+            (n,) y(t), with an arbitrary constant per trial [kg m2/s];
+            (trials,) l . I_o l at each trial's first sample [kg m2].
         """
-        rotation = mounting(self._rotation, values["imu_tilt"])
-        # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
-        late = values["clock_offset"]
-        angular_velocity_in_base = (
-            self._angular_velocity_in_imu - late * self._angular_acceleration_in_imu
-        ) @ rotation.T
-        gravity = self._rest_acceleration_in_imu - values["accelerometer_bias"]
-        up_imu = np.einsum("nji,nj->ni", self._to_rest, gravity / np.linalg.norm(gravity, axis=1, keepdims=True))
-        up = (up_imu + late * cross(self._angular_velocity_in_imu, up_imu)) @ rotation.T
-        normal = up.copy()
-        normal[:, :2] += values["floor_slope"]
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        motion = self.legs.motion(
-            self._joint_position - values["joint_zero"], self._joint_velocity, angular_velocity_in_base
-        )
-        line = _Line.of_rolling_feet(
-            motion, normal, self.legs.foot_radius * (1 + values["foot_radius"]), self._left, self._right
-        )
-        momentum, rate = self._momentum_and_rate(motion, line, angular_velocity_in_base, up)
-        for trial, integral in zip(self.trials, self._integrals, strict=True):
-            momentum[trial] -= integral @ rate[trial]
-        return momentum, self._inertia_about_line(motion, line, values["joint_zero"])
+        momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
+        return self._integrated(momentum.value, rate.value), self.inertia_about_line(values, inertial)
 
-    def velocity_sensitivity(self, values: Values, parameters: FloatArray) -> FloatArray:
+    def inertia_about_line(self, values: Values, inertial: FloatArray) -> FloatArray:
+        """The second part of `evaluate`."""
+        return self._first.inertia_about_line(self._inputs(values, inertial, self._first)).value
+
+    def linearise(
+        self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON
+    ) -> tuple[FloatArray, FloatArray, Derivatives, Derivatives]:
+        """`evaluate`, and the derivatives of both by the inertial parameters and by the unknowns named."""
+        names = ("inertial", *names)
+        samples, first = (self._inputs(values, inertial, part) for part in (self._samples, self._first))
+        momentum, rate = self._samples.momentum_and_rate(samples)
+        inertia = self._first.inertia_about_line(first)
+        return (
+            self._integrated(momentum.value, rate.value),
+            inertia.value,
+            {
+                name: self._integrated(by_momentum.T, by_rate.T)
+                for name, by_momentum, by_rate in zip(
+                    names, _gradients(momentum, samples, names), _gradients(rate, samples, names), strict=True
+                )
+            },
+            {name: by_inertia.T for name, by_inertia in zip(names, _gradients(inertia, first, names), strict=True)},
+        )
+
+    def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
+        """What both are linear in the inertial parameters by: (n, 10 + links) columns, and (trials, 10 + links) ones."""
+        _, _, by_y, by_inertia = self.linearise(values, np.zeros(BASE + self.legs.links), names=())
+        return by_y["inertial"], by_inertia["inertial"]
+
+    def velocity_sensitivity(self, values: Values, inertial: FloatArray) -> FloatArray:
         """(trials,) root sum of squares over joints of how l . L_o changes with a joint's velocity [kg m2].
 
         At each trial's middle; with it, noise of the joint velocities becomes noise of y.
-
-        Args:
-            parameters: (10 + links,) inertial parameters, in the order of the columns of `rows`.
         """
-        middle = np.array([(trial.start + trial.stop) // 2 for trial in self.trials])
-        position = self._joint_position[middle] - values["joint_zero"]
-        up = np.einsum("nji,nj->ni", self._to_rest[middle], self._rest_acceleration_in_imu[middle]) @ self._rotation.T
-        normal = up / np.linalg.norm(up, axis=1, keepdims=True)
-        total = np.zeros(len(middle))
-        still = np.zeros((len(middle), 3))
-        for joint in range(position.shape[1]):
-            velocity = np.zeros_like(position)
-            velocity[:, joint] = 1.0
-            motion = self.legs.motion(position, velocity, still)
-            line = _Line.of_rolling_feet(motion, normal, self.legs.foot_radius, self._left[middle], self._right[middle])
-            momentum, _ = self._momentum_and_rate(motion, line, still, normal)
-            total += (momentum @ parameters) ** 2
-        return np.sqrt(total)
+        momentum, _ = self._middle.momentum_and_rate(self._inputs(values, inertial, self._middle))
+        (by_velocity,) = momentum.gradients(np.ones(self._middle.count), [self._middle.joint_velocity])
+        return np.sqrt((by_velocity**2).sum(axis=0))
 
-    def _momentum_and_rate(
-        self, motion: LegMotion, line: _Line, angular_velocity_in_base: FloatArray, up: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """(n, 10 + links) columns of l . L_o and of its rate of change, the right side of the tilt equation."""
-        across_rolling, falling = cross(line.left, line.velocity), GRAVITY * cross(line.left, up)
-        base_momentum, base_linear = _base_momentum(angular_velocity_in_base, line.base_velocity, line.point)
-        base = np.einsum("ni,nij->nj", line.left, base_momentum)
-        base_rate = np.einsum("ni,nij->nj", line.left_rate, base_momentum)
-        base_rate -= np.einsum("ni,nij->nj", across_rolling, base_linear)
-        base_rate[:, 0] -= np.einsum("ni,ni->n", falling, line.point)
-        base_rate[:, 1:4] += falling
-        linear = self.legs.mass[..., None] * (motion.com_velocity + line.base_velocity[:, None, None])
-        arm = motion.com - line.point[:, None, None]
-        angular = motion.spin + cross(arm, linear)
-        leg = np.einsum("ni,nlki->nlk", line.left, angular)
-        leg_rate = np.einsum("ni,nlki->nlk", line.left_rate, angular)
-        leg_rate -= np.einsum("ni,nlki->nlk", across_rolling, linear)
-        leg_rate += np.einsum("ni,nlki->nlk", falling, arm) * self.legs.mass
-        count = len(angular_velocity_in_base)
-        return np.hstack([base, leg.reshape(count, -1)]), np.hstack([base_rate, leg_rate.reshape(count, -1)])
+    def _inputs(self, values: Values, inertial: FloatArray, samples: _Samples) -> TracedValues:
+        return inputs_of({**values, "inertial": inertial}, ("inertial", *self.DEPENDS_ON), samples.count)
 
-    def _inertia_about_line(self, motion: LegMotion, line: _Line, joint_zero: FloatArray) -> FloatArray:
-        """The momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked."""
-        first = self._first
-        left, point = line.left[first], line.point[first]
-        still = self.legs.motion(
-            (self._joint_position - joint_zero)[first], np.zeros((len(first), self._joint_position.shape[1])), left
-        )
-        velocity = -cross(left, point)
-        momentum, _ = _base_momentum(left, velocity, point)
-        base = np.einsum("ni,nij->nj", left, momentum)
-        linear = self.legs.mass[..., None] * (still.com_velocity + velocity[:, None, None])
-        angular = still.spin + cross(still.com - point[:, None, None], linear)
-        return np.hstack([base, np.einsum("ni,nlki->nlk", left, angular).reshape(len(first), -1)])
+    def _integrated(self, momentum: FloatArray, rate: FloatArray) -> FloatArray:
+        """y(t) of l . L_o and of the right side, or derivatives of y of those of both."""
+        y = momentum.copy()
+        for trial, integral in zip(self.trials, self._integrals, strict=True):
+            y[trial] -= integral @ rate[trial]
+        return y
+
+
+def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> list[FloatArray]:
+    return of.gradients(np.ones(of.value.shape), [by[name] for name in names])
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
-    """The moving support line of n samples, in base axes.
+class _Samples:
+    """n samples of some lifts, components first; what is read of a lift is in `LiftSamples`.
 
     Attributes:
-        left: (n, 3) direction of the support line, from the right foot to the left, in base axes.
-        point: (n, 3) contact point of the right foot, in the base frame [m].
-        velocity: (n, 3) velocity of the point, as the contact travels over the floor, in base axes [m/s].
-        left_rate: (n, 3) inertial rate of change of the direction, in base axes [1/s].
-        base_velocity: (n, 3) velocity of the base's origin, in base axes [m/s].
+        feet: (n,) indices of the left stance foot, and of the right one.
     """
 
-    left: FloatArray
-    point: FloatArray
-    velocity: FloatArray
-    left_rate: FloatArray
-    base_velocity: FloatArray
+    legs: LegChains
+    rotation_imu_to_base: FloatArray
+    joint_position: FloatArray
+    joint_velocity: Traced
+    angular_velocity_in_imu: FloatArray
+    angular_acceleration_in_imu: FloatArray
+    rotation_from_rest: FloatArray
+    rest_acceleration_in_imu: FloatArray
+    feet: Feet
 
     @classmethod
-    def of_rolling_feet(
-        cls, motion: LegMotion, normal: FloatArray, radius: FloatArray, left_foot: NDArray[np.intp],
-        right_foot: NDArray[np.intp],
-    ) -> _Line:  # fmt: skip
-        """A sphere that rolls without slipping: its centre moves with its angular velocity x (radius normal)."""
-        sample = np.arange(len(normal))
-        contacts: list[FloatArray] = []
-        rolling: list[FloatArray] = []
-        base: list[FloatArray] = []
-        for foot in (left_foot, right_foot):
-            r = radius[foot][:, None]
-            contacts.append(motion.foot[sample, foot] - r * normal)
-            rolling.append(cross(motion.foot_angular_velocity[sample, foot], r * normal))
-            base.append(rolling[-1] - motion.foot_velocity[sample, foot])
-        between = contacts[0] - contacts[1]
-        length = np.linalg.norm(between, axis=1, keepdims=True)
-        left = between / length
-        left_rate = (rolling[0] - rolling[1]) / length
-        left_rate -= left * np.einsum("ni,ni->n", left, left_rate)[:, None]
-        return cls(left, contacts[1], rolling[1], left_rate, (base[0] + base[1]) / 2)
+    def of(cls, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> _Samples:
+        counts = [len(lift.joint_position) for lift in lifts]
 
+        def joined(name: str) -> FloatArray:
+            return np.ascontiguousarray(np.concatenate([getattr(lift, name) for lift in lifts]).T)
 
-def _base_momentum(
-    angular_velocity_in_base: FloatArray, velocity: FloatArray, point: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """(n, 3, 10) columns of the base's angular momentum about a point and of its linear momentum."""
-    count = len(angular_velocity_in_base)
-    linear = np.zeros((count, 3, _BASE))
-    linear[:, :, 0] = velocity
-    linear[:, :, 1:4] = cross_matrix(angular_velocity_in_base)
-    angular = np.zeros((count, 3, _BASE))
-    angular[:, :, 0] = -cross(point, velocity)
-    angular[:, :, 1:4] = -cross_matrix(velocity) - cross_matrix(point) @ linear[:, :, 1:4]
-    x, y, z = angular_velocity_in_base.T
-    angular[:, 0, 4], angular[:, 0, 5], angular[:, 0, 7] = x, y, z
-    angular[:, 1, 5], angular[:, 1, 6], angular[:, 1, 8] = x, y, z
-    angular[:, 2, 7], angular[:, 2, 8], angular[:, 2, 9] = x, y, z
-    return angular, linear
+        return cls(
+            legs,
+            rotation_imu_to_base,
+            joined("joint_position"),
+            Traced(joined("joint_velocity")),
+            joined("angular_velocity_in_imu"),
+            joined("angular_acceleration_in_imu"),
+            joined("rotation_to_rest"),
+            np.repeat([lift.rest_acceleration_in_imu for lift in lifts], counts, axis=0).T,
+            tuple(np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T),
+        )
+
+    @property
+    def count(self) -> int:
+        return len(self.feet[0])
+
+    def at(self, places: NDArray[np.intp]) -> _Samples:
+        """Some of the samples."""
+        return _Samples(
+            self.legs,
+            self.rotation_imu_to_base,
+            self.joint_position[:, places],
+            self.joint_velocity[:, places],
+            self.angular_velocity_in_imu[:, places],
+            self.angular_acceleration_in_imu[:, places],
+            self.rotation_from_rest[..., places],
+            self.rest_acceleration_in_imu[:, places],
+            [foot[places] for foot in self.feet],
+        )
+
+    def momentum_and_rate(self, values: TracedValues) -> tuple[Traced, Traced]:
+        """(n,) l . L_o [kg m2/s], and its rate of change: the right side of the tilt equation [Nm]."""
+        angular_velocity, up = self._turning_and_up(values)
+        posture, to_centre = self._posture(values), self._to_centre(values, up)
+        motion = self.legs.traced_motion(posture, self.joint_velocity, angular_velocity)
+        line = SupportLine.of(posture, self.feet, to_centre)
+        rolling = RollingLine.of(line, motion, self.feet, to_centre)
+        robot = Momenta.about(
+            line.point, self.legs, values["inertial"], posture, motion, angular_velocity, rolling.base_velocity
+        )
+        rate = (
+            GRAVITY * dot(cross(line.left, up), robot.first)
+            - dot(line.left, cross(rolling.velocity, robot.linear))
+            + dot(rolling.left_rate, robot.angular)
+        )
+        return dot(line.left, robot.angular), rate
+
+    def inertia_about_line(self, values: TracedValues) -> Traced:
+        """(n,) l . I_o l: the momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked."""
+        _, up = self._turning_and_up(values)
+        posture, still = self._posture(values), Traced(np.zeros(self.joint_position.shape))
+        line = SupportLine.of(posture, self.feet, self._to_centre(values, up))
+        turning = self.legs.traced_motion(posture, still, line.left)
+        robot = Momenta.about(
+            line.point, self.legs, values["inertial"], posture, turning, line.left, cross(line.point, line.left)
+        )
+        return dot(line.left, robot.angular)
+
+    def _posture(self, values: TracedValues) -> TracedPosture:
+        return self.legs.traced_posture(self.joint_position - values["joint_zero"])
+
+    def _turning_and_up(self, values: TracedValues) -> tuple[Traced, Traced]:
+        """(3, n) angular velocity and direction against gravity, in base axes."""
+        # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
+        late = values["clock_offset"]
+        angular_velocity_in_imu = self.angular_velocity_in_imu - late * self.angular_acceleration_in_imu
+        gravity = self.rest_acceleration_in_imu - values["accelerometer_bias"]
+        up_in_imu = turned(self.rotation_from_rest, gravity / length(gravity))
+        up_in_imu = up_in_imu + late * cross(self.angular_velocity_in_imu, up_in_imu)
+        rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
+        return turned(rotation, angular_velocity_in_imu), turned(rotation, up_in_imu)
+
+    def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
+        """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
+        normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], values["floor_slope"])
+        normal = normal / length(normal)
+        radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"])
+        return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]

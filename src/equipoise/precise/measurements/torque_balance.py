@@ -17,9 +17,9 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.imu_frame import mounting
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
-from equipoise.precise.measurements.tilt_equation import mounting
 from equipoise.precise.unknowns import Values
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
@@ -128,9 +128,6 @@ class TorqueRows:
 
 def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> TorqueRows:
     """The balance's rows of all samples, at given values of the unknowns that are not of it."""
-    model = robot.pinocchio.copy()
-    model.gravity.linear = np.zeros(3)
-    data = model.createData()
     rotation = mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
     arm = np.array(robot.imu_in_base.translation)
     angular_velocity_in_base = samples.angular_velocity_in_imu @ rotation.T
@@ -142,31 +139,16 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
         - np.cross(angular_velocity_in_base, np.cross(angular_velocity_in_base, arm))
     )
     position = samples.joint_position - values["joint_zero"]
-    legs = list(robot.legs.values())
-    radii = np.array([leg.foot_radius for leg in legs]) * (1 + values["foot_radius"])
-    # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
-    down = -floor_normals_by_fit(LegChains(robot).feet(position))[0]
-    count, joints = position.shape
-    regressor = np.empty((count, 6 + joints, 10 * (model.njoints - 1)))
-    contact = np.empty((count, 12, 6 + joints))
-    for index in range(count):
-        q = robot.configuration(position[index])
-        v = np.concatenate([np.zeros(3), angular_velocity_in_base[index], samples.joint_velocity[index]])
-        a = np.concatenate([at_base[index], angular_acceleration_in_base[index], samples.joint_acceleration[index]])
-        regressor[index] = pin.computeJointTorqueRegressor(model, data, q, v, a)
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
-        for number, leg in enumerate(legs):
-            jacobian = pin.getFrameJacobian(model, data, leg.foot_frame_id, pin.LOCAL_WORLD_ALIGNED)
-            contact[index, 3 * number : 3 * number + 3] = (
-                jacobian[:3] - pin.skew(radii[number] * down[index]) @ jacobian[3:]
-            )
+    velocity = np.hstack([np.zeros_like(sensed), angular_velocity_in_base, samples.joint_velocity])
+    acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
+    regressor, twists = _regressors_and_twists(robot, position, velocity, acceleration)
+    contact = _contact_jacobians(robot, position, twists, values["foot_radius"])
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
     free = np.swapaxes(full[:, :, 12:], 1, 2)  # what contact forces cannot reach
     rows = free @ regressor
     links = [
-        rows[:, :, 10 * (joint - 1) : 10 * joint] @ model.inertias[joint].toDynamicParameters()
-        for leg in legs
+        rows[:, :, 10 * (joint - 1) : 10 * joint] @ robot.pinocchio.inertias[joint].toDynamicParameters()
+        for leg in robot.legs.values()
         for joint in leg.joint_ids
     ]
     return TorqueRows(
@@ -179,6 +161,42 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
         samples.joint_acceleration,
         free[:, :, :6],
     )
+
+
+def _regressors_and_twists(
+    robot: RobotModel, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Pinocchio's regressors without gravity, and the columns of joint Jacobians about the base's origin.
+
+    Returns:
+        (n, 6 + nj, 10 bodies) and (n, 6, 6 + nj), linear part first, in base axes.
+    """
+    model = robot.pinocchio.copy()
+    model.gravity.linear = np.zeros(3)
+    data = model.createData()
+    count, size = velocity.shape
+    regressors, twists = np.empty((count, size, 10 * (model.njoints - 1))), np.empty((count, 6, size))
+    for index in range(count):
+        q = robot.configuration(position[index])
+        regressors[index] = pin.computeJointTorqueRegressor(model, data, q, velocity[index], acceleration[index])
+        twists[index] = pin.computeJointJacobians(model, data, q)
+    return regressors, twists
+
+
+def _contact_jacobians(
+    robot: RobotModel, position: FloatArray, twists: FloatArray, foot_radius: FloatArray
+) -> FloatArray:
+    """(n, 12, 6 + nj) of the points where the feet touch the floor, FL FR RL RR."""
+    legs, feet = list(robot.legs.values()), LegChains(robot).feet(position)
+    radii = np.array([[leg.foot_radius] for leg in legs]) * (1 + foot_radius)
+    # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
+    point = feet - radii * floor_normals_by_fit(feet)[0][:, None]
+    moving = np.zeros((4, 1, twists.shape[2]))
+    moving[:, :, :6] = 1.0
+    for own, leg in zip(moving, legs, strict=True):
+        own[:, [6 + joint for joint in leg.joints]] = 1.0
+    at_point = twists[:, None, :3] + np.cross(twists[:, None, 3:], point[..., None], axis=2)
+    return (moving * at_point).reshape(len(position), 12, -1)
 
 
 def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArray:

@@ -148,8 +148,7 @@ class Candidates:
         planted = PlantedBlock(unknowns, legs, rotation, moves)
         for block in (lifts, planted):
             block.prepare(x)
-            block.differentiate(x)
-            jacobian = block.jacobian(x)
+            _, jacobian = block.linearise(x)
             for _, motion in block.motions:
                 rows = np.zeros((motion.stop - motion.start, unknowns.size))
                 rows[:, block.columns] = jacobian[motion]
