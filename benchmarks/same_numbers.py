@@ -68,17 +68,8 @@ def others(folder: Path, out: Path) -> None:
         )
         (out / f"balance-{robot}.json").write_text(told or "{}")
         for name in FORMATS:
-            equipoise(
-                "export",
-                plain,
-                "--to",
-                format,
-                "--force",
-                "--out",
-                out / f"export-{robot}-{name}",
-                "--quiet",
-                fails=True,
-            )
+            to = out / f"export-{robot}-{name}"
+            equipoise("export", plain, "--to", name, "--force", "--out", to, "--quiet", fails=True)
 
 
 def numbers(what: Any, name: str = "") -> Iterator[tuple[str, float]]:
