@@ -108,8 +108,8 @@ def test_the_jacobian_of_the_inertial_parameters_is_that_of_differences(unknowns
 def test_every_unknown_has_one_place(unknowns):
     joints = len(unknowns.robot.joint_names)
     sizes = {
-        "base": 10, "leg_mass": joints, "joint_zero": joints, "imu_tilt": 3, "accelerometer_bias": 3, "clock_offset": 1,
-        "foot_radius": 1, "floor_slope": 2, "floor_warp": 1, "torque_gain": joints, "coulomb": 1, "viscous": 1,
+        "base": 10, "leg_mass": joints, "joint_zero": joints, "imu_tilt": 3, "accelerometer_bias": 3,
+        "gyro_gain": 3, "gyro_misalignment": 6, "clock_offset": 1, "foot_radius": 1, "floor_slope": 2, "floor_warp": 1, "torque_gain": joints, "coulomb": 1, "viscous": 1,
         "armature": 1,
     }  # fmt: skip
     places = np.concatenate([np.arange(unknowns.size)[unknowns[name]] for name in sizes])

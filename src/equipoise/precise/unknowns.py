@@ -173,6 +173,18 @@ class Priors:
         label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
         advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
     )  # fmt: skip
+    gyro_gain: float = unknown(
+        0.01, "angular velocity read less the true one along each axis, over what is read", "", AXIS,
+        "data sheets of MEMS gyroscopes: 1 to 3 % as they come, 0.3 to 1 % calibrated",
+        label="gyroscope gain {each}", finding="gyroscope gain {each}", notable=0.02, drift=0.1,
+        advice="the gyroscope's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
+    )  # fmt: skip
+    gyro_misalignment: float = unknown(
+        6e-3, "angular velocity about one axis that another axis reads, over itself", "rad",
+        _named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
+        "assumed; data sheets: 2 mrad between the axes, 5 mrad against the accelerometer",
+        label="gyroscope misalignment, {each}", drift=0.1,
+    )  # fmt: skip
     clock_offset: float = unknown(
         1e-3, "time by which an IMU sample is younger than a joint sample of the same stamp", "s", ROBOT,
         "assumed; a sample of a 500 Hz bus is up to 2 ms old",

@@ -10,12 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.measurements.imu_frame import traced_mounting
-from equipoise.precise.measurements.leg_motion import LegChains, cross
+from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.leg_motion import cross as cross_of_rows
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
-from equipoise.precise.measurements.traced import Traced, contract, length, stacked, turned
+from equipoise.precise.measurements.traced import Traced, contract, cross, length, stacked, turned
 from equipoise.precise.unknowns import TracedValues, Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
@@ -75,7 +77,7 @@ def read_move(
         joints.time, moving.imu.time, (moving.imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
     )
     foot = legs.motion(joints.position, velocity, angular_velocity_in_base).foot_angular_velocity
-    rolling = cross(foot, legs.foot_radius[:, None] * up[:, None])
+    rolling = cross_of_rows(foot, legs.foot_radius[:, None] * up[:, None])
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
     rolled = np.trapezoid(np.einsum("nij,nlj->nli", to_before, rolling), joints.time, axis=0)
@@ -90,7 +92,7 @@ class PlantedRows:
         footholds: (4, 3) places of the feet relative to their mean at the nominal stance, in base axes [m].
     """
 
-    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "foot_radius", "floor_slope", "floor_warp")
+    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", *GYRO, "foot_radius", "floor_slope", "floor_warp")
 
     def __init__(
         self, legs: LegChains, rotation_imu_to_base: FloatArray, stance: Stance, moves: Sequence[PlantedMove]
@@ -101,6 +103,9 @@ class PlantedRows:
         self._position = [np.array([rest.joint_position for rest in side]).T for side in rests]
         self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
         self._to_before = np.array([move.rotation_to_before for move in moves]).transpose(1, 2, 0)
+        # Moves go straight from posture to posture: a turn about one axis, near enough for errors of the gyroscope.
+        turns = [turns_of(Rotation.from_matrix(move.rotation_to_before)) for move in moves]
+        self._turns = np.moveaxis(np.array(turns), 0, -1)
         self._rolled = np.array([move.rolled for move in moves]).T
 
     def residuals(self, values: Values) -> FloatArray:
@@ -142,6 +147,8 @@ class PlantedRows:
             above = contract("il...,i...->l...", feet[rest], gravity / length(gravity))
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
-        moved = contract("ij...,jl...->il...", turn, feet[1]) - feet[0] - (1.0 + values["foot_radius"]) * rolled
+        off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)))
+        after = contract("ij...,jl...->il...", turn, feet[1])
+        moved = after - cross(off[:, None], after) - feet[0] - (1.0 + values["foot_radius"]) * rolled
         moved = contract("lm,im...->il...", _CENTRED, moved)
         return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)

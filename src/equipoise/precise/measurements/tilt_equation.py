@@ -20,10 +20,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_simpson
+from scipy.integrate import cumulative_simpson, cumulative_trapezoid
+from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.precise.measurements.imu_frame import traced_mounting
+from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
 from equipoise.precise.measurements.leg_motion import LegChains, TracedPosture
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.momenta import BASE, Momenta
@@ -45,7 +46,7 @@ class TiltEquation:
         trials: slices of the rows, by trial.
     """
 
-    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "clock_offset", "foot_radius", "floor_slope")
+    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", *GYRO, "clock_offset", "foot_radius", "floor_slope")
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> None:
         self.legs = legs
@@ -130,6 +131,7 @@ class _Samples:
     """n samples of some lifts, components first; what is read of a lift is in `LiftSamples`.
 
     Attributes:
+        turns: (3, 3, 3, n) integrals since the rest of R_ij w_k, of attitudes R and readings w of the gyroscope.
         feet: (n,) indices of the left stance foot, and of the right one.
     """
 
@@ -140,6 +142,7 @@ class _Samples:
     angular_velocity_in_imu: FloatArray
     angular_acceleration_in_imu: FloatArray
     rotation_from_rest: FloatArray
+    turns: FloatArray
     rest_acceleration_in_imu: FloatArray
     feet: Feet
 
@@ -158,6 +161,7 @@ class _Samples:
             joined("angular_velocity_in_imu"),
             joined("angular_acceleration_in_imu"),
             joined("rotation_to_rest"),
+            np.concatenate([_turns(lift) for lift in lifts], axis=-1),
             np.repeat([lift.rest_acceleration_in_imu for lift in lifts], counts, axis=0).T,
             tuple(np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T),
         )
@@ -176,6 +180,7 @@ class _Samples:
             self.angular_velocity_in_imu[:, places],
             self.angular_acceleration_in_imu[:, places],
             self.rotation_from_rest[..., places],
+            self.turns[..., places],
             self.rest_acceleration_in_imu[:, places],
             [foot[places] for foot in self.feet],
         )
@@ -215,9 +220,12 @@ class _Samples:
         """(3, n) angular velocity and direction against gravity, in base axes."""
         # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
         late = values["clock_offset"]
+        error = gyro_error(values)
         angular_velocity_in_imu = self.angular_velocity_in_imu - late * self.angular_acceleration_in_imu
+        angular_velocity_in_imu = angular_velocity_in_imu - turned(error, angular_velocity_in_imu)
         gravity = self.rest_acceleration_in_imu - values["accelerometer_bias"]
-        up_in_imu = turned(self.rotation_from_rest, gravity / length(gravity))
+        up_at_rest = gravity / length(gravity)
+        up_in_imu = turned(self.rotation_from_rest, up_at_rest + cross(turned_by(error, self.turns), up_at_rest))
         up_in_imu = up_in_imu + late * cross(self.angular_velocity_in_imu, up_in_imu)
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
         return turned(rotation, angular_velocity_in_imu), turned(rotation, up_in_imu)
@@ -228,3 +236,10 @@ class _Samples:
         normal = normal / length(normal)
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"])
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
+
+
+def _turns(lift: LiftSamples) -> FloatArray:
+    """(3, 3, 3, n) `turns` of a lift; up to its first sample of the turn, a small one, as if it was about one axis."""
+    rate = np.einsum("nij,nk->ijkn", lift.rotation_to_rest, lift.angular_velocity_in_imu)
+    before = turns_of(Rotation.from_matrix(lift.rotation_to_rest[0]))
+    return before[..., None] + cumulative_trapezoid(rate, dx=lift.step, axis=-1, initial=0)
