@@ -223,6 +223,12 @@ def test_y_is_constant_on_feet_of_no_size_too_and_the_size_tells(a1):
     assert residual(a1, without) > 1e-3
 
 
+def test_y_is_constant_on_feet_that_resist_rolling_and_the_resistance_tells(a1):
+    resisted = toppling(a1, resistance=1e-3)
+    assert residual(a1, resisted, biases=nothing_wrong(a1) | {"rolling": np.array([1e-3])}) < 1e-5
+    assert residual(a1, resisted) > 1e-3
+
+
 def test_y_is_constant_for_legs_of_two_joints(two_jointed):
     assert residual(two_jointed, toppling(two_jointed)) < 1e-6
 

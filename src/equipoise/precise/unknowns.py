@@ -65,13 +65,19 @@ def _link_joints(robot: RobotModel) -> tuple[str, ...]:
     return tuple(robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints)
 
 
+def _kinds(robot: RobotModel) -> tuple[str, ...]:
+    return ("hip", "thigh", "calf")[-robot.leg_joints.shape[1] :]
+
+
 ROBOT = Each("robot", lambda robot: ("",))
 JOINT = Each("joint", lambda robot: tuple(robot.joint_names))
 LEG_LINK = Each("leg link, by the joint that moves it", _link_joints)
+JOINT_KIND = Each("kind of joint: hip, thigh, calf", _kinds)
 AXIS = _named("x", "y", "z")
 
 ITSELF = Measure("", lambda robot, stance: 1.0)
 HIP_HEIGHT = Measure("hip height", lambda robot, stance: stance.hip_height)
+PER_A1_TORQUE = Measure("an A1's m g h over m g h", lambda robot, stance: 1.0 / stance.scale.torque)
 A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
 
 
@@ -162,6 +168,18 @@ class Priors:
         label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3,
         advice="{each}: the encoder's zero is off by {value:+.2f} deg (sd {deviation:.2f})",
     )  # fmt: skip
+    compliance: float = unknown(
+        5e-4, "angle by which a link of one kind lags behind its encoder, over the joint's torque", "rad/Nm", JOINT_KIND,
+        "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", measure=PER_A1_TORQUE,
+        label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, notable=2e-4, judged=False,
+        advice="the {each} joints give by {value:.2f} mrad per Nm (sd {deviation:.2f})",
+    )  # fmt: skip
+    play: float = unknown(
+        2e-3, "angle that a joint of one kind is free to turn in its gear", "rad", JOINT_KIND,
+        "data sheets of gears: 0.05 to 0.25 deg", label="play of the {each} joints", finding="{each} play",
+        shown=_DEGREES, notable=2e-3, judged=False,
+        advice="the {each} joints have a play of {value:.2f} deg (sd {deviation:.2f})",
+    )  # fmt: skip
     imu_tilt: float = unknown(
         6e-3, "rotation vector of the IMU in the frame where it should be", "rad", _named("roll", "pitch", "yaw"),
         "assumed; the simulation's `realistic` sensors have 5 mrad",
@@ -196,6 +214,12 @@ class Priors:
         0.02, "radius of all feet over the model's, less one", "", ROBOT, "assumed; rubber wears and gives",
         label="foot radius", finding="foot radius", notable=0.03,
         advice="the feet roll as if their radius were {value:+.1%} off the model's",
+    )  # fmt: skip
+    rolling: float = unknown(
+        4e-3, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
+        "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
+        label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
+        judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance", "rad", _named("x", "y"), _REALISTIC,

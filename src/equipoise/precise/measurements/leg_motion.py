@@ -78,6 +78,7 @@ class LegChains:
 
     Attributes:
         joints: (4, k) indices of each leg's joints in the joint vector.
+        by_kind: (nj, k) one where a joint is the first, second or further one of its leg, else zero.
         mass: (4, k) mass of each link, with all that is fixed to it, by the model [kg].
         foot_radius: (4,) radius of each foot [m].
     """
@@ -90,6 +91,8 @@ class LegChains:
             return np.array([[value(joint) for joint in chain] for chain in ids])
 
         self.joints = np.array([leg.joints for leg in legs])
+        self.by_kind = np.zeros((len(robot.joint_names), self.joints.shape[1]))
+        self.by_kind[self.joints, np.arange(self.joints.shape[1])] = 1.0
         self.mass = by_link(lambda joint: model.inertias[joint].mass)
         self.foot_radius = np.array([leg.foot_radius for leg in legs])
         placed = by_link(lambda joint: model.jointPlacements[joint].rotation)

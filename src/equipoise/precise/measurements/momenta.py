@@ -24,11 +24,13 @@ class Momenta:
         linear: (3, n) linear momentum [kg m/s].
         angular: (3, n) angular momentum about a point [kg m2/s].
         first: (3, n) first moment about that point [kg m].
+        mass: (n,) mass [kg].
     """
 
     linear: Traced
     angular: Traced
     first: Traced
+    mass: Traced
 
     @classmethod
     def about(
@@ -52,4 +54,5 @@ class Momenta:
             linear + contract(_ALL_LINKS, of_links, masses),
             angular + spins,
             first - mass * point + contract(_ALL_LINKS, arm, masses),
+            mass + contract("kl,kln->n", np.ones(legs.mass.T.shape), masses),
         )

@@ -11,6 +11,8 @@ Contact forces have no moment about l. Integrated, what is constant over a trial
 
 linear in the base's ten parameters and in a scale of each leg link's. The feet roll on the floor as spheres, which gives
 the base's velocity without an accelerometer. All derivatives of o and l are inertial ones written in base axes.
+
+What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry.
 """
 
 from __future__ import annotations
@@ -24,13 +26,16 @@ from scipy.integrate import cumulative_simpson, cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
 from equipoise.precise.measurements.leg_motion import LegChains, TracedPosture
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.momenta import BASE, Momenta
 from equipoise.precise.measurements.support_line import Feet, RollingLine, SupportLine
-from equipoise.precise.measurements.traced import Traced, contract, cross, dot, length, turned
+from equipoise.precise.measurements.traced import Traced, contract, cross, dot, length, tanh, turned
 from equipoise.precise.unknowns import TracedValues, Values, inputs_of
+
+_ROLLING = 0.03  # [rad/s] at which feet roll, and do not creep
 
 Derivatives = Mapping[str, FloatArray]
 """(rows, size) derivatives by each unknown, by its name, and by "inertial"."""
@@ -46,7 +51,16 @@ class TiltEquation:
         trials: slices of the rows, by trial.
     """
 
-    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", *GYRO, "clock_offset", "foot_radius", "floor_slope")
+    DEPENDS_ON = (
+        *DRIVE_TRAIN,
+        "imu_tilt",
+        "accelerometer_bias",
+        *GYRO,
+        "clock_offset",
+        "foot_radius",
+        "floor_slope",
+        "rolling",
+    )
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> None:
         self.legs = legs
@@ -61,7 +75,8 @@ class TiltEquation:
         self._samples = _Samples.of(legs, rotation_imu_to_base, lifts)
         self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
         middle = self._samples.at(np.array([(trial.start + trial.stop) // 2 for trial in self.trials]))
-        self._middle = replace(middle, joint_velocity=Traced.input(middle.joint_velocity.value))
+        velocity = Traced.input(middle.joints.velocity.value)
+        self._middle = replace(middle, joints=replace(middle.joints, velocity=velocity))
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
         """y(t) and the moment of inertia about the line.
@@ -108,7 +123,7 @@ class TiltEquation:
         At each trial's middle; with it, noise of the joint velocities becomes noise of y.
         """
         momentum, _ = self._middle.momentum_and_rate(self._inputs(values, inertial, self._middle))
-        (by_velocity,) = momentum.gradients(np.ones(self._middle.count), [self._middle.joint_velocity])
+        (by_velocity,) = momentum.gradients(np.ones(self._middle.count), [self._middle.joints.velocity])
         return np.sqrt((by_velocity**2).sum(axis=0))
 
     def _inputs(self, values: Values, inertial: FloatArray, samples: _Samples) -> TracedValues:
@@ -137,8 +152,7 @@ class _Samples:
 
     legs: LegChains
     rotation_imu_to_base: FloatArray
-    joint_position: FloatArray
-    joint_velocity: Traced
+    joints: JointReadings
     angular_velocity_in_imu: FloatArray
     angular_acceleration_in_imu: FloatArray
     rotation_from_rest: FloatArray
@@ -156,8 +170,10 @@ class _Samples:
         return cls(
             legs,
             rotation_imu_to_base,
-            joined("joint_position"),
-            Traced(joined("joint_velocity")),
+            JointReadings.of(
+                legs,
+                *(np.concatenate(parts) for parts in zip(*map(_joint_parts, lifts), strict=True)),
+            ),
             joined("angular_velocity_in_imu"),
             joined("angular_acceleration_in_imu"),
             joined("rotation_to_rest"),
@@ -175,8 +191,7 @@ class _Samples:
         return _Samples(
             self.legs,
             self.rotation_imu_to_base,
-            self.joint_position[:, places],
-            self.joint_velocity[:, places],
+            self.joints.at(places),
             self.angular_velocity_in_imu[:, places],
             self.angular_acceleration_in_imu[:, places],
             self.rotation_from_rest[..., places],
@@ -189,7 +204,7 @@ class _Samples:
         """(n,) l . L_o [kg m2/s], and its rate of change: the right side of the tilt equation [Nm]."""
         angular_velocity, up = self._turning_and_up(values)
         posture, to_centre = self._posture(values), self._to_centre(values, up)
-        motion = self.legs.traced_motion(posture, self.joint_velocity, angular_velocity)
+        motion = self.legs.traced_motion(posture, self.joints.link_velocity(values), angular_velocity)
         line = SupportLine.of(posture, self.feet, to_centre)
         rolling = RollingLine.of(line, motion, self.feet, to_centre)
         robot = Momenta.about(
@@ -199,13 +214,14 @@ class _Samples:
             GRAVITY * dot(cross(line.left, up), robot.first)
             - dot(line.left, cross(rolling.velocity, robot.linear))
             + dot(rolling.left_rate, robot.angular)
+            - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
         )
         return dot(line.left, robot.angular), rate
 
     def inertia_about_line(self, values: TracedValues) -> Traced:
         """(n,) l . I_o l: the momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked."""
         _, up = self._turning_and_up(values)
-        posture, still = self._posture(values), Traced(np.zeros(self.joint_position.shape))
+        posture, still = self._posture(values), Traced(np.zeros(self.joints.position.shape))
         line = SupportLine.of(posture, self.feet, self._to_centre(values, up))
         turning = self.legs.traced_motion(posture, still, line.left)
         robot = Momenta.about(
@@ -213,8 +229,13 @@ class _Samples:
         )
         return dot(line.left, robot.angular)
 
+    def _resistance_arm(self, values: TracedValues, rolling: RollingLine) -> Traced:
+        """(n,) length behind its weight at which the floor carries the robot: half of it on each rolling foot [m]."""
+        left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
+        return 0.5 * values["rolling"][0] * (left + right)
+
     def _posture(self, values: TracedValues) -> TracedPosture:
-        return self.legs.traced_posture(self.joint_position - values["joint_zero"])
+        return self.legs.traced_posture(self.joints.link_position(values))
 
     def _turning_and_up(self, values: TracedValues) -> tuple[Traced, Traced]:
         """(3, n) angular velocity and direction against gravity, in base axes."""
@@ -243,3 +264,11 @@ def _turns(lift: LiftSamples) -> FloatArray:
     rate = np.einsum("nij,nk->ijkn", lift.rotation_to_rest, lift.angular_velocity_in_imu)
     before = turns_of(Rotation.from_matrix(lift.rotation_to_rest[0]))
     return before[..., None] + cumulative_trapezoid(rate, dx=lift.step, axis=-1, initial=0)
+
+
+def _joint_parts(lift: LiftSamples) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Positions, velocities, torques and their rates of change."""
+    none = np.zeros_like(lift.joint_position)
+    torque = none if lift.joint_torque is None else lift.joint_torque
+    rate = none if lift.joint_torque_rate is None else lift.joint_torque_rate
+    return lift.joint_position, lift.joint_velocity, torque, rate

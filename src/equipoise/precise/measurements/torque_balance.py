@@ -17,10 +17,11 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.precise.measurements.imu_frame import mounting
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
-from equipoise.precise.unknowns import Values
+from equipoise.precise.unknowns import Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel
@@ -134,7 +135,8 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
         - np.cross(angular_acceleration_in_base, arm)
         - np.cross(angular_velocity_in_base, np.cross(angular_velocity_in_base, arm))
     )
-    position = samples.joint_position - values["joint_zero"]
+    joints = JointReadings.of(LegChains(robot), samples.joint_position, torque=samples.joint_torque)
+    position = joints.link_position(inputs_of(values, DRIVE_TRAIN, len(sensed))).value.T
     velocity = np.hstack([np.zeros_like(sensed), angular_velocity_in_base, samples.joint_velocity])
     acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
     regressor, twists = _regressors_and_twists(robot, position, velocity, acceleration)
