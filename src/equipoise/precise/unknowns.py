@@ -71,6 +71,20 @@ def _kinds(robot: RobotModel) -> tuple[str, ...]:
 
 ROBOT = Each("robot", lambda robot: ("",))
 JOINT = Each("joint", lambda robot: tuple(robot.joint_names))
+LEG = Each("leg", lambda robot: tuple(robot.legs))
+LENGTH = Each(
+    "thigh and calf", lambda robot: tuple(f"{leg} {link}" for leg in robot.legs for link in ("thigh", "calf"))
+)
+LENGTH_KIND = _named("thighs", "calves")
+HIP_AXIS = Each("leg and axis", lambda robot: tuple(f"{leg} {axis}" for leg in robot.legs for axis in "xyz"))
+LINK_AXIS = Each(
+    "leg link and direction",
+    lambda robot: tuple(f"{name}, {axis}" for name in _link_joints(robot) for axis in ("down", "forward", "across")),
+)
+KIND_AXIS = Each(
+    "kind of link and direction",
+    lambda robot: tuple(f"{kind}, {axis}" for kind in _kinds(robot) for axis in ("down", "forward")),
+)
 LEG_LINK = Each("leg link, by the joint that moves it", _link_joints)
 JOINT_KIND = Each("kind of joint: hip, thigh, calf", _kinds)
 AXIS = _named("x", "y", "z")
@@ -160,8 +174,21 @@ class Priors:
     first_moment: float = 0.3
     inertia: float = 2.0
     leg_mass: float = unknown(
-        0.03, "mass, first moment and inertia of a leg link over the model's, less one", "", LEG_LINK, _REALISTIC,
+        0.05, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
+        "assumed: screws, cables, motors' spread; the simulation's `realistic` legs have 3 %",
         label="mass of the link that {each} moves",
+    )  # fmt: skip
+    leg_mass_common: float = unknown(
+        0.1, "the same of all leg links in common", "", ROBOT, "assumed: files of the same robot differ by that much",
+        label="mass of all leg links",
+    )  # fmt: skip
+    link_com: float = unknown(
+        0.011, "CoM of a leg link less the model's, beside the common part: down the link, forward, along the joint's axis",
+        "m", LINK_AXIS, "assumed: CAD without cables; 3 mm on an A1", measure=HIP_HEIGHT, label="CoM of the link of {each}",
+    )  # fmt: skip
+    link_com_common: float = unknown(
+        0.015, "the same of all links of one kind in common: down the link, forward", "m", KIND_AXIS,
+        "assumed: CAD without cables; 4 mm on an A1", measure=HIP_HEIGHT, label="CoM of all links of one kind, {each}",
     )  # fmt: skip
     joint_zero: float = unknown(
         5e-3, "encoder reading less joint position", "rad", JOINT, _REALISTIC,
@@ -220,6 +247,29 @@ class Priors:
         "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
         judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
+    )  # fmt: skip
+    foot_radius_each: float = unknown(
+        0.05, "the same of each foot, beside the common part", "", LEG, "assumed: 1 mm on an A1; worn feet",
+        label="foot radius of {each}",
+    )  # fmt: skip
+    link_length: float = unknown(
+        0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,
+        "0.7 mm on an A1: tolerances",
+        measure=HIP_HEIGHT, label="length of {each}",
+    )  # fmt: skip
+    link_length_common: float = unknown(
+        0.0037, "the same of all thighs, and of all calves, in common", "m", LENGTH_KIND, "assumed: 1 mm on an A1; worn feet",
+        measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0, notable=2e-3,
+        advice="the {each} are longer than the model's by {value:+.1f} mm (sd {deviation:.1f})",
+    )  # fmt: skip
+    hip_position: float = unknown(
+        0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
+        "0.7 mm on an A1: tolerances",
+        measure=HIP_HEIGHT, label="hip position {each}",
+    )  # fmt: skip
+    pull: float = unknown(
+        0.01, "constant horizontal force on the base, forward and to its left: a cable", "N", _named("forward", "left"),
+        "no cable; half a metre of Ethernet pulls with 0.2 N", measure=A1_TORQUE, label="pull {each}", drift=None,
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance", "rad", _named("x", "y"), _REALISTIC,

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
-from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
 from equipoise.precise.measurements.leg_motion import cross as cross_of_rows
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
 from equipoise.precise.measurements.traced import Traced, contract, cross, length, stacked, turned
@@ -97,7 +97,10 @@ class PlantedRows:
         footholds: (4, 3) places of the feet relative to their mean at the nominal stance, in base axes [m].
     """
 
-    DEPENDS_ON = (*DRIVE_TRAIN, "imu_tilt", "accelerometer_bias", *GYRO, "foot_radius", "floor_slope", "floor_warp")
+    DEPENDS_ON = (
+        *DRIVE_TRAIN, "imu_tilt", "accelerometer_bias", *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "floor_slope",
+        "floor_warp",
+    )  # fmt: skip
 
     def __init__(
         self, legs: LegChains, rotation_imu_to_base: FloatArray, stance: Stance, moves: Sequence[PlantedMove]
@@ -148,14 +151,19 @@ class PlantedRows:
         heights: list[Traced] = []
         for rest in (0, 1):
             joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
-            feet.append(self.legs.traced_posture(joints.link_position(values)).foot)
+            feet.append(self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot)
             gravity = turned(rotation, np.tile(self._acceleration[rest], copies) - values["accelerometer_bias"])
             above = contract("il...,i...->l...", feet[rest], gravity / length(gravity))
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
         off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)))
         after = contract("ij...,jl...->il...", turn, feet[1])
-        moved = after - cross(off[:, None], after) - feet[0] - (1.0 + values["foot_radius"]) * rolled
+        moved = (
+            after
+            - cross(off[:, None], after)
+            - feet[0]
+            - (1.0 + values["foot_radius"] + values["foot_radius_each"]) * rolled
+        )
         moved = contract("lm,im...->il...", _CENTRED, moved)
         return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)
 

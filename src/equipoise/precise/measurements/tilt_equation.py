@@ -9,10 +9,11 @@ Contact forces have no moment about l. Integrated, what is constant over a trial
 
     y(t) = l . L_o(t) - integral of the right side,
 
-linear in the base's ten parameters and in a scale of each leg link's. The feet roll on the floor as spheres, which gives
+linear in the inertial parameters of base and links. The feet roll on the floor as spheres, which gives
 the base's velocity without an accelerometer. All derivatives of o and l are inertial ones written in base axes.
 
-What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry.
+What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry,
+and a cable pulls at the base.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
-from equipoise.precise.measurements.leg_motion import LegChains, TracedPosture
+from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape, TracedPosture
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.momenta import BASE, Momenta
 from equipoise.precise.measurements.support_line import Feet, RollingLine, SupportLine
@@ -44,7 +45,7 @@ Derivatives = Mapping[str, FloatArray]
 class TiltEquation:
     """y(t) of a set of trials, at any values of what it depends on.
 
-    The inertial parameters are the base's (Pinocchio's order, about the base's origin), then a factor on each leg link's.
+    The inertial parameters are those of `momenta`.
 
     Attributes:
         DEPENDS_ON: names of the unknowns beside the inertial parameters.
@@ -57,7 +58,10 @@ class TiltEquation:
         "accelerometer_bias",
         *GYRO,
         "clock_offset",
+        *LEG_SHAPE,
         "foot_radius",
+        "foot_radius_each",
+        "pull",
         "floor_slope",
         "rolling",
     )
@@ -113,8 +117,8 @@ class TiltEquation:
         )
 
     def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
-        """What both are linear in the inertial parameters by: (n, 10 + links) columns, and (trials, 10 + links) ones."""
-        _, _, by_y, by_inertia = self.linearise(values, np.zeros(BASE + self.legs.links), names=())
+        """What both are linear in the inertial parameters by: (n, 10 + 4 links) columns, (trials, 10 + 4 links) ones."""
+        _, _, by_y, by_inertia = self.linearise(values, np.zeros(BASE + 4 * self.legs.links), names=())
         return by_y["inertial"], by_inertia["inertial"]
 
     def velocity_sensitivity(self, values: Values, inertial: FloatArray) -> FloatArray:
@@ -215,6 +219,7 @@ class _Samples:
             - dot(line.left, cross(rolling.velocity, robot.linear))
             + dot(rolling.left_rate, robot.angular)
             - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
+            - dot(line.left, cross(line.point, self._pull(values, up))) * (robot.mass * (1 / self.legs.robot_mass))
         )
         return dot(line.left, robot.angular), rate
 
@@ -234,8 +239,14 @@ class _Samples:
         left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
         return 0.5 * values["rolling"][0] * (left + right)
 
+    def _pull(self, values: TracedValues, up: Traced) -> Traced:
+        """(3, n) constant horizontal force on the base's origin, forward and to its left, in base axes [N]."""
+        forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
+        forward = forward / length(forward)
+        return values["pull"][0] * forward + values["pull"][1] * cross(up, forward)
+
     def _posture(self, values: TracedValues) -> TracedPosture:
-        return self.legs.traced_posture(self.joints.link_position(values))
+        return self.legs.traced_posture(self.joints.link_position(values), LegShape.of(self.legs, values))
 
     def _turning_and_up(self, values: TracedValues) -> tuple[Traced, Traced]:
         """(3, n) angular velocity and direction against gravity, in base axes."""
@@ -255,7 +266,7 @@ class _Samples:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
         normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], values["floor_slope"])
         normal = normal / length(normal)
-        radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"])
+        radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
 
 
