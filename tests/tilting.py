@@ -48,7 +48,9 @@ def lift_samples(robot, diagonal, position, velocity, turning, **changes):
     )
 
 
-def pendulum(robot, joint_position, diagonal, up, rate=0.2, radius=None, duration=0.3, late=0.0, step=0.005):
+def pendulum(
+    robot, joint_position, diagonal, up, rate=0.2, radius=None, duration=0.3, late=0.0, step=0.005, resistance=0.0
+):
     """A lift trial of a robot with locked joints that topples about its line, its two feet rolling as one cylinder.
 
     Lagrange's equation with the tilt as the only coordinate. Nothing of it is how the estimator does it: forces are
@@ -59,6 +61,7 @@ def pendulum(robot, joint_position, diagonal, up, rate=0.2, radius=None, duratio
         rate: about the line at the start, where the robot leans as at rest [rad/s].
         radius: of the feet; default the robot's [m].
         late: by how much IMU samples are younger than the joints' [s].
+        resistance: by which length behind its weight the feet carry the rolling robot [m].
     """
     data, model = robot.pinocchio.createData(), robot.pinocchio
     pin.framesForwardKinematics(model, data, robot.configuration(joint_position))
@@ -78,7 +81,7 @@ def pendulum(robot, joint_position, diagonal, up, rate=0.2, radius=None, duratio
     def acceleration(angle, speed):
         height, ahead = over(angle)
         inertia = about_com + body.mass * ((radius + height) ** 2 + ahead**2)
-        return body.mass * ahead * (GRAVITY + radius * speed**2) / inertia
+        return body.mass * (ahead * (GRAVITY + radius * speed**2) - resistance * GRAVITY) / inertia
 
     time = step * np.arange(round(duration / step) + 1)
     whole = solve_ivp(

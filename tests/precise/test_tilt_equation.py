@@ -31,8 +31,8 @@ def robot(request):
 
 def parameters(robot):
     """Of the tilt equation, by the model."""
-    vector = base_parameters(robot).to_pinocchio().toDynamicParameters()
-    return np.concatenate([vector, np.ones(len(robot.joint_names))])
+    vector, links = base_parameters(robot).to_pinocchio().toDynamicParameters(), len(robot.joint_names)
+    return np.concatenate([vector, np.ones(links), np.zeros(3 * links)])
 
 
 def equation_of(robot, *lifts):
@@ -111,15 +111,23 @@ class Moving:
 
 
 def with_other_links(robot, generator):
-    """The robot with another base and other leg masses, and its parameters; the chains' own masses stay the model's."""
+    """The robot with another base, other leg masses and CoMs, and its parameters; the chains' own stay the model's."""
     factors = generator.uniform(0.5, 1.5, len(robot.joint_names))
     base = pin.Inertia(generator.uniform(3, 9), 0.1 * generator.standard_normal(3), pin.Inertia.Random().inertia)
     other = robot.with_base(base)
     joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
-    for joint, factor in zip(joints, factors, strict=True):
+    moments = 3e-3 * generator.standard_normal((len(joints), 3))
+    for joint, factor, moment in zip(joints, factors, moments, strict=True):
         link = robot.pinocchio.inertias[joint]
-        other.pinocchio.inertias[joint] = pin.Inertia(link.mass * factor, link.lever, link.inertia * factor)
-    return other, np.concatenate([base.toDynamicParameters(), factors])
+        apart = [point_mass(link.lever + sign * moment / 2) for sign in (1, -1)]
+        vector = factor * link.toDynamicParameters() + apart[0] - apart[1]
+        other.pinocchio.inertias[joint] = pin.Inertia.FromDynamicParameters(vector)
+    return other, np.concatenate([base.toDynamicParameters(), factors, moments.ravel()])
+
+
+def point_mass(place):
+    """Of one kilogram: two of them, of which one is taken off, are a first moment."""
+    return pin.Inertia(1.0, place, np.zeros((3, 3))).toDynamicParameters()
 
 
 @pytest.mark.parametrize("diagonal", DIAGONALS)
@@ -155,7 +163,7 @@ def test_the_inertia_about_the_line_is_the_composites_with_its_parallel_axis(rob
     moving, body = Moving(robot, diagonal, state), composite_parameters(robot, state[0])
     arm = np.cross(moving.left, body.com - moving.point)
     expected = moving.left @ body.inertia @ moving.left + body.mass * arm @ arm
-    assert inertia.shape == (1, 10 + len(robot.joint_names))
+    assert inertia.shape == (1, 10 + 4 * len(robot.joint_names))
     assert inertia[0] @ parameters(robot) == pytest.approx(expected, rel=1e-9)
 
 
@@ -221,6 +229,12 @@ def test_y_is_constant_on_feet_of_no_size_too_and_the_size_tells(a1):
     without = toppling(a1, radius=0.0)
     assert residual(a1, without, biases=nothing_wrong(a1) | {"foot_radius": np.array([-1.0])}) < 1e-6
     assert residual(a1, without) > 1e-3
+
+
+def test_y_is_constant_on_feet_that_resist_rolling_and_the_resistance_tells(a1):
+    resisted = toppling(a1, resistance=1e-3)
+    assert residual(a1, resisted, biases=nothing_wrong(a1) | {"rolling": np.array([1e-3])}) < 1e-5
+    assert residual(a1, resisted) > 1e-3
 
 
 def test_y_is_constant_for_legs_of_two_joints(two_jointed):

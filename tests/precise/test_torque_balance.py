@@ -31,8 +31,9 @@ def nothing_wrong(robot):
 def balance(robot, rows, torque, factors=None):
     """What is left: (n, r)."""
     base = base_parameters(robot).to_pinocchio().toDynamicParameters()
-    factors = np.ones(rows.links.shape[2]) if factors is None else factors
-    return rows.base @ base + rows.links @ factors - np.einsum("nrj,nj->nr", rows.torque, torque)
+    count = rows.links.shape[2] // 4
+    links = np.concatenate([np.ones(count) if factors is None else factors, np.zeros(3 * count)])
+    return rows.base @ base + rows.links @ links - np.einsum("nrj,nj->nr", rows.torque, torque)
 
 
 @pytest.mark.parametrize("still", [True, False])

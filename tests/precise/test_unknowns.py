@@ -10,6 +10,7 @@ from equipoise.precise import posterior as posterior_module
 from equipoise.precise.checks import judge
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.momenta import model_parameters
 from equipoise.precise.measurements.planted_moves import PlantedRows
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.posterior import estimate_posterior
@@ -17,7 +18,6 @@ from equipoise.precise.residual_blocks import BLOCKS, ResidualBlock
 from equipoise.precise.two_runs import estimate_two_runs
 from equipoise.precise.unknowns import AXIS, Priors, by_the_model, finding_names, unknown
 from equipoise.report.contents import run_contents
-from equipoise.robot.inertial import base_parameters
 
 # A second accelerometer, which on a bench read more than the first by this [m/s2].
 MORE, BENCH = np.array([0.4, 0.0, -0.1]), 1e-3
@@ -118,8 +118,7 @@ def test_equations_depend_on_what_they_say(a1, precise_run, few):
     legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), by_the_model(a1)
     lifts = [motion.lift for motion in few.motions if motion.lift is not None]
     moves = [motion.move for motion in few.motions if motion.move is not None]
-    inertial = np.concatenate([base_parameters(a1).vector, np.ones(legs.links)])
-    _, _, by_y, _ = TiltEquation(legs, rotation, lifts).linearise(values, inertial)
+    _, _, by_y, _ = TiltEquation(legs, rotation, lifts).linearise(values, model_parameters(a1))
     _, by_rows = PlantedRows(legs, rotation, precise_run.stance, moves).linearise(values)
     for equation, by in ((TiltEquation, by_y), (PlantedRows, by_rows)):
         assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)

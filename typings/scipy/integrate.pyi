@@ -5,5 +5,10 @@ def cumulative_simpson(
     y: NDArray[np.float64], *, dx: float, axis: int = -1, initial: float | None = None
 ) -> NDArray[np.float64]: ...
 def cumulative_trapezoid(
-    y: NDArray[np.float64], x: NDArray[np.float64], *, axis: int = -1, initial: float | None = None
+    y: NDArray[np.float64],
+    x: NDArray[np.float64] | None = None,
+    dx: float = 1.0,
+    *,
+    axis: int = -1,
+    initial: float | None = None,
 ) -> NDArray[np.float64]: ...

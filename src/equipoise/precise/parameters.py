@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.momenta import model_parameters
 from equipoise.precise.unknowns import A1_TORQUE, Priors, Unknown, Values
-from equipoise.robot.inertial import InertialParameters, base_parameters
+from equipoise.robot.inertial import InertialParameters, base_parameters, moment_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+
+LINKS = ("leg_mass", "leg_mass_common", "link_com", "link_com_common")
+INERTIAL = ("base", *LINKS)
+"""Unknowns that the inertial parameters are made of."""
 
 
 class Unknowns:
@@ -38,6 +45,8 @@ class Unknowns:
             self.scale = np.concatenate([self.scale, own])
         self.size = len(self.scale)
         self.tabled = slice(10, self.size)
+        self._links = self.columns(*LINKS)
+        self._of_links, self._model_links = _by_values(LegChains(robot)), model_parameters(robot)[10:]
         self._joined, self._above_knees = _joined_bodies(robot, stance)
         self.model_base = base_parameters(robot)
         self.model_base_vector = self.model_base.vector
@@ -70,15 +79,15 @@ class Unknowns:
         return {row.name: scaled[self[row.name]] for row in self.rows}
 
     def inertial(self, x: FloatArray) -> FloatArray:
-        """(10 + links,) the base's parameters (Pinocchio's order, about its origin) and factors on the leg links."""
-        return np.concatenate([base_vector(x[self["base"]]), 1 + self.value(x, "leg_mass")])
+        """(10 + 4 links,) inertial parameters as of `momenta`."""
+        links = self._of_links @ (x * self.scale)[self._links]
+        return np.concatenate([base_vector(x[self["base"]]), self._model_links + links])
 
     def inertial_jacobian(self, x: FloatArray) -> FloatArray:
-        """(10 + links, size) derivative of `inertial`."""
-        links = self["leg_mass"]
-        jacobian = np.zeros((10 + links.stop - links.start, self.size))
+        """(10 + 4 links, size) derivative of `inertial`."""
+        jacobian = np.zeros((10 + len(self._model_links), self.size))
         jacobian[:10, self["base"]] = pin.LogCholeskyParameters(x[self["base"]]).calculateJacobian()
-        jacobian[10:, links] = np.diag(self.scale[links])
+        jacobian[10:, self._links] = self._of_links * self.scale[self._links]
         return jacobian
 
     def base_body(self, x: FloatArray) -> InertialParameters:
@@ -94,18 +103,34 @@ class Unknowns:
         return InertialParameters.from_vector(self.inertial(x) @ (self._joined * self._above_knees))
 
 
+def _by_values(legs: LegChains) -> FloatArray:
+    """(4 links, unknowns) derivative of the links' inertial parameters by the values of LINKS, in that order."""
+    links, kinds = legs.links, legs.mass.shape[1]
+    kind = np.tile(np.eye(kinds), (4, 1))
+    # A CoM off by d is a first moment m d, in the link's frame.
+    moments = legs.mass.reshape(-1, 1, 1) * legs.axes.reshape(-1, 3, 3)
+    each = np.einsum("lij,lm->limj", moments, np.eye(links)).reshape(3 * links, -1)
+    common = np.einsum("lij,lk->likj", moments[:, :, :2], kind).reshape(3 * links, -1)
+    return np.asarray(
+        block_diag(np.hstack([np.eye(links), np.ones((links, 1))]), np.hstack([each, common])), dtype=float
+    )
+
+
 def _joined_bodies(robot: RobotModel, stance: Stance) -> tuple[FloatArray, FloatArray]:
     """What the inertial parameters of `Unknowns.inertial` add up to, frozen at a stance.
 
     Returns:
-        (10 + links, 10) parameters in the base frame, about its origin, of the base and of each leg link;
-        (10 + links, 1) one for what is not below a knee, else zero.
+        (10 + 4 links, 10) parameters in the base frame, about its origin, of the base, each leg link and each moment;
+        (10 + 4 links, 1) one for what is not below a knee, else zero.
     """
     poses = Kinematics(robot).joint_poses(stance.joint_position)
     joints = [(leg, joint) for leg in robot.legs.values() for joint in leg.joint_ids]
-    links = [poses[joint].act(robot.pinocchio.inertias[joint]).toDynamicParameters() for _, joint in joints]
+    bodies = [poses[joint].act(robot.pinocchio.inertias[joint]) for _, joint in joints]
+    turns = [poses[joint].rotation for _, joint in joints]
+    moments = [(moment_parameters(body.lever) @ turn).T for body, turn in zip(bodies, turns, strict=True)]
     above = [float(joint != leg.joint_ids[-1]) for leg, joint in joints]
-    return np.concatenate([np.eye(10), links]), np.concatenate([np.ones(10), above])[:, None]
+    joined = np.concatenate([np.eye(10), [body.toDynamicParameters() for body in bodies], *moments])
+    return joined, np.concatenate([np.ones(10), above, np.repeat(above, 3)])[:, None]
 
 
 def log_cholesky(body: InertialParameters) -> FloatArray:

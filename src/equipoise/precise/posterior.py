@@ -22,7 +22,7 @@ from equipoise.errors import RecordingError
 from equipoise.precise.gauss_newton import NormalEquations, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import Unknowns
+from equipoise.precise.parameters import INERTIAL, Unknowns
 from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, TiltBlock, TorqueBlock
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
@@ -202,7 +202,7 @@ def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray]
         body: one of `unknowns.robot_body`, `base_body` and `stance_effective_body`.
     """
     jacobian = np.zeros((len(COMPONENTS), unknowns.size))
-    for index in unknowns.columns("base", "leg_mass"):
+    for index in unknowns.columns(*INERTIAL):
         ahead, behind = x.copy(), x.copy()
         ahead[index] += 1e-5
         behind[index] -= 1e-5
@@ -244,6 +244,6 @@ def body_prior_rows(
 
 def total_mass(unknowns: Unknowns, x: FloatArray) -> tuple[float, FloatArray]:
     """The robot's mass [kg], and its (size,) derivative."""
-    leg_mass = LegChains(unknowns.robot).mass.ravel()
-    inertial, jacobian = unknowns.inertial(x), unknowns.inertial_jacobian(x)
-    return float(inertial[0] + leg_mass @ inertial[10:]), jacobian[0] + leg_mass @ jacobian[10:]
+    of_links = LegChains(unknowns.robot).mass.ravel()
+    masses = np.concatenate([np.eye(10)[0], of_links, np.zeros(3 * len(of_links))])
+    return float(masses @ unknowns.inertial(x)), masses @ unknowns.inertial_jacobian(x)

@@ -21,9 +21,8 @@ from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.planted_moves import PlantedMove, PlantedRows
 from equipoise.precise.measurements.tilt_equation import Derivatives, TiltEquation
 from equipoise.precise.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
-from equipoise.precise.parameters import Unknowns
+from equipoise.precise.parameters import INERTIAL, Unknowns
 
-_INERTIAL = ("base", "leg_mass")  # what `Unknowns.inertial` is made of
 _OUTLIER = 3.0  # times the median misfit
 _FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
 _MANY = 1e6  # weight's inverse of what is left out
@@ -73,9 +72,9 @@ class ResidualBlock(ABC):
     def _by_unknowns(self, x: FloatArray, by: Derivatives) -> FloatArray:
         """(..., len(columns)) derivatives by the unknowns, of those by their values and by "inertial"."""
         unknowns = self.unknowns
-        parts = [by[name] * unknowns.scale[unknowns[name]] for name in self.depends_on if name not in _INERTIAL]
+        parts = [by[name] * unknowns.scale[unknowns[name]] for name in self.depends_on if name not in INERTIAL]
         if "inertial" in by:
-            parts.insert(0, by["inertial"] @ unknowns.inertial_jacobian(x)[:, unknowns.columns(*_INERTIAL)])
+            parts.insert(0, by["inertial"] @ unknowns.inertial_jacobian(x)[:, unknowns.columns(*INERTIAL)])
         return np.concatenate(parts, axis=-1)
 
     def prepare(self, x: FloatArray) -> None:  # noqa: B027
@@ -138,7 +137,7 @@ class _MotionBlock(ResidualBlock):
 class TiltBlock(_MotionBlock):
     """Rows of the tilt equation of all lifts, whitened."""
 
-    depends_on = (*_INERTIAL, *TiltEquation.DEPENDS_ON)
+    depends_on = (*INERTIAL, *TiltEquation.DEPENDS_ON)
 
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, lifts: Sequence[tuple[int, LiftSamples]]
@@ -275,7 +274,7 @@ class TorqueBlock(ResidualBlock):
     """
 
     actuators = ("torque_gain", "coulomb", "viscous", "armature")
-    depends_on = (*_INERTIAL, *actuators)
+    depends_on = (*INERTIAL, *actuators)
 
     def __init__(self, unknowns: Unknowns, torques: Sequence[tuple[int, TorqueSamples]]) -> None:
         super().__init__(unknowns, [])
@@ -359,10 +358,10 @@ class TorqueBlock(ResidualBlock):
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         unknowns, gain, residual = self.unknowns, self._mean_gain(x), self.residual(x)
-        inertial_columns = unknowns.inertial_jacobian(x)[:, unknowns.columns(*_INERTIAL)]
-        count = len(inertial_columns)
-        jacobian = self._matrix * unknowns.scale[self.columns]
-        jacobian[:, :count] = self._matrix[:, :count] @ inertial_columns
+        inertial_columns = unknowns.inertial_jacobian(x)[:, unknowns.columns(*INERTIAL)]
+        of_bodies, of_actuators = np.split(self._matrix, [len(inertial_columns)], axis=1)
+        scale = unknowns.scale[unknowns.columns(*self.actuators)]
+        jacobian = np.hstack([of_bodies @ inertial_columns, of_actuators * scale])
         gains = np.isin(self.columns, unknowns.columns("torque_gain"))
         jacobian[:, gains] -= np.outer(residual, unknowns.scale[self.columns[gains]] / gains.sum())
         return residual, jacobian / gain

@@ -65,13 +65,33 @@ def _link_joints(robot: RobotModel) -> tuple[str, ...]:
     return tuple(robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints)
 
 
+def _kinds(robot: RobotModel) -> tuple[str, ...]:
+    return ("hip", "thigh", "calf")[-robot.leg_joints.shape[1] :]
+
+
 ROBOT = Each("robot", lambda robot: ("",))
 JOINT = Each("joint", lambda robot: tuple(robot.joint_names))
+LEG = Each("leg", lambda robot: tuple(robot.legs))
+LENGTH = Each(
+    "thigh and calf", lambda robot: tuple(f"{leg} {link}" for leg in robot.legs for link in ("thigh", "calf"))
+)
+LENGTH_KIND = _named("thighs", "calves")
+HIP_AXIS = Each("leg and axis", lambda robot: tuple(f"{leg} {axis}" for leg in robot.legs for axis in "xyz"))
+LINK_AXIS = Each(
+    "leg link and direction",
+    lambda robot: tuple(f"{name}, {axis}" for name in _link_joints(robot) for axis in ("down", "forward", "across")),
+)
+KIND_AXIS = Each(
+    "kind of link and direction",
+    lambda robot: tuple(f"{kind}, {axis}" for kind in _kinds(robot) for axis in ("down", "forward")),
+)
 LEG_LINK = Each("leg link, by the joint that moves it", _link_joints)
+JOINT_KIND = Each("kind of joint: hip, thigh, calf", _kinds)
 AXIS = _named("x", "y", "z")
 
 ITSELF = Measure("", lambda robot, stance: 1.0)
 HIP_HEIGHT = Measure("hip height", lambda robot, stance: stance.hip_height)
+PER_A1_TORQUE = Measure("an A1's m g h over m g h", lambda robot, stance: 1.0 / stance.scale.torque)
 A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
 
 
@@ -154,13 +174,38 @@ class Priors:
     first_moment: float = 0.3
     inertia: float = 2.0
     leg_mass: float = unknown(
-        0.03, "mass, first moment and inertia of a leg link over the model's, less one", "", LEG_LINK, _REALISTIC,
+        0.05, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
+        "assumed: screws, cables, motors' spread; the simulation's `realistic` legs have 3 %",
         label="mass of the link that {each} moves",
+    )  # fmt: skip
+    leg_mass_common: float = unknown(
+        0.1, "the same of all leg links in common", "", ROBOT, "assumed: files of the same robot differ by that much",
+        label="mass of all leg links",
+    )  # fmt: skip
+    link_com: float = unknown(
+        0.011, "CoM of a leg link less the model's, beside the common part: down the link, forward, along the joint's axis",
+        "m", LINK_AXIS, "assumed: CAD without cables; 3 mm on an A1", measure=HIP_HEIGHT, label="CoM of the link of {each}",
+    )  # fmt: skip
+    link_com_common: float = unknown(
+        0.015, "the same of all links of one kind in common: down the link, forward", "m", KIND_AXIS,
+        "assumed: CAD without cables; 4 mm on an A1", measure=HIP_HEIGHT, label="CoM of all links of one kind, {each}",
     )  # fmt: skip
     joint_zero: float = unknown(
         5e-3, "encoder reading less joint position", "rad", JOINT, _REALISTIC,
         label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3,
         advice="{each}: the encoder's zero is off by {value:+.2f} deg (sd {deviation:.2f})",
+    )  # fmt: skip
+    compliance: float = unknown(
+        5e-4, "angle by which a link of one kind lags behind its encoder, over the joint's torque", "rad/Nm", JOINT_KIND,
+        "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", measure=PER_A1_TORQUE,
+        label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, notable=2e-4, judged=False,
+        advice="the {each} joints give by {value:.2f} mrad per Nm (sd {deviation:.2f})",
+    )  # fmt: skip
+    play: float = unknown(
+        2e-3, "angle that a joint of one kind is free to turn in its gear", "rad", JOINT_KIND,
+        "data sheets of gears: 0.05 to 0.25 deg", label="play of the {each} joints", finding="{each} play",
+        shown=_DEGREES, notable=2e-3, judged=False,
+        advice="the {each} joints have a play of {value:.2f} deg (sd {deviation:.2f})",
     )  # fmt: skip
     imu_tilt: float = unknown(
         6e-3, "rotation vector of the IMU in the frame where it should be", "rad", _named("roll", "pitch", "yaw"),
@@ -173,6 +218,18 @@ class Priors:
         label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
         advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
     )  # fmt: skip
+    gyro_gain: float = unknown(
+        0.01, "angular velocity read less the true one along each axis, over what is read", "", AXIS,
+        "data sheets of MEMS gyroscopes: 1 to 3 % as they come, 0.3 to 1 % calibrated",
+        label="gyroscope gain {each}", finding="gyroscope gain {each}", notable=0.02, drift=0.1,
+        advice="the gyroscope's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
+    )  # fmt: skip
+    gyro_misalignment: float = unknown(
+        6e-3, "angular velocity about one axis that another axis reads, over itself", "rad",
+        _named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
+        "assumed; data sheets: 2 mrad between the axes, 5 mrad against the accelerometer",
+        label="gyroscope misalignment, {each}", drift=0.1,
+    )  # fmt: skip
     clock_offset: float = unknown(
         1e-3, "time by which an IMU sample is younger than a joint sample of the same stamp", "s", ROBOT,
         "assumed; a sample of a 500 Hz bus is up to 2 ms old",
@@ -184,6 +241,35 @@ class Priors:
         0.02, "radius of all feet over the model's, less one", "", ROBOT, "assumed; rubber wears and gives",
         label="foot radius", finding="foot radius", notable=0.03,
         advice="the feet roll as if their radius were {value:+.1%} off the model's",
+    )  # fmt: skip
+    rolling: float = unknown(
+        4e-3, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
+        "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
+        label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
+        judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
+    )  # fmt: skip
+    foot_radius_each: float = unknown(
+        0.05, "the same of each foot, beside the common part", "", LEG, "assumed: 1 mm on an A1; worn feet",
+        label="foot radius of {each}",
+    )  # fmt: skip
+    link_length: float = unknown(
+        0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,
+        "0.7 mm on an A1: tolerances",
+        measure=HIP_HEIGHT, label="length of {each}",
+    )  # fmt: skip
+    link_length_common: float = unknown(
+        0.0037, "the same of all thighs, and of all calves, in common", "m", LENGTH_KIND, "assumed: 1 mm on an A1; worn feet",
+        measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0, notable=2e-3,
+        advice="the {each} are longer than the model's by {value:+.1f} mm (sd {deviation:.1f})",
+    )  # fmt: skip
+    hip_position: float = unknown(
+        0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
+        "0.7 mm on an A1: tolerances",
+        measure=HIP_HEIGHT, label="hip position {each}",
+    )  # fmt: skip
+    pull: float = unknown(
+        0.01, "constant horizontal force on the base, forward and to its left: a cable", "N", _named("forward", "left"),
+        "no cable; half a metre of Ethernet pulls with 0.2 N", measure=A1_TORQUE, label="pull {each}", drift=None,
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance", "rad", _named("x", "y"), _REALISTIC,

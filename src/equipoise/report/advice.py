@@ -8,11 +8,10 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError
-from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.method import Precise
 from equipoise.precise.plan import Plan, Visit, make_plan
 from equipoise.precise.planning.candidates import Candidates, describe
-from equipoise.precise.posterior import Posterior, body_jacobian
+from equipoise.precise.posterior import Posterior, body_jacobian, total_mass
 from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.routine import plan_ahead
 from equipoise.report.blocks import Block, items, table, text
@@ -82,8 +81,7 @@ def outlook(result: Calibration, robot: RobotModel, posterior: Posterior) -> Out
 def _scale_information(posterior: Posterior, robot: RobotModel) -> FloatArray:
     """What weighing the robot to half a percent tells."""
     unknowns = posterior.unknowns
-    jacobian = unknowns.inertial_jacobian(posterior.x)
-    row = jacobian[0] + LegChains(robot).mass.ravel() @ jacobian[10:]
+    _, row = total_mass(unknowns, posterior.x)
     row = row / (_SCALE * posterior.robot_body.mass)
     return np.asarray(np.outer(row, row), dtype=float)
 

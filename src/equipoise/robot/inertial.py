@@ -99,6 +99,17 @@ class InertialParameters:
         return None
 
 
+def moment_parameters(point: FloatArray) -> FloatArray:
+    """(10, 3) what a first moment along each axis adds to `InertialParameters.vector`: mass moved apart at a point."""
+    added = np.zeros((10, 3))
+    added[1:4] = np.eye(3)
+    for axis, unit in enumerate(np.eye(3)):
+        across = np.outer(point, unit)
+        tensor = 2 * point[axis] * np.eye(3) - across - across.T
+        added[4:, axis] = tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    return added
+
+
 def components(body: InertialParameters) -> FloatArray:
     """(10,) in the order of COMPONENTS."""
     return np.concatenate([[body.mass], body.com, body.inertia[_ROWS, _COLUMNS]])

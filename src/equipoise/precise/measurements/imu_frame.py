@@ -1,4 +1,10 @@
-"""From the IMU's axes to the base's, for an IMU that is mounted a little askew."""
+"""What an IMU is: mounted a little askew, with a gyroscope whose axes have gains and directions of their own.
+
+The true angular velocity is (1 - E) times the one that is read: E has the gains' errors in its diagonal and the misalignment
+beside it. An attitude R to that at rest, which was integrated from readings w, is off by the small rotation phi:
+
+    R_true = exp(-phi x) R,    phi(t) = integral of R E w.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import cross_matrix
-from equipoise.precise.measurements.traced import Traced
+from equipoise.precise.measurements.traced import Traced, contract
+from equipoise.precise.unknowns import TracedValues
 
+GYRO = ("gyro_gain", "gyro_misalignment")
+_GAINS = np.eye(3)[:, :, None] * np.eye(3)
+_MISALIGNMENT = np.zeros((3, 3, 6))
+for _number, _place in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
+    _MISALIGNMENT[(*_place, _number)] = 1.0
 _TERMS = 20  # of the series below: exact to rounding up to a turn of two radians
 
 
@@ -26,13 +38,33 @@ def traced_mounting(rotation_imu_to_base: FloatArray, imu_tilt: Traced) -> Trace
     """(3, 3, n) the same in an equation, of a (3, n) input: one rotation vector, laid out once per sample."""
     vector = imu_tilt.value[:, 0].copy()
     tilt = Rotation.from_rotvec(vector).as_matrix()
-    turned = np.array([cross_matrix(column) for column in _left_jacobian(vector).T])
-    by_tilt = rotation_imu_to_base @ turned @ tilt
+    by_tilt = rotation_imu_to_base @ cross_matrix(left_jacobian(vector).T) @ tilt
     whole = np.broadcast_to((rotation_imu_to_base @ tilt)[..., None], (3, 3, imu_tilt.value.shape[1]))
     return Traced(whole, (imu_tilt, lambda g: np.einsum("ijn,kij->kn", g, by_tilt)))
 
 
-def _left_jacobian(vector: FloatArray) -> FloatArray:
+def gyro_error(values: TracedValues) -> Traced:
+    """(3, 3, n) E: what is read of an angular velocity beside the true one."""
+    gains = contract("ijk,k...->ij...", _GAINS, values["gyro_gain"])
+    return gains + contract("ijk,k...->ij...", _MISALIGNMENT, values["gyro_misalignment"])
+
+
+def turned_by(error: Traced, turns: FloatArray) -> Traced:
+    """(3, n) small rotations phi of attitudes.
+
+    Args:
+        turns: (3, 3, 3, n) integrals of R_ij w_k.
+    """
+    return contract("ijk...,jk...->i...", turns, error)
+
+
+def turns_of(rotation: Rotation) -> FloatArray:
+    """(3, 3, 3) integral of R_ij w_k of a turn about one axis, of the whole turn."""
+    vector = rotation.as_rotvec()
+    return left_jacobian(vector)[:, :, None] * vector
+
+
+def left_jacobian(vector: FloatArray) -> FloatArray:
     """(3, 3) turn that a change of a rotation vector adds in front: sum of K^m / (m + 1)! (Sola 2018, equation 145)."""
     across = cross_matrix(vector)
     term = total = np.eye(3)

@@ -15,9 +15,11 @@ from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.traced import Traced, contract, cos, sin, stacked, turned
 from equipoise.precise.measurements.traced import cross as traced_cross
+from equipoise.precise.unknowns import TracedValues
 from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import joint_axis
 
+LEG_SHAPE = ("link_length", "link_length_common", "hip_position")
 _SUM = "kl,il...->ik..."
 
 
@@ -65,12 +67,34 @@ class TracedPosture:
 
 @dataclass(frozen=True, eq=False)
 class TracedLegMotion:
-    """How such legs move, as in `LegMotion`: (3, k, 4, n) com_velocity and spin, (3, 4, n) of the feet."""
+    """How such legs move, as in `LegMotion`: (3, k, 4, n) of the links, (3, 4, n) of the feet."""
 
     com_velocity: Traced
     spin: Traced
+    angular_velocity: Traced
     foot_velocity: Traced
     foot_angular_velocity: Traced
+
+
+@dataclass(frozen=True, eq=False)
+class LegShape:
+    """Lengths and places beside the model's.
+
+    Attributes:
+        longer: (2, 4, n) lengths of thighs and calves less the model's [m].
+        hip: (3, 4, n) places of the first joints less the model's, in the base frame [m].
+    """
+
+    longer: Traced
+    hip: Traced
+
+    @classmethod
+    def of(cls, legs: LegChains, values: TracedValues) -> LegShape:
+        """By the unknowns of LEG_SHAPE."""
+        longer = values["link_length"][np.arange(8).reshape(4, 2).T] + values["link_length_common"][:, None]
+        # What all hips have in common, a shift or a turn, is the base's frame, which they define.
+        apart = contract("ij,j...->i...", legs.hips_apart, values["hip_position"])
+        return cls(longer, apart[np.arange(12).reshape(4, 3).T])
 
 
 class LegChains:
@@ -78,8 +102,13 @@ class LegChains:
 
     Attributes:
         joints: (4, k) indices of each leg's joints in the joint vector.
+        by_kind: (nj, k) one where a joint is the first, second or further one of its leg, else zero.
         mass: (4, k) mass of each link, with all that is fixed to it, by the model [kg].
         foot_radius: (4,) radius of each foot [m].
+        axes: (4, k, 3, 3) directions in each link's frame, as columns: down the link to the next joint or foot, forward across
+            the joint's axis, and along that axis.
+        robot_mass: mass of the whole robot by the model [kg].
+        hips_apart: (12, 12) projection of the first joints' displacements on what is no common shift or turn.
     """
 
     def __init__(self, robot: RobotModel) -> None:
@@ -90,6 +119,9 @@ class LegChains:
             return np.array([[value(joint) for joint in chain] for chain in ids])
 
         self.joints = np.array([leg.joints for leg in legs])
+        self.robot_mass = robot.mass
+        self.by_kind = np.zeros((len(robot.joint_names), self.joints.shape[1]))
+        self.by_kind[self.joints, np.arange(self.joints.shape[1])] = 1.0
         self.mass = by_link(lambda joint: model.inertias[joint].mass)
         self.foot_radius = np.array([leg.foot_radius for leg in legs])
         placed = by_link(lambda joint: model.jointPlacements[joint].rotation)
@@ -102,6 +134,8 @@ class LegChains:
         self._axis = _first(axis)
         self._lever = _first(by_link(lambda joint: model.inertias[joint].lever))
         self._inertia = _first(by_link(lambda joint: model.inertias[joint].inertia))
+        self.axes = _axes_of_links(robot, axis)
+        self.hips_apart = _no_rigid_motion(self._placement[:, 0, :, 0].T)
         self._down_to = np.tril(np.ones((self.joints.shape[1],) * 2))  # sums over a link and all above it
         self._foot = np.array([model.frames[leg.foot_frame_id].placement.translation for leg in legs]).T[..., None]
 
@@ -134,22 +168,23 @@ class LegChains:
             posture.foot.value.T, moving.foot_velocity.value.T, moving.foot_angular_velocity.value.T,
         )  # fmt: skip
 
-    def traced_posture(self, joint_position: Traced) -> TracedPosture:
-        """Legs of (nj, n) joint positions."""
+    def traced_posture(self, joint_position: Traced, shape: LegShape | None = None) -> TracedPosture:
+        """Legs of (nj, n) joint positions, with the model's lengths and places if nothing else is said."""
         alive()
         above = Traced(np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 4, joint_position.value.shape[1])))
         arms: list[Traced] = []
         rotations: list[Traced] = []
         for link, joints in enumerate(self.joints.T):
             arms.append(turned(above, self._placement[:, link]))
+            if shape is not None:
+                arms[-1] = arms[-1] + (self._longer(above, link - 1, shape) if link else shape.hip)
             above = self._below(above, link, joint_position[joints])
             rotations.append(above)
         arm, rotation = stacked(arms, axis=1), stacked(rotations, axis=2)
-        lever, shank, joint = (
-            turned(rotation, self._lever),
-            turned(above, self._foot),
-            contract(_SUM, self._down_to, arm),
-        )
+        shank = turned(above, self._foot)
+        if shape is not None:
+            shank = shank + self._longer(above, -1, shape)
+        lever, joint = turned(rotation, self._lever), contract(_SUM, self._down_to, arm)
         return TracedPosture(rotation, arm, lever, shank, joint + lever, joint[:, -1] + shank)
 
     def traced_motion(
@@ -163,9 +198,16 @@ class LegChains:
         return TracedLegMotion(
             of_joint + traced_cross(below, posture.lever),
             turned(posture.rotation, turned(self._inertia, in_link)),
+            below,
             of_joint[:, -1] + traced_cross(below[:, -1], posture.shank),
             below[:, -1],
         )
+
+    def _longer(self, rotation: Traced, link: int, shape: LegShape) -> Traced | float:
+        """(3, 4, n) what is beside the model's length of a link; hips, the first of three links, have none."""
+        number = link % self.joints.shape[1] - (self.joints.shape[1] - 2)
+        down = np.moveaxis(self.axes[:, link, :, 0], 0, -1)[..., None]
+        return turned(rotation, down) * shape.longer[number] if number >= 0 else 0.0
 
     def _below(self, rotation: Traced, link: int, angle: Traced) -> Traced:
         """(3, 3, 4, n) rotations of the links below some joints, of those above them and (4, n) joint positions."""
@@ -173,6 +215,27 @@ class LegChains:
             self._upright[:, :, link] + sin(angle) * self._sideways[:, :, link] - cos(angle) * self._across[:, :, link]
         )
         return contract("ij...,jk...->ik...", rotation, in_parent)
+
+
+def _no_rigid_motion(places: FloatArray) -> FloatArray:
+    """(3 n, 3 n) projection of displacements of (n, 3) points on those that no motion of all of them as one body explains."""
+    turns = -cross_matrix(places - places.mean(axis=0)).reshape(-1, 3)
+    rigid = np.hstack([np.tile(np.eye(3), (len(places), 1)), turns])
+    return np.eye(places.size) - rigid @ np.linalg.pinv(rigid)
+
+
+def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> FloatArray:
+    """(4, k, 3, 3) `LegChains.axes`, of (4, k, 3) axes of the joints in the links' frames."""
+    model = robot.pinocchio
+    next_ones = [
+        [*(model.jointPlacements[joint].translation for joint in leg.joint_ids[1:]),
+         model.frames[leg.foot_frame_id].placement.translation]
+        for leg in robot.legs.values()
+    ]  # fmt: skip
+    across = np.cross(joint_axes, np.array(next_ones))
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    down = np.cross(across, joint_axes)
+    return np.stack([down, across, joint_axes], axis=-1)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

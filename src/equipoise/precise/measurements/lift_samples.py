@@ -21,6 +21,7 @@ from equipoise.robot.stance import Stance
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
 _KNOT, _STEP = 0.015, 0.010  # [s]
+_TORQUE_KNOT = 0.06  # [s]: noise of the torques must not reach the velocities of links on springs
 _MARGIN = 0.008  # [s] cut off either end of the time on two feet
 _SHORTEST = 0.10  # [s]
 _LONGEST_GAP = 0.02  # [s] without a sample
@@ -48,6 +49,8 @@ class LiftSamples:
         angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
         gyro_density: density of the gyroscope's white noise [rad/s/sqrt(Hz)].
         since_rest: time from the rest's end to the first sample [s].
+        joint_torque, joint_torque_rate: (n, nj) joint torques as reported, smoothed, and their rates of change [Nm],
+            [Nm/s]; None where none are reported.
     """
 
     diagonal: str
@@ -64,6 +67,8 @@ class LiftSamples:
     angular_velocity_noise: FloatArray
     gyro_density: float
     since_rest: float
+    joint_torque: FloatArray | None = None
+    joint_torque_rate: FloatArray | None = None
 
     @property
     def stance_feet(self) -> tuple[int, int]:
@@ -124,6 +129,9 @@ def read_lift(
         None if joints.velocity is None else joints.velocity[joint_part], encoder_noise / velocity_noise,
     )  # fmt: skip
     angular_velocity = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock)
+    torque = None
+    if joints.torque is not None:
+        torque = fit_spline(joints.time[joint_part], joints.torque[joint_part], _TORQUE_KNOT * clock).spline
     return LiftSamples(
         diagonal,
         float(start),
@@ -139,6 +147,8 @@ def read_lift(
         gyro_noise**2 * angular_velocity.noise(time),
         gyro_noise * float(np.sqrt(np.mean(np.diff(imu.time)))),
         float(start - rest.imu.time[-1]),
+        None if torque is None else torque(time),
+        None if torque is None else torque.derivative()(time),
     )
 
 

@@ -10,12 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.measurements.imu_frame import traced_mounting
-from equipoise.precise.measurements.leg_motion import LegChains, cross
+from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
+from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
+from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
+from equipoise.precise.measurements.leg_motion import cross as cross_of_rows
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
-from equipoise.precise.measurements.traced import Traced, contract, length, stacked, turned
+from equipoise.precise.measurements.traced import Traced, contract, cross, length, stacked, turned
 from equipoise.precise.unknowns import TracedValues, Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
@@ -33,15 +36,19 @@ class RestReading:
     Attributes:
         joint_position: (nj,) mean of the joint positions [rad].
         acceleration_in_imu: (3,) mean of the accelerometer, in the IMU frame [m/s2].
+        joint_torque: (nj,) mean of the joint torques as reported [Nm]; None where none are.
     """
 
     joint_position: FloatArray
     acceleration_in_imu: FloatArray
+    joint_torque: FloatArray | None = None
 
     @classmethod
     def of(cls, still: Recording) -> RestReading:
         """Of a recording in which nothing moves."""
-        return cls(still.joints.position.mean(axis=0), still.imu.acceleration_in_imu.mean(axis=0))
+        joints, acceleration = still.joints, still.imu.acceleration_in_imu.mean(axis=0)
+        torque = None if joints.torque is None else joints.torque.mean(axis=0)
+        return cls(joints.position.mean(axis=0), acceleration, torque)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +82,7 @@ def read_move(
         joints.time, moving.imu.time, (moving.imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
     )
     foot = legs.motion(joints.position, velocity, angular_velocity_in_base).foot_angular_velocity
-    rolling = cross(foot, legs.foot_radius[:, None] * up[:, None])
+    rolling = cross_of_rows(foot, legs.foot_radius[:, None] * up[:, None])
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
     rolled = np.trapezoid(np.einsum("nij,nlj->nli", to_before, rolling), joints.time, axis=0)
@@ -90,7 +97,10 @@ class PlantedRows:
         footholds: (4, 3) places of the feet relative to their mean at the nominal stance, in base axes [m].
     """
 
-    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "foot_radius", "floor_slope", "floor_warp")
+    DEPENDS_ON = (
+        *DRIVE_TRAIN, "imu_tilt", "accelerometer_bias", *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "floor_slope",
+        "floor_warp",
+    )  # fmt: skip
 
     def __init__(
         self, legs: LegChains, rotation_imu_to_base: FloatArray, stance: Stance, moves: Sequence[PlantedMove]
@@ -98,9 +108,12 @@ class PlantedRows:
         self.legs, self._rotation = legs, rotation_imu_to_base
         self.footholds = stance.feet_in_base - stance.feet_in_base.mean(axis=0)
         rests = [[move.before for move in moves], [move.after for move in moves]]
-        self._position = [np.array([rest.joint_position for rest in side]).T for side in rests]
+        self._joints = [_joints_at(legs, side) for side in rests]
         self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
         self._to_before = np.array([move.rotation_to_before for move in moves]).transpose(1, 2, 0)
+        # Moves go straight from posture to posture: a turn about one axis, near enough for errors of the gyroscope.
+        turns = [turns_of(Rotation.from_matrix(move.rotation_to_before)) for move in moves]
+        self._turns = np.moveaxis(np.array(turns), 0, -1)
         self._rolled = np.array([move.rolled for move in moves]).T
 
     def residuals(self, values: Values) -> FloatArray:
@@ -137,11 +150,27 @@ class PlantedRows:
         feet: list[Traced] = []
         heights: list[Traced] = []
         for rest in (0, 1):
-            feet.append(self.legs.traced_posture(np.tile(self._position[rest], copies) - values["joint_zero"]).foot)
+            joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
+            feet.append(self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot)
             gravity = turned(rotation, np.tile(self._acceleration[rest], copies) - values["accelerometer_bias"])
             above = contract("il...,i...->l...", feet[rest], gravity / length(gravity))
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
-        moved = contract("ij...,jl...->il...", turn, feet[1]) - feet[0] - (1.0 + values["foot_radius"]) * rolled
+        off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)))
+        after = contract("ij...,jl...->il...", turn, feet[1])
+        moved = (
+            after
+            - cross(off[:, None], after)
+            - feet[0]
+            - (1.0 + values["foot_radius"] + values["foot_radius_each"]) * rolled
+        )
         moved = contract("lm,im...->il...", _CENTRED, moved)
         return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)
+
+
+def _joints_at(legs: LegChains, rests: Sequence[RestReading]) -> JointReadings:
+    position = np.array([rest.joint_position for rest in rests])
+    none = np.zeros(position.shape[1])
+    return JointReadings.of(
+        legs, position, torque=np.array([none if rest.joint_torque is None else rest.joint_torque for rest in rests])
+    )

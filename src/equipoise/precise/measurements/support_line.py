@@ -50,19 +50,22 @@ class RollingLine:
         velocity: (3, n) velocity of its point, as the contact travels over the floor [m/s].
         left_rate: (3, n) rate of change of its direction [1/s].
         base_velocity: (3, n) velocity of the base's origin [m/s].
+        left_turning, right_turning: (n,) angular velocity of the stance feet along the line [rad/s].
     """
 
     velocity: Traced
     left_rate: Traced
     base_velocity: Traced
+    left_turning: Traced
+    right_turning: Traced
 
     @classmethod
     def of(cls, line: SupportLine, motion: TracedLegMotion, feet: Feet, to_centre: Sequence[Traced]) -> RollingLine:
         """A sphere that rolls without slipping: its centre moves with its angular velocity x (radius normal)."""
         sample = np.arange(len(feet[0]))
-        left, right = (
-            cross(motion.foot_angular_velocity[:, foot, sample], up) for foot, up in zip(feet, to_centre, strict=True)
-        )
+        turning = [motion.foot_angular_velocity[:, foot, sample] for foot in feet]
+        left, right = (cross(of_foot, up) for of_foot, up in zip(turning, to_centre, strict=True))
         of_feet = motion.foot_velocity[:, feet[0], sample] + motion.foot_velocity[:, feet[1], sample]
         rate = (left - right) / line.length
-        return cls(right, rate - line.left * dot(line.left, rate), 0.5 * (left + right - of_feet))
+        along = (dot(line.left, of_foot) for of_foot in turning)
+        return cls(right, rate - line.left * dot(line.left, rate), 0.5 * (left + right - of_feet), *along)

@@ -15,9 +15,9 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples
+from equipoise.precise.measurements.momenta import model_parameters
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.unknowns import by_the_model
-from equipoise.robot.inertial import base_parameters
 from equipoise.robot.model import RobotModel
 
 _FEWEST_PLANES = 6
@@ -82,7 +82,7 @@ def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
     rotation = np.array(robot.imu_in_base.rotation)
     equation = TiltEquation(legs, rotation, [lift])
     rows, _ = equation.rows(by_the_model(robot))
-    inertial = np.concatenate([base_parameters(robot).vector, np.ones(legs.links)])
+    inertial = model_parameters(robot)
     up = rotation @ lift.rest_acceleration_in_imu / np.linalg.norm(lift.rest_acceleration_in_imu)
     left_foot, right_foot = lift.stance_feet
     feet = legs.feet(lift.joint_position[:1])[0]

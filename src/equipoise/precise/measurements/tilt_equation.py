@@ -9,8 +9,11 @@ Contact forces have no moment about l. Integrated, what is constant over a trial
 
     y(t) = l . L_o(t) - integral of the right side,
 
-linear in the base's ten parameters and in a scale of each leg link's. The feet roll on the floor as spheres, which gives
+linear in the inertial parameters of base and links. The feet roll on the floor as spheres, which gives
 the base's velocity without an accelerometer. All derivatives of o and l are inertial ones written in base axes.
+
+What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry,
+and a cable pulls at the base.
 """
 
 from __future__ import annotations
@@ -20,16 +23,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_simpson
+from scipy.integrate import cumulative_simpson, cumulative_trapezoid
+from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import GRAVITY, FloatArray
-from equipoise.precise.measurements.imu_frame import traced_mounting
-from equipoise.precise.measurements.leg_motion import LegChains, TracedPosture
+from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
+from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
+from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape, TracedPosture
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.momenta import BASE, Momenta
 from equipoise.precise.measurements.support_line import Feet, RollingLine, SupportLine
-from equipoise.precise.measurements.traced import Traced, contract, cross, dot, length, turned
+from equipoise.precise.measurements.traced import Traced, contract, cross, dot, length, tanh, turned
 from equipoise.precise.unknowns import TracedValues, Values, inputs_of
+
+_ROLLING = 0.03  # [rad/s] at which feet roll, and do not creep
 
 Derivatives = Mapping[str, FloatArray]
 """(rows, size) derivatives by each unknown, by its name, and by "inertial"."""
@@ -38,14 +45,26 @@ Derivatives = Mapping[str, FloatArray]
 class TiltEquation:
     """y(t) of a set of trials, at any values of what it depends on.
 
-    The inertial parameters are the base's (Pinocchio's order, about the base's origin), then a factor on each leg link's.
+    The inertial parameters are those of `momenta`.
 
     Attributes:
         DEPENDS_ON: names of the unknowns beside the inertial parameters.
         trials: slices of the rows, by trial.
     """
 
-    DEPENDS_ON = ("joint_zero", "imu_tilt", "accelerometer_bias", "clock_offset", "foot_radius", "floor_slope")
+    DEPENDS_ON = (
+        *DRIVE_TRAIN,
+        "imu_tilt",
+        "accelerometer_bias",
+        *GYRO,
+        "clock_offset",
+        *LEG_SHAPE,
+        "foot_radius",
+        "foot_radius_each",
+        "pull",
+        "floor_slope",
+        "rolling",
+    )
 
     def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> None:
         self.legs = legs
@@ -60,7 +79,8 @@ class TiltEquation:
         self._samples = _Samples.of(legs, rotation_imu_to_base, lifts)
         self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
         middle = self._samples.at(np.array([(trial.start + trial.stop) // 2 for trial in self.trials]))
-        self._middle = replace(middle, joint_velocity=Traced.input(middle.joint_velocity.value))
+        velocity = Traced.input(middle.joints.velocity.value)
+        self._middle = replace(middle, joints=replace(middle.joints, velocity=velocity))
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
         """y(t) and the moment of inertia about the line.
@@ -97,8 +117,8 @@ class TiltEquation:
         )
 
     def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
-        """What both are linear in the inertial parameters by: (n, 10 + links) columns, and (trials, 10 + links) ones."""
-        _, _, by_y, by_inertia = self.linearise(values, np.zeros(BASE + self.legs.links), names=())
+        """What both are linear in the inertial parameters by: (n, 10 + 4 links) columns, (trials, 10 + 4 links) ones."""
+        _, _, by_y, by_inertia = self.linearise(values, np.zeros(BASE + 4 * self.legs.links), names=())
         return by_y["inertial"], by_inertia["inertial"]
 
     def velocity_sensitivity(self, values: Values, inertial: FloatArray) -> FloatArray:
@@ -107,7 +127,7 @@ class TiltEquation:
         At each trial's middle; with it, noise of the joint velocities becomes noise of y.
         """
         momentum, _ = self._middle.momentum_and_rate(self._inputs(values, inertial, self._middle))
-        (by_velocity,) = momentum.gradients(np.ones(self._middle.count), [self._middle.joint_velocity])
+        (by_velocity,) = momentum.gradients(np.ones(self._middle.count), [self._middle.joints.velocity])
         return np.sqrt((by_velocity**2).sum(axis=0))
 
     def _inputs(self, values: Values, inertial: FloatArray, samples: _Samples) -> TracedValues:
@@ -130,16 +150,17 @@ class _Samples:
     """n samples of some lifts, components first; what is read of a lift is in `LiftSamples`.
 
     Attributes:
+        turns: (3, 3, 3, n) integrals since the rest of R_ij w_k, of attitudes R and readings w of the gyroscope.
         feet: (n,) indices of the left stance foot, and of the right one.
     """
 
     legs: LegChains
     rotation_imu_to_base: FloatArray
-    joint_position: FloatArray
-    joint_velocity: Traced
+    joints: JointReadings
     angular_velocity_in_imu: FloatArray
     angular_acceleration_in_imu: FloatArray
     rotation_from_rest: FloatArray
+    turns: FloatArray
     rest_acceleration_in_imu: FloatArray
     feet: Feet
 
@@ -153,11 +174,14 @@ class _Samples:
         return cls(
             legs,
             rotation_imu_to_base,
-            joined("joint_position"),
-            Traced(joined("joint_velocity")),
+            JointReadings.of(
+                legs,
+                *(np.concatenate(parts) for parts in zip(*map(_joint_parts, lifts), strict=True)),
+            ),
             joined("angular_velocity_in_imu"),
             joined("angular_acceleration_in_imu"),
             joined("rotation_to_rest"),
+            np.concatenate([_turns(lift) for lift in lifts], axis=-1),
             np.repeat([lift.rest_acceleration_in_imu for lift in lifts], counts, axis=0).T,
             tuple(np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T),
         )
@@ -171,11 +195,11 @@ class _Samples:
         return _Samples(
             self.legs,
             self.rotation_imu_to_base,
-            self.joint_position[:, places],
-            self.joint_velocity[:, places],
+            self.joints.at(places),
             self.angular_velocity_in_imu[:, places],
             self.angular_acceleration_in_imu[:, places],
             self.rotation_from_rest[..., places],
+            self.turns[..., places],
             self.rest_acceleration_in_imu[:, places],
             [foot[places] for foot in self.feet],
         )
@@ -184,7 +208,7 @@ class _Samples:
         """(n,) l . L_o [kg m2/s], and its rate of change: the right side of the tilt equation [Nm]."""
         angular_velocity, up = self._turning_and_up(values)
         posture, to_centre = self._posture(values), self._to_centre(values, up)
-        motion = self.legs.traced_motion(posture, self.joint_velocity, angular_velocity)
+        motion = self.legs.traced_motion(posture, self.joints.link_velocity(values), angular_velocity)
         line = SupportLine.of(posture, self.feet, to_centre)
         rolling = RollingLine.of(line, motion, self.feet, to_centre)
         robot = Momenta.about(
@@ -194,13 +218,15 @@ class _Samples:
             GRAVITY * dot(cross(line.left, up), robot.first)
             - dot(line.left, cross(rolling.velocity, robot.linear))
             + dot(rolling.left_rate, robot.angular)
+            - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
+            - dot(line.left, cross(line.point, self._pull(values, up))) * (robot.mass * (1 / self.legs.robot_mass))
         )
         return dot(line.left, robot.angular), rate
 
     def inertia_about_line(self, values: TracedValues) -> Traced:
         """(n,) l . I_o l: the momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked."""
         _, up = self._turning_and_up(values)
-        posture, still = self._posture(values), Traced(np.zeros(self.joint_position.shape))
+        posture, still = self._posture(values), Traced(np.zeros(self.joints.position.shape))
         line = SupportLine.of(posture, self.feet, self._to_centre(values, up))
         turning = self.legs.traced_motion(posture, still, line.left)
         robot = Momenta.about(
@@ -208,16 +234,30 @@ class _Samples:
         )
         return dot(line.left, robot.angular)
 
+    def _resistance_arm(self, values: TracedValues, rolling: RollingLine) -> Traced:
+        """(n,) length behind its weight at which the floor carries the robot: half of it on each rolling foot [m]."""
+        left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
+        return 0.5 * values["rolling"][0] * (left + right)
+
+    def _pull(self, values: TracedValues, up: Traced) -> Traced:
+        """(3, n) constant horizontal force on the base's origin, forward and to its left, in base axes [N]."""
+        forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
+        forward = forward / length(forward)
+        return values["pull"][0] * forward + values["pull"][1] * cross(up, forward)
+
     def _posture(self, values: TracedValues) -> TracedPosture:
-        return self.legs.traced_posture(self.joint_position - values["joint_zero"])
+        return self.legs.traced_posture(self.joints.link_position(values), LegShape.of(self.legs, values))
 
     def _turning_and_up(self, values: TracedValues) -> tuple[Traced, Traced]:
         """(3, n) angular velocity and direction against gravity, in base axes."""
         # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
         late = values["clock_offset"]
+        error = gyro_error(values)
         angular_velocity_in_imu = self.angular_velocity_in_imu - late * self.angular_acceleration_in_imu
+        angular_velocity_in_imu = angular_velocity_in_imu - turned(error, angular_velocity_in_imu)
         gravity = self.rest_acceleration_in_imu - values["accelerometer_bias"]
-        up_in_imu = turned(self.rotation_from_rest, gravity / length(gravity))
+        up_at_rest = gravity / length(gravity)
+        up_in_imu = turned(self.rotation_from_rest, up_at_rest + cross(turned_by(error, self.turns), up_at_rest))
         up_in_imu = up_in_imu + late * cross(self.angular_velocity_in_imu, up_in_imu)
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
         return turned(rotation, angular_velocity_in_imu), turned(rotation, up_in_imu)
@@ -226,5 +266,20 @@ class _Samples:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
         normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], values["floor_slope"])
         normal = normal / length(normal)
-        radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"])
+        radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
+
+
+def _turns(lift: LiftSamples) -> FloatArray:
+    """(3, 3, 3, n) `turns` of a lift; up to its first sample of the turn, a small one, as if it was about one axis."""
+    rate = np.einsum("nij,nk->ijkn", lift.rotation_to_rest, lift.angular_velocity_in_imu)
+    before = turns_of(Rotation.from_matrix(lift.rotation_to_rest[0]))
+    return before[..., None] + cumulative_trapezoid(rate, dx=lift.step, axis=-1, initial=0)
+
+
+def _joint_parts(lift: LiftSamples) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Positions, velocities, torques and their rates of change."""
+    none = np.zeros_like(lift.joint_position)
+    torque = none if lift.joint_torque is None else lift.joint_torque
+    rate = none if lift.joint_torque_rate is None else lift.joint_torque_rate
+    return lift.joint_position, lift.joint_velocity, torque, rate

@@ -17,12 +17,14 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.precise.measurements.imu_frame import mounting
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
-from equipoise.precise.unknowns import Values
+from equipoise.precise.unknowns import Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
+from equipoise.robot.inertial import moment_parameters
 from equipoise.robot.model import RobotModel
 
 _KNOT, _STEP = 0.03, 0.03  # [s] on an A1
@@ -108,7 +110,7 @@ class TorqueRows:
 
     Attributes:
         base: (n, r, 10) columns of the base's parameters, in Pinocchio's order about the base's origin.
-        links: (n, r, links) columns of a factor on each leg link.
+        links: (n, r, 4 links) columns of a factor on each leg link, then of each one's first moment beside the model's.
         torque: (n, r, nj) columns of each joint's link torque, to be subtracted.
         reported: (n, nj) joint torques as reported [Nm].
         friction_direction: (n, nj) smoothed sign of each joint's velocity, tanh(v / v_0).
@@ -138,7 +140,8 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
         - np.cross(angular_acceleration_in_base, arm)
         - np.cross(angular_velocity_in_base, np.cross(angular_velocity_in_base, arm))
     )
-    position = samples.joint_position - values["joint_zero"]
+    readings = JointReadings.of(LegChains(robot), samples.joint_position, torque=samples.joint_torque)
+    position = readings.link_position(inputs_of(values, DRIVE_TRAIN, len(sensed))).value.T
     velocity = np.hstack([np.zeros_like(sensed), angular_velocity_in_base, samples.joint_velocity])
     acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
     regressor, twists = _regressors_and_twists(robot, position, velocity, acceleration)
@@ -146,14 +149,14 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
     free = np.swapaxes(full[:, :, 12:], 1, 2)  # what contact forces cannot reach
     rows = free @ regressor
-    links = [
-        rows[:, :, 10 * (joint - 1) : 10 * joint] @ robot.pinocchio.inertias[joint].toDynamicParameters()
-        for leg in robot.legs.values()
-        for joint in leg.joint_ids
-    ]
+    joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
+    own = [rows[:, :, 10 * (joint - 1) : 10 * joint] for joint in joints]
+    bodies = [robot.pinocchio.inertias[joint] for joint in joints]
+    links = [part @ body.toDynamicParameters()[:, None] for part, body in zip(own, bodies, strict=True)]
+    beside = [part @ moment_parameters(body.lever) for part, body in zip(own, bodies, strict=True)]
     return TorqueRows(
         rows[:, :, :10],
-        np.stack(links, axis=-1),
+        np.concatenate([*links, *beside], axis=-1),
         free[:, :, 6:],
         samples.joint_torque,
         np.tanh(samples.joint_velocity / _STICTION_SPEED),

@@ -138,6 +138,12 @@ def cos(angle: Traced) -> Traced:
     return Traced(np.cos(angle.value), (angle, lambda g: -g * np.sin(angle.value)))
 
 
+def tanh(of: Traced) -> Traced:
+    """Hyperbolic tangent."""
+    found = np.tanh(of.value)
+    return Traced(found, (of, lambda g: g * (1 - found**2)))
+
+
 def length(vector: Traced) -> Traced:
     """Length along the first axis."""
     found = np.sqrt(np.einsum("i...,i...->...", vector.value, vector.value))

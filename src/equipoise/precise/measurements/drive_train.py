@@ -1,0 +1,79 @@
+"""From encoders on the motors to the links: zeros, springs and play between them.
+
+A motor-side encoder reads the link's angle and what the gear and the shank give under the joint's torque:
+
+    q_link = q_read - zero - torque / k - (play / 2) sign(torque)
+
+Springs and play are alike in joints of one kind, hips, thighs or calves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.traced import Traced, contract
+from equipoise.precise.unknowns import TracedValues
+
+DRIVE_TRAIN = ("joint_zero", "compliance", "play")
+_TURNED_OVER = 0.01  # [m] times the legs' weight: torque at which play is all but on one side, 0.7 Nm on an A1
+
+
+@dataclass(frozen=True, eq=False)
+class JointReadings:
+    """Joints of n samples, components first.
+
+    Attributes:
+        by_kind: (nj, kinds) one where a joint is of a kind.
+        position: (nj, n) joint positions as read [rad].
+        velocity: (nj, n) joint velocities as read [rad/s].
+        torque: (nj, n) joint torques as reported, zero where none are [Nm].
+        torque_rate: (nj, n) their rates of change [Nm/s].
+        small: torque at which play is all but on one side [Nm].
+    """
+
+    by_kind: FloatArray
+    position: FloatArray
+    velocity: Traced
+    torque: FloatArray
+    torque_rate: FloatArray
+    small: float
+
+    @classmethod
+    def of(
+        cls, legs: LegChains, position: FloatArray, velocity: FloatArray | None = None, torque: FloatArray | None = None,
+        torque_rate: FloatArray | None = None,
+    ) -> JointReadings:  # fmt: skip
+        """Of (n, nj) samples; what is not given is zero."""
+        none = np.zeros_like(position)
+        position, velocity, torque, rate = (
+            np.ascontiguousarray((none if part is None else part).T)
+            for part in (position, velocity, torque, torque_rate)
+        )
+        return cls(
+            legs.by_kind, position, Traced(velocity), torque, rate, _TURNED_OVER * float(legs.mass.sum()) * GRAVITY
+        )
+
+    def at(self, places: NDArray[np.intp]) -> JointReadings:
+        """Some of the samples."""
+        position, torque, rate = (part[:, places] for part in (self.position, self.torque, self.torque_rate))
+        return JointReadings(self.by_kind, position, self.velocity[:, places], torque, rate, self.small)
+
+    def link_position(self, values: TracedValues) -> Traced:
+        """(nj, n) joint positions of the links [rad]."""
+        side = np.tanh(self.torque / self.small)
+        given = self._of_joints(values["compliance"]) * self.torque + 0.5 * self._of_joints(values["play"]) * side
+        return self.position - values["joint_zero"] - given
+
+    def link_velocity(self, values: TracedValues) -> Traced:
+        """(nj, n) joint velocities of the links [rad/s]."""
+        side_rate = (1 - np.tanh(self.torque / self.small) ** 2) * self.torque_rate / self.small
+        given = self._of_joints(values["compliance"]) * self.torque_rate
+        return self.velocity - given - 0.5 * self._of_joints(values["play"]) * side_rate
+
+    def _of_joints(self, of_kinds: Traced) -> Traced:
+        return contract("jk,k...->j...", self.by_kind, of_kinds)

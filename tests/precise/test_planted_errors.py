@@ -1,0 +1,145 @@
+"""Errors planted in the recordings of a realistic run, as the sensors would show them: they are found, and the body stays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.signal import savgol_filter
+
+from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.posterior import estimate_posterior
+from equipoise.precise.unknowns import Priors
+from equipoise.robot.inertial import components
+
+SURE = 5.0  # standard deviations
+HELD = 1e-9
+# A short run tells errors of the sensors from those of the legs less well: the first tests take the legs to be the model's.
+LEGS = dict.fromkeys(
+    ("link_length", "link_length_common", "hip_position", "leg_mass_common", "link_com", "link_com_common"), HELD
+)
+
+
+def posterior_of(a1, run, recordings, **priors):
+    evidence = read_evidence(a1, run.stance, recordings)
+    return estimate_posterior(a1, run.stance, evidence, Priors(**priors), (run.truth.composite.mass, 0.06))
+
+
+@pytest.fixture(scope="module")
+def plain(a1, precise_run):
+    return posterior_of(a1, precise_run, precise_run.recordings, **LEGS)
+
+
+def moved(found, plain):
+    """Of the body's ten parameters, in standard deviations that are reported."""
+    return (components(found.robot_body) - components(plain.robot_body)) / np.sqrt(np.diag(found.robot_covariance))
+
+
+def gained(found, plain, name):
+    """How much more of an unknown is found than was there before."""
+    return found.unknowns.value(found.x, name) - plain.unknowns.value(plain.x, name)
+
+
+def with_gyroscope(recordings, error):
+    """Readings of which (1 - error) is true."""
+    read = np.linalg.inv(np.eye(3) - error)
+
+    def seen(recording):
+        imu = recording.imu
+        return replace(recording, imu=replace(imu, angular_velocity_in_imu=imu.angular_velocity_in_imu @ read.T))
+
+    return [seen(recording) for recording in recordings]
+
+
+def test_gains_and_misalignment_of_the_gyroscope(a1, precise_run, plain):
+    gains, beside = np.array([0.012, -0.01, 0.008]), np.array([6e-3, -4e-3, -7e-3, 5e-3, 3e-3, -6e-3])
+    error = np.diag(gains)
+    error[~np.eye(3, dtype=bool)] = beside
+    recordings = with_gyroscope(precise_run.recordings, error)
+    found = posterior_of(a1, precise_run, recordings, **LEGS)
+    for name, planted in (("gyro_gain", gains), ("gyro_misalignment", beside)):
+        off = (gained(found, plain, name) - planted) / found.deviation(name)
+        assert np.abs(off).max() < 1.5, name
+    assert (found.deviation("gyro_gain") < 0.6 * 0.01).all()
+    assert np.abs(moved(found, plain)).max() < 1
+    held = posterior_of(a1, precise_run, recordings, gyro_gain=HELD, gyro_misalignment=HELD, **LEGS)
+    assert np.abs(moved(held, plain)).max() > 2
+
+
+def with_drive_train(recordings, give, play):
+    """Encoders on motors: springs and hard play lie between them and the links that the recordings are of."""
+
+    def seen(recording):
+        joints = recording.joints
+        acting = savgol_filter(joints.torque, 31, 3, axis=0)  # noise of the torque sensors bends no gear
+        rate = np.gradient(acting, joints.time, axis=0)
+        position = joints.position + np.tile(give, 4) * acting + np.tile(play, 4) / 2 * np.sign(acting)
+        return replace(
+            recording,
+            joints=replace(joints, position=position, velocity=joints.velocity + np.tile(give, 4) * rate),
+        )
+
+    return [seen(recording) for recording in recordings]
+
+
+def test_springs_of_the_drive_train(a1, precise_run, plain):
+    """An A1 has the same joints in every leg, hip, thigh and calf."""
+    give = np.array([1 / 2500, 1 / 4000, 1 / 3000])
+    recordings = with_drive_train(precise_run.recordings, give, np.zeros(3))
+    found = posterior_of(a1, precise_run, recordings, **LEGS)
+    assert np.abs((gained(found, plain, "compliance") - give) / found.deviation("compliance")).max() < 3
+    assert np.abs(moved(found, plain)).max() < 0.7
+    held = posterior_of(a1, precise_run, recordings, compliance=HELD, **LEGS)
+    assert np.abs(moved(held, plain)).max() > 1.5
+
+
+def test_play_of_the_drive_train(a1, precise_run, plain):
+    """It turns over hard, at a torque of zero, and not smoothly as the estimate has it: compliance takes the difference."""
+    play = np.array([2e-3, 2e-3, 0.0])
+    recordings = with_drive_train(precise_run.recordings, np.zeros(3), play)
+    found = posterior_of(a1, precise_run, recordings, **LEGS)
+    np.testing.assert_allclose(gained(found, plain, "play")[:2], play[:2], atol=1e-3)
+    assert np.abs(moved(found, plain)).max() < 2
+
+
+def another_model(a1):
+    """Of an A1, whose Pinocchio model can be changed."""
+    return a1.with_base(a1.pinocchio.inertias[1])
+
+
+def off(model, run, **priors):
+    """Mass, CoM and principal moments less the truth, in the standard deviations that are reported."""
+    found = posterior_of(model, run, run.recordings, **priors)
+    error = components(found.robot_body) - components(run.truth.composite)
+    return (error / np.sqrt(np.diag(found.robot_covariance)))[:7]
+
+
+# The recordings stay, and the model is changed: the robot is the same, and must be within what is said of it.
+
+
+def test_legs_that_are_heavier_and_hang_lower_than_the_model_says(a1, precise_run):
+    model = another_model(a1)
+    for leg in model.legs.values():
+        for joint in leg.joint_ids:
+            link = model.pinocchio.inertias[joint]
+            lever = np.array(link.lever) + (0.0 if joint == leg.joint_ids[0] else np.array([0.0, 0.0, 5e-3]))
+            model.pinocchio.inertias[joint] = pin.Inertia(link.mass / 1.1, lever, link.inertia / 1.1)
+    assert np.abs(off(model, precise_run)).max() < 2.5
+    held = off(model, precise_run, leg_mass_common=HELD, link_com=HELD, link_com_common=HELD, leg_mass=0.03)
+    assert np.abs(held).max() > 2.8
+
+
+def test_legs_that_are_shorter_than_the_model_says(a1, precise_run, plain):
+    model = another_model(a1)
+    for leg in model.legs.values():
+        calf, foot = model.pinocchio.jointPlacements[leg.joint_ids[-1]], model.pinocchio.frames[leg.foot_frame_id]
+        calf.translation = calf.translation * (1 + 2e-3 / np.linalg.norm(calf.translation))
+        placement = foot.placement
+        placement.translation = placement.translation * (1 + 2e-3 / np.linalg.norm(placement.translation))
+        foot.placement = placement
+    found = posterior_of(model, precise_run, precise_run.recordings)
+    longer = gained(found, plain, "link_length_common") + [
+        part.mean() for part in gained(found, plain, "link_length").reshape(4, 2).T
+    ]
+    np.testing.assert_allclose(longer, -2e-3, atol=1e-3)
+    assert np.abs(off(model, precise_run)).max() < 2.5
