@@ -214,7 +214,7 @@ def test_settings_come_back(new, method):
 @pytest.mark.parametrize(
     "method",
     [
-        Precise(60.0, 13.4, 0.05, sway=False, priors=Priors(leg_mass=0.03)),
+        Precise(60.0, 13.4, 0.05, sway=False),
         Paper("commanded", ComSearchSettings(tolerance=0.003), SwaySettings(duration=1.0)),
         Static(),
     ],

@@ -12,11 +12,9 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 
 _ITERATIONS, _HALVINGS = 8, 8
-# Size of a step in posterior standard deviations: with one so small the estimate is done, and a larger last one is none.
-_CONVERGED, _SETTLED = 2e-2, 0.5
-_NEAR = (
-    0.03  # of the root of the cost: a round whose noise levels will be renewed ends with a step that gains a thousandth
-)
+# Largest part of a step, in posterior standard deviations of the unknown: with one so small a round is done, whose noise
+# levels hang on the unknowns little; with one so small the estimate is; and a larger last one is none.
+_NEAR, _CONVERGED, _SETTLED = 0.3, 1e-2, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +42,10 @@ class NormalEquations:
         )
 
     def step(self) -> tuple[FloatArray, float]:
-        """Gauss-Newton step, and its size: in the direction in which it is largest, in standard deviations."""
-        step = np.asarray(-np.linalg.solve(self.information, self.gradient), dtype=float)
-        return step, float(np.sqrt(max(0.0, step @ self.information @ step)))
+        """Gauss-Newton step, and the largest part of it in standard deviations of the unknown that it changes."""
+        step = -np.linalg.solve(self.information, self.gradient)
+        deviation = np.sqrt(np.diag(np.linalg.inv(self.information)))
+        return np.asarray(step, dtype=float), float(np.abs(step / deviation).max())
 
 
 class Problem(Protocol):
@@ -82,7 +81,7 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
             x, _ = _descend(problem, x, _NEAR)
             problem.renew_noise(x)
         problem.prepare(x)
-        x, left = _descend(problem, x, 0.0)
+        x, left = _descend(problem, x, _CONVERGED)
     except np.linalg.LinAlgError as error:
         raise RecordingError(f"the recordings do not determine an estimate: {error}") from error
     return x, left < _SETTLED
@@ -94,7 +93,7 @@ def _descend(problem: Problem, x: FloatArray, near: float) -> tuple[FloatArray, 
     for _ in range(_ITERATIONS):
         alive()
         step, size = here.step()
-        if size < max(_CONVERGED, near * here.cost**0.5):
+        if size < near:
             return x + step, size
         for part in 0.5 ** np.arange(_HALVINGS):
             there = problem.normal_equations(x + part * step)

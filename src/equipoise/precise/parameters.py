@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.momenta import model_parameters
-from equipoise.precise.unknowns import A1_TORQUE, Priors, Unknown, Values
+from equipoise.precise.unknowns import A1_TORQUE, Priors, Unknown, Values, by_the_model
 from equipoise.robot.inertial import InertialParameters, base_parameters, moment_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
@@ -27,7 +27,7 @@ class Unknowns:
     Blocks are addressed by name: "base", and the names of the table's rows (unknowns.py).
 
     Attributes:
-        rows: table of unknowns.
+        rows: rows of the table of unknowns that are not held; the others have no place in the vector.
         size: length of the vector.
         scale: (size,) size of one unit of each unknown, in the unit of its row; one for the base.
         tabled: slice of all unknowns but the base's.
@@ -35,9 +35,10 @@ class Unknowns:
     """
 
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
-        self.robot, self.stance, self.priors, self.rows = robot, stance, priors, priors.rows()
+        self.robot, self.stance, self.priors, self.rows = robot, stance, priors, priors.estimated
         self.torque_scale = A1_TORQUE.of(robot, stance)
-        self._slices = {"base": slice(0, 10)}
+        self._by_the_model = by_the_model(robot)
+        self._slices = {"base": slice(0, 10), **dict.fromkeys(self._by_the_model, slice(0, 0))}
         self.scale: FloatArray = np.ones(10)
         for row in self.rows:
             own = np.full(len(self.labels(row)), getattr(priors, row.name) * row.measure.of(robot, stance))
@@ -46,13 +47,19 @@ class Unknowns:
         self.size = len(self.scale)
         self.tabled = slice(10, self.size)
         self._links = self.columns(*LINKS)
-        self._of_links, self._model_links = _by_values(LegChains(robot)), model_parameters(robot)[10:]
+        counts = [(self.estimates(name), len(self._by_the_model[name])) for name in LINKS]
+        open_links = np.concatenate([np.full(count, estimated) for estimated, count in counts])
+        self._of_links, self._model_links = _by_values(LegChains(robot))[:, open_links], model_parameters(robot)[10:]
         self._joined, self._above_knees = _joined_bodies(robot, stance)
         self.model_base = base_parameters(robot)
         self.model_base_vector = self.model_base.vector
 
     def __getitem__(self, name: str) -> slice:
         return self._slices[name]
+
+    def estimates(self, name: str) -> bool:
+        """Whether the unknown of a row is not held."""
+        return self[name].stop > 0
 
     def columns(self, *names: str) -> NDArray[np.intp]:
         """Places of some blocks in the vector, in the order of the names."""
@@ -71,12 +78,12 @@ class Unknowns:
 
     def value(self, x: FloatArray, name: str) -> FloatArray:
         """A block in its own units."""
-        return np.asarray(x[self[name]] * self.scale[self[name]])
+        return self.values(x)[name]
 
     def values(self, x: FloatArray) -> Values:
         """All blocks of the table, in their own units."""
         scaled = x * self.scale
-        return {row.name: scaled[self[row.name]] for row in self.rows}
+        return {**self._by_the_model, **{row.name: scaled[self[row.name]] for row in self.rows}}
 
     def inertial(self, x: FloatArray) -> FloatArray:
         """(10 + 4 links,) inertial parameters as of `momenta`."""

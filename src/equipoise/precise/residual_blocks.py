@@ -60,6 +60,7 @@ class ResidualBlock(ABC):
     Attributes:
         depends_on: names of the unknowns that the rows depend on.
         columns: indices of these in the vector of unknowns: the Jacobian's columns.
+        open: names of these that are not held, beside the inertial ones.
         motions: index of each recording, and its rows.
     """
 
@@ -68,11 +69,12 @@ class ResidualBlock(ABC):
     def __init__(self, unknowns: Unknowns, motions: list[tuple[int, slice]]) -> None:
         self.unknowns, self.motions = unknowns, motions
         self.columns = unknowns.columns(*self.depends_on)
+        self.open = [name for name in self.depends_on if name not in INERTIAL and unknowns.estimates(name)]
 
     def _by_unknowns(self, x: FloatArray, by: Derivatives) -> FloatArray:
         """(..., len(columns)) derivatives by the unknowns, of those by their values and by "inertial"."""
         unknowns = self.unknowns
-        parts = [by[name] * unknowns.scale[unknowns[name]] for name in self.depends_on if name not in INERTIAL]
+        parts = [by[name] * unknowns.scale[unknowns[name]] for name in self.open]
         if "inertial" in by:
             parts.insert(0, by["inertial"] @ unknowns.inertial_jacobian(x)[:, unknowns.columns(*INERTIAL)])
         return np.concatenate(parts, axis=-1)
@@ -175,7 +177,8 @@ class TiltBlock(_MotionBlock):
         )
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        y, about_line, by_y, by_inertia = self.equation.linearise(self.unknowns.values(x), self.unknowns.inertial(x))
+        values, inertial = self.unknowns.values(x), self.unknowns.inertial(x)
+        y, about_line, by_y, by_inertia = self.equation.linearise(values, inertial, self.open)
         columns, inertia_columns = self._by_unknowns(x, by_y), self._by_unknowns(x, by_inertia)
         residuals: list[FloatArray] = []
         jacobians: list[FloatArray] = []
@@ -251,7 +254,7 @@ class PlantedBlock(_MotionBlock):
         return self._whitened(self.rows.residuals(self.unknowns.values(x)).reshape(-1, 20, 1)).ravel()
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        rows, by = self.rows.linearise(self.unknowns.values(x))
+        rows, by = self.rows.linearise(self.unknowns.values(x), self.open)
         columns = self._by_unknowns(x, by).reshape(-1, 20, len(self.columns))
         jacobian = self._whitened(columns).reshape(-1, len(self.columns))
         return self._whitened(rows.reshape(-1, 20, 1)).ravel(), jacobian

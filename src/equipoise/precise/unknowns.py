@@ -115,6 +115,7 @@ class Unknown:
         notable: least value that is worth fixing.
         drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
         judged: whether a value far from zero speaks against a result.
+        usual: prior of a robot that has it, as a multiple of the measure.
     """
 
     meaning: str
@@ -131,6 +132,7 @@ class Unknown:
     notable: float = math.inf
     drift: float | None = 0.0
     judged: bool = True
+    usual: float = 0.0
 
     def sentence(self, each: str, value: float, deviation: float) -> str:
         """What is to be said of one of them.
@@ -151,7 +153,12 @@ def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, **mo
     Args:
         prior: standard deviation, as a multiple of the row's measure.
     """
-    return field(default=prior, metadata={_ROW: Unknown(meaning, unit, each, source, **more)})
+    return field(default=prior, metadata={_ROW: Unknown(meaning, unit, each, source, usual=prior, **more)})
+
+
+def held_unknown(usual: float, meaning: str, unit: str, each: Each, source: str, **more: Any) -> float:
+    """A row of what is held at the model's value unless it is given a prior, as `usual` is for robots that have it."""
+    return field(default=0.0, metadata={_ROW: Unknown(meaning, unit, each, source, usual=usual, **more)})
 
 
 _REALISTIC = "assumed; what the simulation's `realistic` sensors have"
@@ -162,7 +169,8 @@ _DEGREES = math.degrees(1.0)
 class Priors:
     """Standard deviations of what is believed before anything is measured; all of mean zero (or of the model's value).
 
-    The first three are of the base and the whole robot; all others are rows of the table of unknowns, in its order.
+    The first three are of the base and the whole robot; all others are rows of the table of unknowns, in its order. Zero holds
+    an unknown at the model's value; those that are held by default may be: `Priors.opened("compliance", "play")` opens some.
 
     Attributes:
         mass: mass of the whole robot, as a fraction of the model's. A payload of half the robot's mass is two of these.
@@ -174,19 +182,19 @@ class Priors:
     first_moment: float = 0.3
     inertia: float = 2.0
     leg_mass: float = unknown(
-        0.05, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
-        "assumed: screws, cables, motors' spread; the simulation's `realistic` legs have 3 %",
+        0.03, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
+        _REALISTIC,
         label="mass of the link that {each} moves",
     )  # fmt: skip
-    leg_mass_common: float = unknown(
+    leg_mass_common: float = held_unknown(
         0.1, "the same of all leg links in common", "", ROBOT, "assumed: files of the same robot differ by that much",
         label="mass of all leg links",
     )  # fmt: skip
-    link_com: float = unknown(
+    link_com: float = held_unknown(
         0.011, "CoM of a leg link less the model's, beside the common part: down the link, forward, along the joint's axis",
         "m", LINK_AXIS, "assumed: CAD without cables; 3 mm on an A1", measure=HIP_HEIGHT, label="CoM of the link of {each}",
     )  # fmt: skip
-    link_com_common: float = unknown(
+    link_com_common: float = held_unknown(
         0.015, "the same of all links of one kind in common: down the link, forward", "m", KIND_AXIS,
         "assumed: CAD without cables; 4 mm on an A1", measure=HIP_HEIGHT, label="CoM of all links of one kind, {each}",
     )  # fmt: skip
@@ -195,13 +203,13 @@ class Priors:
         label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3,
         advice="{each}: the encoder's zero is off by {value:+.2f} deg (sd {deviation:.2f})",
     )  # fmt: skip
-    compliance: float = unknown(
+    compliance: float = held_unknown(
         5e-4, "angle by which a link of one kind lags behind its encoder, over the joint's torque", "rad/Nm", JOINT_KIND,
         "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", measure=PER_A1_TORQUE,
         label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, notable=2e-4, judged=False,
         advice="the {each} joints give by {value:.2f} mrad per Nm (sd {deviation:.2f})",
     )  # fmt: skip
-    play: float = unknown(
+    play: float = held_unknown(
         2e-3, "angle that a joint of one kind is free to turn in its gear", "rad", JOINT_KIND,
         "data sheets of gears: 0.05 to 0.25 deg", label="play of the {each} joints", finding="{each} play",
         shown=_DEGREES, notable=2e-3, judged=False,
@@ -218,13 +226,13 @@ class Priors:
         label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
         advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
     )  # fmt: skip
-    gyro_gain: float = unknown(
+    gyro_gain: float = held_unknown(
         0.01, "angular velocity read less the true one along each axis, over what is read", "", AXIS,
         "data sheets of MEMS gyroscopes: 1 to 3 % as they come, 0.3 to 1 % calibrated",
         label="gyroscope gain {each}", finding="gyroscope gain {each}", notable=0.02, drift=0.1,
         advice="the gyroscope's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
     )  # fmt: skip
-    gyro_misalignment: float = unknown(
+    gyro_misalignment: float = held_unknown(
         6e-3, "angular velocity about one axis that another axis reads, over itself", "rad",
         _named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
         "assumed; data sheets: 2 mrad between the axes, 5 mrad against the accelerometer",
@@ -242,32 +250,32 @@ class Priors:
         label="foot radius", finding="foot radius", notable=0.03,
         advice="the feet roll as if their radius were {value:+.1%} off the model's",
     )  # fmt: skip
-    rolling: float = unknown(
+    rolling: float = held_unknown(
         4e-3, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
         "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
         judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
     )  # fmt: skip
-    foot_radius_each: float = unknown(
+    foot_radius_each: float = held_unknown(
         0.05, "the same of each foot, beside the common part", "", LEG, "assumed: 1 mm on an A1; worn feet",
         label="foot radius of {each}",
     )  # fmt: skip
-    link_length: float = unknown(
+    link_length: float = held_unknown(
         0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,
         "0.7 mm on an A1: tolerances",
         measure=HIP_HEIGHT, label="length of {each}",
     )  # fmt: skip
-    link_length_common: float = unknown(
+    link_length_common: float = held_unknown(
         0.0037, "the same of all thighs, and of all calves, in common", "m", LENGTH_KIND, "assumed: 1 mm on an A1; worn feet",
         measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0, notable=2e-3,
         advice="the {each} are longer than the model's by {value:+.1f} mm (sd {deviation:.1f})",
     )  # fmt: skip
-    hip_position: float = unknown(
+    hip_position: float = held_unknown(
         0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
         "0.7 mm on an A1: tolerances",
         measure=HIP_HEIGHT, label="hip position {each}",
     )  # fmt: skip
-    pull: float = unknown(
+    pull: float = held_unknown(
         0.01, "constant horizontal force on the base, forward and to its left: a cable", "N", _named("forward", "left"),
         "no cable; half a metre of Ethernet pulls with 0.2 N", measure=A1_TORQUE, label="pull {each}", drift=None,
     )  # fmt: skip
@@ -303,8 +311,30 @@ class Priors:
 
     def __post_init__(self) -> None:
         for prior in fields(self):
-            if not getattr(self, prior.name) > 0:
-                raise SettingsError(f"the prior of {prior.name} is {getattr(self, prior.name)}; it must be above zero")
+            value = getattr(self, prior.name)
+            if not (0 < value < math.inf or value == prior.default == 0):
+                least = "zero, which holds it, or more" if prior.default == 0 else "above zero"
+                raise SettingsError(f"the prior of {prior.name} is {value}; it must be {least}, and finite")
+
+    @classmethod
+    def opened(cls, *names: str) -> Priors:
+        """The usual priors, with unknowns that are held by default open too.
+
+        Args:
+            names: names of their rows.
+
+        Raises:
+            SettingsError: there is no such row.
+        """
+        rows = {row.name: row for row in cls.rows()}
+        if unknown_names := [name for name in names if name not in rows]:
+            raise SettingsError(f"{unknown_names[0]!r} is no unknown; those are {', '.join(rows)}")
+        return cls(**{name: rows[name].usual for name in names})
+
+    @property
+    def estimated(self) -> tuple[Unknown, ...]:
+        """The rows that are not held."""
+        return tuple(row for row in self.rows() if getattr(self, row.name) > 0)
 
     @classmethod
     def rows(cls) -> tuple[Unknown, ...]:

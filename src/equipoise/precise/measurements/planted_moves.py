@@ -124,17 +124,17 @@ class PlantedRows:
         """
         return np.moveaxis(self._rows(inputs_of(values, self.DEPENDS_ON, self._moves), 1).value, -1, 0)
 
-    def linearise(self, values: Values) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """`residuals`, and by name of the unknown their (moves, 5, 4, size) derivatives."""
+    def linearise(self, values: Values, names: Sequence[str] = DEPENDS_ON) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """`residuals`, and their (moves, 5, 4, size) derivatives by the unknowns named."""
         # As many copies of the moves as there are rows in each: walking back once gives the derivatives of all.
         inputs = inputs_of(values, self.DEPENDS_ON, _PER_MOVE * self._moves)
         rows = self._rows(inputs, _PER_MOVE)
         seed = np.repeat(np.eye(_PER_MOVE), self._moves, axis=1).reshape(rows.value.shape)
-        gradients = rows.gradients(seed, [inputs[name] for name in self.DEPENDS_ON])
+        gradients = rows.gradients(seed, [inputs[name] for name in names])
         shape = (-1, *rows.value.shape[:2], self._moves)
         by = {
             name: np.moveaxis(gradient.reshape(shape), (0, -1), (-1, 0))
-            for name, gradient in zip(self.DEPENDS_ON, gradients, strict=True)
+            for name, gradient in zip(names, gradients, strict=True)
         }
         return np.moveaxis(rows.value[..., : self._moves], -1, 0), by
 
