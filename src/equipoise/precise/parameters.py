@@ -32,6 +32,8 @@ class Unknowns:
         scale: (size,) size of one unit of each unknown, in the unit of its row; one for the base.
         tabled: slice of all unknowns but the base's.
         torque_scale: m g h of the robot over that of an A1.
+        model_links: (4 links,) inertial parameters of the leg links by the model, as of `momenta`.
+        of_links: (4 links, open) derivative of these by the values of LINKS that are not held.
     """
 
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
@@ -49,7 +51,7 @@ class Unknowns:
         self._links = self.columns(*LINKS)
         counts = [(self.estimates(name), len(self._by_the_model[name])) for name in LINKS]
         open_links = np.concatenate([np.full(count, estimated) for estimated, count in counts])
-        self._of_links, self._model_links = _by_values(LegChains(robot))[:, open_links], model_parameters(robot)[10:]
+        self.of_links, self.model_links = _by_values(LegChains(robot))[:, open_links], model_parameters(robot)[10:]
         self._joined, self._above_knees = _joined_bodies(robot, stance)
         self.model_base = base_parameters(robot)
         self.model_base_vector = self.model_base.vector
@@ -87,14 +89,14 @@ class Unknowns:
 
     def inertial(self, x: FloatArray) -> FloatArray:
         """(10 + 4 links,) inertial parameters as of `momenta`."""
-        links = self._of_links @ (x * self.scale)[self._links]
-        return np.concatenate([base_vector(x[self["base"]]), self._model_links + links])
+        links = self.of_links @ (x * self.scale)[self._links]
+        return np.concatenate([base_vector(x[self["base"]]), self.model_links + links])
 
     def inertial_jacobian(self, x: FloatArray) -> FloatArray:
         """(10 + 4 links, size) derivative of `inertial`."""
-        jacobian = np.zeros((10 + len(self._model_links), self.size))
+        jacobian = np.zeros((10 + len(self.model_links), self.size))
         jacobian[:10, self["base"]] = pin.LogCholeskyParameters(x[self["base"]]).calculateJacobian()
-        jacobian[10:, self._links] = self._of_links * self.scale[self._links]
+        jacobian[10:, self._links] = self.of_links * self.scale[self._links]
         return jacobian
 
     def base_body(self, x: FloatArray) -> InertialParameters:

@@ -343,14 +343,14 @@ class TorqueBlock(ResidualBlock):
             "viscous": _summed(rows.torque, rows.joint_velocity),
             "armature": _summed(rows.torque, rows.joint_acceleration),
         }
-        target = np.einsum("nrj,nj->nr", rows.torque, rows.reported)[..., None]
+        target = np.einsum("nrj,nj->nr", rows.torque, rows.reported) - rows.links @ unknowns.model_links
+        links = rows.links @ unknowns.of_links
         return whitening @ np.concatenate(
-            [rows.base, rows.links, *(terms[name] for name in self.actuators), target], axis=2
+            [rows.base, links, *(terms[name] for name in self.actuators), target[..., None]], axis=2
         )
 
     def _linear(self, x: FloatArray) -> FloatArray:
-        values = self.unknowns.values(x)
-        return np.concatenate([self.unknowns.inertial(x), *(values[name] for name in self.actuators)])
+        return np.concatenate([self.unknowns.inertial(x)[:10], (x * self.unknowns.scale)[self.columns[10:]]])
 
     def residual(self, x: FloatArray) -> FloatArray:
         # Over the mean gain: the balance is homogeneous, and lighter robots with weaker motors would fit any noise better.
@@ -361,10 +361,8 @@ class TorqueBlock(ResidualBlock):
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         unknowns, gain, residual = self.unknowns, self._mean_gain(x), self.residual(x)
-        inertial_columns = unknowns.inertial_jacobian(x)[:, unknowns.columns(*INERTIAL)]
-        of_bodies, of_actuators = np.split(self._matrix, [len(inertial_columns)], axis=1)
-        scale = unknowns.scale[unknowns.columns(*self.actuators)]
-        jacobian = np.hstack([of_bodies @ inertial_columns, of_actuators * scale])
+        jacobian = self._matrix * unknowns.scale[self.columns]
+        jacobian[:, :10] = self._matrix[:, :10] @ unknowns.inertial_jacobian(x)[:10, :10]
         gains = np.isin(self.columns, unknowns.columns("torque_gain"))
         jacobian[:, gains] -= np.outer(residual, unknowns.scale[self.columns[gains]] / gains.sum())
         return residual, jacobian / gain

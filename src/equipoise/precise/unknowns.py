@@ -352,9 +352,18 @@ def by_the_model(robot: RobotModel) -> dict[str, FloatArray]:
     return {row.name: np.zeros(len(row.each.labels(robot))) for row in Priors.rows()}
 
 
-def inputs_of(values: Values, names: Sequence[str], count: int) -> TracedValues:
-    """Some values as inputs of an equation of so many samples; it can read no others."""
-    return {name: Traced.input(np.broadcast_to(values[name][:, None], (len(values[name]), count))) for name in names}
+def inputs_of(values: Values, names: Sequence[str], count: int, by: Sequence[str] = ()) -> TracedValues:
+    """Some values as inputs of an equation of so many samples; it can read no others.
+
+    Args:
+        by: names of those that derivatives are taken by.
+    """
+
+    def laid_out(name: str) -> Traced:
+        value = np.broadcast_to(values[name][:, None], (len(values[name]), count))
+        return Traced.input(value) if name in by else Traced(value)
+
+    return {name: laid_out(name) for name in names}
 
 
 def finding_names(robot: RobotModel, name: str) -> list[str]:

@@ -127,7 +127,7 @@ class PlantedRows:
     def linearise(self, values: Values, names: Sequence[str] = DEPENDS_ON) -> tuple[FloatArray, dict[str, FloatArray]]:
         """`residuals`, and their (moves, 5, 4, size) derivatives by the unknowns named."""
         # As many copies of the moves as there are rows in each: walking back once gives the derivatives of all.
-        inputs = inputs_of(values, self.DEPENDS_ON, _PER_MOVE * self._moves)
+        inputs = inputs_of(values, self.DEPENDS_ON, _PER_MOVE * self._moves, names)
         rows = self._rows(inputs, _PER_MOVE)
         seed = np.repeat(np.eye(_PER_MOVE), self._moves, axis=1).reshape(rows.value.shape)
         gradients = rows.gradients(seed, [inputs[name] for name in names])

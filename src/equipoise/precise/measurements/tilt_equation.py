@@ -101,7 +101,7 @@ class TiltEquation:
     ) -> tuple[FloatArray, FloatArray, Derivatives, Derivatives]:
         """`evaluate`, and the derivatives of both by the inertial parameters and by the unknowns named."""
         names = ("inertial", *names)
-        samples, first = (self._inputs(values, inertial, part) for part in (self._samples, self._first))
+        samples, first = (self._inputs(values, inertial, part, names) for part in (self._samples, self._first))
         momentum, rate = self._samples.momentum_and_rate(samples)
         inertia = self._first.inertia_about_line(first)
         return (
@@ -130,8 +130,8 @@ class TiltEquation:
         (by_velocity,) = momentum.gradients(np.ones(self._middle.count), [self._middle.joints.velocity])
         return np.sqrt((by_velocity**2).sum(axis=0))
 
-    def _inputs(self, values: Values, inertial: FloatArray, samples: _Samples) -> TracedValues:
-        return inputs_of({**values, "inertial": inertial}, ("inertial", *self.DEPENDS_ON), samples.count)
+    def _inputs(self, values: Values, inertial: FloatArray, samples: _Samples, by: Sequence[str] = ()) -> TracedValues:
+        return inputs_of({**values, "inertial": inertial}, ("inertial", *self.DEPENDS_ON), samples.count, by)
 
     def _integrated(self, momentum: FloatArray, rate: FloatArray) -> FloatArray:
         """y(t) of l . L_o and of the right side, or derivatives of y of those of both."""
