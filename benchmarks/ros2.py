@@ -64,7 +64,7 @@ CASES = [
         ("--stiffness", "1000", "--interpolate-from-desired-state"),
         {"command_type": "joint_trajectory", "time_from_start": 0.01},
     ),
-    Case("stiff, no efforts reported", ("--stiffness", "1000", "--without", "effort")),
+    Case("stiff, no efforts reported", ("--stiffness", "1000", "--unreported", "effort")),
 ]
 
 

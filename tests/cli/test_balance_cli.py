@@ -80,7 +80,7 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(MujocoPlatform, "step", interrupted)
     assert main(["balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
     assert f"what was recorded so far is kept in {tmp_path / 'run'}" in capsys.readouterr().err
-    (recording,) = read_log(tmp_path / "run" / "balance-FL_RR-broken-off.mcap").recordings
+    recording = read_log(tmp_path / "run" / "balance-FL_RR-broken-off.mcap").unfinished
     assert recording.has_phase("lower")
     assert recording.joints.time[-1] > stopped[0]
 

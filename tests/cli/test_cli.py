@@ -322,7 +322,7 @@ def test_calibrate_says_what_it_does_before_it_does_it(tmp_path, capsys):
     assert main(["calibrate", "--method", "static", "--out", str(tmp_path / "run"), "--no-pictures"]) == 0
     said = capsys.readouterr().err.splitlines()[0]
     assert said.startswith(
-        "unitree_a1 (name another, or a URDF or MJCF file), simulated in mujoco, sensors realistic, method static"
+        "unitree_a1 (name another, or a URDF or MJCF file), simulated in mujoco, noise realistic, method static"
     )
 
 

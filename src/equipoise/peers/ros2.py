@@ -55,7 +55,7 @@ class Controllers:
         imu_rate: rate of Imu messages [Hz]; at most the simulation's 500.
         permute: seed of the orders of joints in messages and controllers; 0: as the model lists them.
         extra_joints: names of joints that are published with them, at zero.
-        without: quantities that the joints do not report: "velocity", "effort", or both.
+        unreported: quantities that the joints do not report: "velocity", "effort", or both.
         clock: clock of the stamps: from the start of the simulation, or this computer's time of day.
         interpolate_from_desired_state: the joint trajectory controller's parameter of this name.
     """
@@ -71,7 +71,7 @@ class Controllers:
     imu_rate: float = 500.0
     permute: int = 0
     extra_joints: tuple[str, ...] = ()
-    without: tuple[Literal["velocity", "effort"], ...] = ()
+    unreported: tuple[Literal["velocity", "effort"], ...] = ()
     clock: Literal["simulation", "day"] = "simulation"
     interpolate_from_desired_state: bool = False
 
@@ -197,8 +197,8 @@ class Ros2Wire:
         return np.array([values[names.index(name)] for name in self._names])
 
     def _joint_state(self, state: RobotState) -> JointState:
-        velocity = None if "velocity" in self._controllers.without else state.joint_velocity
-        torque = None if "effort" in self._controllers.without else state.joint_torque
+        velocity = None if "velocity" in self._controllers.unreported else state.joint_velocity
+        torque = None if "effort" in self._controllers.unreported else state.joint_torque
         return JointState(
             self._header(state, ""),
             self._published,
