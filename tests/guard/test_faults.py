@@ -391,7 +391,10 @@ def test_a_payload_that_moves_is_named_with_when_and_by_how_much(a1, run):
 def test_feet_that_slip_are_named(a1):
     slippery = replace(REALISTIC.scaled_to(nominal_stance(a1).scale), floor_friction=0.1)
     said = failed(ran(a1, noise=slippery, budget=40).result)
-    assert next(iter(said)) in ("planted feet", "lifts")  # which of them fits worse, chance decides on so slippery a floor
+    assert next(iter(said)) in (
+        "planted feet",
+        "lifts",
+    )  # which of them fits worse, chance decides on so slippery a floor
     assert "feet slip" in said["lifts"]
 
 
