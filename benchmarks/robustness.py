@@ -211,7 +211,7 @@ def size_of(name: str, factor: float) -> str:
     if name in ALONE or name == "stress":
         return f"{factor:g} x"
     effect = SensorErrors.row(name)
-    return f"{effect.times(effect.by_itself, factor):.3g} {effect.unit}".strip()
+    return f"{effect.times(effect.by_itself, factor):.5g} {effect.unit}".strip()
 
 
 def tables(rows: Sequence[Row]) -> list[str]:
