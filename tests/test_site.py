@@ -50,8 +50,9 @@ def test_the_table_of_unknowns_is_that_of_the_code():
 
 def test_the_table_of_effects_is_that_of_the_code():
     table = hooks.effects()
-    assert "between a motor's encoder and the link | robot | exact |  | 3000 Nm/rad | 3000 Nm/rad | torque |" in table
-    assert "| 0.005 rad | 0.01 rad | 0.01 rad |  | calibration jigs, by hand | mujoco, dart |" in table
+    assert "| `springs` |  | 3000 Nm/rad | 3000 Nm/rad | stiffness of the spring between" in table
+    assert "| `joint_zero` | 0.005 rad | 0.01 rad | 0.01 rad | encoder reading less joint position | joint |" in table
+    assert "between a motor's encoder and the link | robot | exact | torque |" in table
     assert hooks._EFFECTS in (ROOT / "docs" / "method" / "world.md").read_text(encoding="utf-8")
 
 

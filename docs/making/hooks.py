@@ -72,14 +72,14 @@ def unknowns() -> str:
 def effects() -> str:
     """The simulation's table of effects."""
     lines = [
-        "| what | one for each | size is | `realistic` | `stress` | by itself | grows with | why | engines |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| effect | `realistic` | `stress` | by itself | what | one for each | size is | grows with | why | engines |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in SensorErrors.rows():
         sizes = (row.realistic, row.in_stress, row.by_itself)
-        cells = [f"`{row.name}`: {row.meaning}", row.each.name, row.law.name]
-        cells += ["" if size == row.none else f"{_short(size)} {row.unit}".strip() for size in sizes]
-        lines.append("| " + " | ".join([*cells, row.measure.name, row.source, ", ".join(row.engines)]) + " |")
+        shown = ["" if size == row.none else f"{_short(size)} {row.unit}".strip() for size in sizes]
+        about = [row.meaning, row.each.name, row.law.name, row.measure.name, row.source, ", ".join(row.engines)]
+        lines.append("| " + " | ".join([f"`{row.name}`", *shown, *about]) + " |")
     return "\n".join(lines)
 
 
