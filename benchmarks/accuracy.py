@@ -50,7 +50,7 @@ from equipoise.method.table import method_named
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.scale import Scale
-from equipoise.simulation.sensors import REALISTIC
+from equipoise.simulation.effects import REALISTIC
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "accuracy.jsonl"

@@ -19,7 +19,7 @@ from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand, MotionInterrupted, TiltLimit, Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.recording.recording import PHASE, Event, Recording
-from equipoise.simulation.mujoco import PERIODS_BETWEEN_STOP_TESTS
+from equipoise.simulation.simulated import PERIODS_BETWEEN_STOP_TESTS
 
 NEVER = TiltLimit(np.pi, (0.0, 0.0, 1.0))
 

@@ -32,7 +32,7 @@ from equipoise.robot.inertial import components, composite_parameters
 from equipoise.robot.kinematics import feet_under_base
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.simulation.sensors import REALISTIC
+from equipoise.simulation.effects import REALISTIC
 
 FloatArray = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from equipoise.recording.recording import PHASE
 from equipoise.recording.trials import DesignedLift
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import components
-from equipoise.simulation.sensors import REALISTIC
+from equipoise.simulation.effects import REALISTIC
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 

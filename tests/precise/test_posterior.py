@@ -17,7 +17,8 @@ from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import JointStream
 from equipoise.robot.inertial import COMPONENTS, components
-from equipoise.simulation.sensors import PRESETS, DrawnErrors
+from equipoise.simulation.effects import PRESETS
+from equipoise.simulation.sensors import DrawnErrors
 
 SURE = 5.0  # standard deviations: a fixed seed of a test that may fail once in a million
 

@@ -15,9 +15,9 @@ from equipoise.errors import FallError, ModelError, SettingsError
 from equipoise.recording.recording import JointStream
 from equipoise.robot.inertial import nominal_inertia
 from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.simulation.effects import REALISTIC
 from equipoise.simulation.mujoco import MujocoPlatform
-from equipoise.simulation.mujoco_model import FLOOR
-from equipoise.simulation.sensors import REALISTIC
+from equipoise.simulation.mujoco_contacts import FLOOR
 
 HEAD = '<compiler angle="radian"/>'
 HELD = RobotDescription(held={"arm_0": 0.7, "arm_1": -0.4})

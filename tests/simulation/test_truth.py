@@ -18,10 +18,11 @@ from equipoise.robot.catalog import CATALOG, load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters, nominal_inertia
 from equipoise.robot.stance import nominal_stance
+from equipoise.simulation.effects import IDEAL
 from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.payload import Payload
-from equipoise.simulation.sensors import IDEAL, DrawnErrors
+from equipoise.simulation.sensors import DrawnErrors
 
 # MuJoCo 3 stops diagonalising a link's inertia at 1e-5 of it.
 TOLERANCE = 1e-9 if int(mujoco.__version__.split(".")[0]) >= 4 else 1e-6

@@ -13,8 +13,7 @@ from robots import quadruped_urdf
 from equipoise import ComSearchSettings, Paper, Static
 from equipoise.errors import EquipoiseError, ModelError, SettingsError
 from equipoise.robot.description import RobotDescription
-from equipoise.simulation.effects import SensorErrors
-from equipoise.simulation.sensors import REALISTIC
+from equipoise.simulation.effects import REALISTIC, SensorErrors
 from equipoise.study.study import SOURCES, Study, draw
 from equipoise.study.trial import check_study
 

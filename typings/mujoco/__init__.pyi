@@ -172,6 +172,7 @@ class MjsJoint:
     frictionloss: float
     armature: float
     damping: float | _FloatArray
+    stiffness: float | _FloatArray
     axis: _FloatsField
     pos: _FloatsField
     limited: int | mjtLimited

@@ -12,10 +12,7 @@ from equipoise.robot.stance import Stance
 from equipoise.simulation.disturbance import Disturbance
 from equipoise.simulation.mujoco_drive import ChangingFriction
 from equipoise.simulation.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
-from equipoise.simulation.simulated import PERIODS_BETWEEN_STOP_TESTS, SimulatedPlatform, Start
-
-__all__ = ["PERIODS_BETWEEN_STOP_TESTS", "MujocoPlatform"]
-
+from equipoise.simulation.simulated import SimulatedPlatform, Start
 
 _PRESSED = 1e-6  # [m] into the floor, that a robot is placed with at most
 _STATE, _WHOLE_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS, mujoco.mjtState.mjSTATE_INTEGRATION

@@ -19,14 +19,7 @@ from equipoise.robot.source import ModelSource
 from equipoise.robot.stance import Stance
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
-from equipoise.simulation.mujoco_contacts import (
-    CONTACT_TIME,
-    FLOOR,
-    IMPEDANCE,
-    IMPRATIO,
-    add_contacts,
-    soften_feet,
-)
+from equipoise.simulation.mujoco_contacts import CONTACT_TIME, IMPEDANCE, IMPRATIO, add_contacts, soften_feet
 from equipoise.simulation.mujoco_drive import add_springs, has_springs, set_springs, set_stops
 from equipoise.simulation.mujoco_legs import add_rotor_spin, change_legs
 from equipoise.simulation.payload import Payload
@@ -36,8 +29,6 @@ IMU_SITE = "equipoise_imu"
 ACCELEROMETER = "equipoise_accelerometer"
 PAYLOAD = "equipoise_payload"
 SWINGING_LOAD = "equipoise_swinging_load"
-
-__all__ = ["CONTACT_TIME", "FLOOR", "SimulatedRobot", "build_simulated_robot", "set_joints", "set_options"]
 
 _TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 TIMESTEP = 0.5e-3  # [s], the usual one
@@ -244,8 +235,7 @@ def _floating_base(spec: mujoco.MjSpec, robot: RobotModel) -> mujoco.MjsBody:
 def _strip(spec: mujoco.MjSpec) -> None:
     """Take out what the file says of losses, contacts and gravity compensation."""
     for joint in spec.joints:
-        for name in ("damping", "stiffness"):  # scalars up to MuJoCo 3, polynomials' coefficients from 4 on
-            setattr(joint, name, np.zeros_like(getattr(joint, name)) if np.ndim(getattr(joint, name)) else 0.0)
+        joint.damping, joint.stiffness = _linear(0.0, joint.damping), _linear(0.0, joint.stiffness)
         joint.frictionloss = 0.0
         joint.armature = 0.0
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
@@ -253,6 +243,11 @@ def _strip(spec: mujoco.MjSpec) -> None:
         geom.contype = geom.conaffinity = 0
     for body in spec.bodies:
         body.gravcomp = 0.0
+
+
+def _linear(value: float, like: Any) -> Any:
+    """A joint's damping or stiffness: a scalar up to MuJoCo 3, coefficients of a polynomial from 4 on."""
+    return value if np.ndim(like) == 0 else value * np.eye(np.size(like))[0]
 
 
 def _weld_held_joints(spec: mujoco.MjSpec, robot: RobotModel) -> None:
@@ -320,8 +315,7 @@ def _add_swinging_load(base: mujoco.MjsBody, stance: Stance, mass: float) -> Non
     about_hook = mass * (length**2 + 0.4 * radius**2)
     damping = 2 * _SWING_DAMPING * about_hook * np.sqrt(GRAVITY / length)
     joint = load.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
-    # A scalar up to MuJoCo 3, coefficients of a polynomial from 4 on.
-    joint.damping = damping if np.ndim(joint.damping) == 0 else damping * np.eye(np.size(joint.damping))[0]
+    joint.damping = _linear(damping, joint.damping)
 
 
 def _add_actuators_and_sensors(

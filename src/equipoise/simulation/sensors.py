@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.simulation.effects import IDEAL, PRESETS, REALISTIC, STRESS, Noise, SensorErrors
-
-__all__ = ["IDEAL", "PRESETS", "REALISTIC", "STRESS", "DrawnErrors", "Noise", "SensorErrors", "named_generator"]
+from equipoise.simulation.effects import SensorErrors
 
 _NOISE_BLOCK = 1024
 # [rad/s]: speed at which a joint's friction has lost two thirds of what it has more at rest.
@@ -50,9 +48,8 @@ class DrawnErrors:
         if min(seed, noise_seed) < 0:
             raise SettingsError(f"the seed is {min(seed, noise_seed)}; it must be zero or more")
         shared = np.random.default_rng([seed, 0])
-        rows = sorted(sizes.rows(), key=lambda row: _ONE_STREAM.index(row.name) if row.name in _ONE_STREAM else 99)
         drawn: dict[str, FloatArray] = {}
-        for row in rows:
+        for row in (*map(sizes.row, _ONE_STREAM), *(row for row in sizes.rows() if row.name not in _ONE_STREAM)):
             generator = shared if row.name in _ONE_STREAM else named_generator(seed, row.name)
             drawn[row.name] = row.law.draw(generator, getattr(sizes, row.name), row.each.count(joints))
         return cls(sizes, noise_seed, drawn)
