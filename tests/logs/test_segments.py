@@ -16,9 +16,10 @@ from equipoise.logs.gyroscope import compare_gyroscope
 from equipoise.logs.oscillation import find_oscillation
 from equipoise.logs.rests import find_rests
 from equipoise.logs.segments import find_segments, usable
-from equipoise.logs.track import Integral, Track, true_runs
+from equipoise.logs.track import Integral, Track
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.recording.recording import ImuStream, JointStream, Recording
+from equipoise.recording.runs import true_runs
 from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES

@@ -25,9 +25,8 @@ _PATIENCE = 3.0  # [s] with a clock that stands still; links that notice silence
 _SLOWEST = 100.0  # [Hz] below which a lift is too quick to be seen
 _USUAL = 250.0  # [Hz] below which what happens between samples makes heights err by millimetres
 _JITTER = 5e-3  # [s]
-_LEAN = np.radians(
-    6
-)  # between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less
+# Between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less.
+_LEAN = np.radians(6)
 _ASKEW = np.radians(35)  # also for a robot that lies on whatever it lies on
 _BIAS = 0.05  # [rad/s] of a gyroscope at rest
 _STILL = 0.06  # [rad/s]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from equipoise.logs.foot_paths import FootPaths
 from equipoise.logs.rests import LoggedRest
-from equipoise.logs.track import true_runs
+from equipoise.recording.runs import true_runs
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.logs.rests import LoggedRest
-from equipoise.logs.track import Track, true_runs
+from equipoise.logs.track import Track
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import attitudes
+from equipoise.recording.runs import true_runs
 from equipoise.robot.model import LEG_NAMES
 from equipoise.robot.stance import Stance
 

@@ -29,11 +29,8 @@ _SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay b
 _SLOWEST = 0.05  # [rad/s]: slower motion tells nothing
 _ENOUGH = 1.0  # [s] of such motion
 _AT_ONCE = 4096  # [steps]
-_PIECE, _PLENTY, _FEWEST = (
-    30_000,
-    12_000,
-    8,
-)  # steps that are looked at at once, that are enough of such motion, and too few
+# Steps that are looked at at once, that are enough of such motion, and too few.
+_PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
 _CURED = 0.25
 

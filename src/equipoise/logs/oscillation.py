@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import AXES, Axis, FloatArray
-from equipoise.logs.track import true_runs
+from equipoise.recording.runs import true_runs
 
 # On an A1; times are multiplied by the robot's scale.
 _ENVELOPE = 0.8  # [s] that the strength of the motion is taken over

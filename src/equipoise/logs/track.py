@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from equipoise.conventions import FloatArray
@@ -88,12 +87,6 @@ class Track:
         """Steps whose middles are within start <= time < end [s]."""
         first, last = np.searchsorted(self.time, [start, end])
         return slice(int(first), int(last))
-
-
-def true_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last (exclusive) index of every run of true flags."""
-    padded = np.concatenate([[False], flags, [False]]).astype(int)
-    return [(int(a), int(b)) for a, b in np.flatnonzero(np.diff(padded)).reshape(-1, 2)]
 
 
 class Integral:

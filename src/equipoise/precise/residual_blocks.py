@@ -302,24 +302,20 @@ class TorqueBlock(ResidualBlock):
         product of what is made of them: neither time nor memory of a round grows with how long a motion lasted.
         """
         systems: list[FloatArray] = []
-        owner: list[tuple[int, float]] = []
+        owners: list[FloatArray] = []
         self._rows = 0
         for first in range(0, len(self._owner), _SAMPLES_AT_ONCE):
             part = slice(first, first + _SAMPLES_AT_ONCE)
             whitened = self._whitened(x, part)
             self._rows += whitened.shape[0] * whitened.shape[1]
             of_part = np.column_stack([self._owner[part], self._correlation[part]])
-            edges = np.flatnonzero(np.diff(of_part, axis=0).any(axis=1)) + 1
-            for begin, end in itertools.pairwise([0, *edges.tolist(), len(of_part)]):
-                system = whitened[begin:end].reshape(-1, whitened.shape[2])
-                systems.append(_few_rows(system))
-                owner += [(int(of_part[begin, 0]), float(of_part[begin, 1]))] * len(systems[-1])
-        whole = np.concatenate(systems)
+            for alike in _alike(of_part):
+                systems.append(_few_rows(whitened[alike].reshape(-1, whitened.shape[2])))
+                owners.append(np.tile(of_part[alike.start], (len(systems[-1]), 1)))
+        whole, owner = np.concatenate(systems), np.concatenate(owners)
         self._matrix, self._target = whole[:, :-1], whole[:, -1]
-        self._row_correlation = np.array([correlation for _, correlation in owner])
-        owners = np.array([index for index, _ in owner])
-        edges = np.flatnonzero(np.diff(np.concatenate([[-1], owners, [-1]])))
-        self.motions = [(int(owners[a]), slice(int(a), int(b))) for a, b in itertools.pairwise(edges)]
+        self._row_correlation = owner[:, 1]
+        self.motions = [(int(owner[rows.start, 0]), rows) for rows in _alike(owner[:, :1])]
 
     def _whitened(self, x: FloatArray, part: slice) -> FloatArray:
         """(n, r, columns + 1) rows of some of the samples and, in the last column, their targets."""
@@ -370,6 +366,12 @@ class TorqueBlock(ResidualBlock):
     def renew_noise(self, x: FloatArray) -> None:
         residual = self.residual(x) * self.normalised_residual * np.sqrt(self._row_correlation)
         self.normalised_residual = max(1.0, float(np.sqrt(np.sum(residual**2) / self._rows)))
+
+
+def _alike(rows: FloatArray) -> list[slice]:
+    """Runs of (n, k) rows that are the same."""
+    edges = np.flatnonzero(np.diff(rows, axis=0).any(axis=1)) + 1
+    return [slice(begin, end) for begin, end in itertools.pairwise([0, *edges.tolist(), len(rows)])]
 
 
 def _few_rows(system: FloatArray) -> FloatArray:

@@ -24,6 +24,7 @@ from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.runs import true_runs
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import LEG_NAMES, RobotModel
 
@@ -130,8 +131,9 @@ def _check_frozen(recording: Recording) -> None:
     needed = max(2, round(_FROZEN_TIME / float(np.median(np.diff(joints.time)))))
     for joint in range(joints.position.shape[1]):
         same = np.diff(joints.position[:, joint]) == 0
-        runs = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
-        for first, last in runs[runs[:, 1] - runs[:, 0] >= needed]:
+        for first, last in true_runs(same):
+            if last - first < needed:
+                continue
             start, end = joints.time[first], joints.time[last]
             meant = commands.position[(commands.time >= start) & (commands.time <= end), joint]
             if len(meant) and float(np.ptp(meant)) > _FROZEN_MOVE:
@@ -151,12 +153,8 @@ def _check_velocity(recordings: Sequence[Recording]) -> None:
         if joints.velocity is None or len(joints.time) < 3:
             continue
         block = max(1, round(_VELOCITY_BLOCK / float(np.median(np.diff(joints.time)))))
-        paths = [
-            cumulative_trapezoid(velocity, joints.time, initial=0)[
-                ::block
-            ]  # of a joint: one at a time takes little memory
-            for velocity in joints.velocity.T
-        ]
+        # A joint at a time: that takes little memory.
+        paths = [cumulative_trapezoid(velocity, joints.time, initial=0)[::block] for velocity in joints.velocity.T]
         moved.append(np.diff(joints.position[::block], axis=0))
         integrated.append(np.diff(np.column_stack(paths), axis=0))
     if not moved:

@@ -15,6 +15,7 @@ from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.runs import true_runs
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
@@ -200,9 +201,8 @@ def _time_on_two_feet(
     heights = np.einsum("nli,ni->nl", legs.feet(moving.joints.position), up) - before
     standing = np.array([leg in DIAGONALS[diagonal] for leg in LEG_NAMES])
     up_in_air = heights[:, ~standing].min(axis=1) > heights[:, standing].mean(axis=1) + clear
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], up_in_air, [False]]).astype(int)))
-    runs = edges.reshape(-1, 2)
-    if len(runs) == 0:
+    runs = true_runs(up_in_air)
+    if not runs:
         return None
-    first, last = runs[int(np.argmax(runs[:, 1] - runs[:, 0]))]
+    first, last = max(runs, key=lambda run: run[1] - run[0])
     return float(time[first]), float(time[last - 1])
