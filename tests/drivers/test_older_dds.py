@@ -63,7 +63,10 @@ def test_the_tests_of_dds_pass(older):
     number, python = older
     assert run(python, "-c", "from equipoise.drivers.dds.cyclone import VERSION; print(VERSION)") == (0, f"{number}\n")
     files = [str(Path(__file__).parent / name) for name in TESTS[number]]
-    chosen = ["-k", "not (doctor or own_joint or dropped or without_clock or told_apart)"]  # a peer for each; asked below
+    chosen = [
+        "-k",
+        "not (doctor or own_joint or dropped or without_clock or told_apart)",
+    ]  # a peer for each; asked below
     for _ in range(2):  # a machine that is busy for a while fails one of a hundred
         code, told = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *chosen, *files)
         if code == 0:
