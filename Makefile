@@ -16,7 +16,7 @@ BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balan
 .PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
 demo: $(RUN_STAMP)
-	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 \
+	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 --mass 13.4 \
 	  --out runs/demo-$$(date +%Y%m%d-%H%M%S)
 
 # What must keep up with real time comes second, when nothing else wants the cores; most of its time is waiting. Both are run,

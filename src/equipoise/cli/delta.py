@@ -52,7 +52,7 @@ def delta(
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
-    found = find_delta(robot, folders[0].recordings(), folders[1].recordings(), scale, methods[0].priors)
+    found = find_delta(robot, folders[0].recordings(), folders[1].recordings(), scale, methods[0].beliefs)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
         found = found.with_truth(truths[0], truths[1])

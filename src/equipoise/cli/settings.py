@@ -9,6 +9,7 @@ import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast
 
 from tyro.conf import arg
@@ -31,6 +32,7 @@ class SettingFlag:
         kind: type of the value.
         default: value where the flag is not given.
         words: help of the flag.
+        read: function that reads the value from a file, which is what the flag is given then; None: it is the value.
     """
 
     name: str
@@ -38,6 +40,7 @@ class SettingFlag:
     kind: Any
     default: Any
     words: str
+    read: Callable[[Path], Any] | None = None
 
     @property
     def is_time(self) -> bool:
@@ -69,6 +72,10 @@ def _settings_in(kind: type[Any], prefix: str, path: tuple[str, ...]) -> Iterato
     hints, words = typing.get_type_hints(kind), attribute_words(kind)
     for field in dataclasses.fields(kind):
         below = field.metadata.get("prefix", f"{field.name}_")
+        if (read := field.metadata.get("file")) is not None:
+            told = words.get(field.name, "")
+            yield SettingFlag(field.name, (*path, field.name), str | None, None, told, read)
+            continue
         if dataclasses.is_dataclass(hints[field.name]):
             if below is not None:
                 yield from _settings_in(hints[field.name], prefix + below, (*path, field.name))
@@ -116,7 +123,12 @@ def flags_class(
 
 def read_flags(kind: type[Settings], flags: Any) -> Settings:
     """A dataclass of settings from flags; raises SettingsError."""
-    return cast("Settings", _made(kind, {setting.path: _value_of(setting, flags) for setting in settings_of(kind)}))
+    values = {setting.path: _value_of(setting, flags) for setting in settings_of(kind)}
+    files = {setting.path for setting in settings_of(kind) if setting.read is not None}
+    return cast(
+        "Settings",
+        _made(kind, {path: value for path, value in values.items() if not (path in files and value is None)}),
+    )
 
 
 def given_flags(flags: Any) -> dict[str, Any]:
@@ -126,8 +138,10 @@ def given_flags(flags: Any) -> dict[str, Any]:
 
 
 def _value_of(setting: SettingFlag, flags: Any) -> Any:
-    """A setting's value; raises SettingsError for a time that is none."""
+    """A setting's value; raises SettingsError for a time that is none, or a file that cannot be read."""
     value = getattr(flags, setting.name)
+    if setting.read is not None:
+        return None if value is None else setting.read(Path(value))
     return seconds(value) if setting.is_time else value
 
 

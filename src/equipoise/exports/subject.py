@@ -150,9 +150,15 @@ def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str,
             f"not identified by this run: {', '.join(missing)}; calibrate longer (--budget) or with a scale (--mass), or "
             "write them all the same with --force"
         )
+    doubtful = [f"check failed: {check.name}: {check.message}" for check in result.checks if not check.passed]
+    if doubtful and _with_verdict(result, bodies, "doubtful") and not force:
+        raise NotIdentifiedError(
+            f"the result is doubtful: {'; '.join(doubtful)}; mend that and calibrate again, or write it with --force"
+        )
     notes = [f"FORCED: not identified, hardly more than the model file's word: {', '.join(missing)}"] if missing else []
-    notes += [f"check failed: {check.name}: {check.message}" for check in result.checks if not check.passed]
+    notes += doubtful
     weak = _with_verdict(result, bodies, "weak")
+    notes += [f"assumed: {assumption}" for assumption in result.assumptions]
     return (*notes, *([f"weakly identified: {', '.join(weak)}"] if weak else []))
 
 

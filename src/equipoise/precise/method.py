@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from equipoise.errors import SettingsError
 from equipoise.experiments.planted import PlantedRobot
@@ -36,6 +36,11 @@ from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance
 
 _BUDGET = 120.0  # [s] on an A1
+_CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
+_OF_LEGS = (
+    "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
+)  # fmt: skip
+_TRUSTED_MASS = 0.03
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,10 @@ class Precise(Method):
         mass_sd: standard deviation of that [kg]; default 0.5 %.
         sway: the sway about all axes at the end, which tells more about friction and Izz.
         goals: standard deviations at which a calibration is good enough to stop early.
-        priors: what is believed before anything is measured.
+        cable: what may pull at the robot, an Ethernet cable being light; `none` makes the planar CoM surer.
+        legs: whether masses, CoMs and lengths of the legs may be off the file's, as ever, or are `trusted` to be right to 3 %
+            in mass; trusted legs make the CoM's height and the inertia surer.
+        priors: what is believed before anything is measured; a TOML file of standard deviations by name.
     """
 
     name: ClassVar[str] = "precise"
@@ -59,14 +67,16 @@ class Precise(Method):
         "centre of mass and inertia with intervals, its sensors calibrated on the way"
     )
     estimates: ClassVar[tuple[str, ...]] = COMPONENTS
-    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd")
+    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd", "cable", "legs", "priors")
 
     budget: float | None = None
     mass: float | None = None
     mass_sd: float | None = None
     sway: bool = True
+    cable: Literal["none", "light", "heavy"] = "light"
+    legs: Literal["unknown", "trusted"] = "unknown"
     goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
-    priors: Priors = field(default_factory=Priors, metadata={"prefix": None})
+    priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
 
     def __post_init__(self) -> None:
         for name, least, most in (("budget", 20.0, 3600.0), ("mass", 0.05, 5000.0), ("mass_sd", 1e-4, 500.0)):
@@ -75,6 +85,24 @@ class Precise(Method):
                 raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
         if self.mass_sd is not None and self.mass is None:
             raise SettingsError("mass_sd says how sure a scale is; give its mass too")
+        for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted"))):
+            if getattr(self, name) not in known:
+                raise SettingsError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(known)}")
+
+    @property
+    def beliefs(self) -> Priors:
+        """The priors, with what was said of cable and legs."""
+        priors = replace(self.priors, pull=_CABLES[self.cable] * self.priors.pull)
+        if self.legs == "unknown":
+            return priors
+        return replace(priors.holding(*_OF_LEGS), leg_mass=min(_TRUSTED_MASS, priors.leg_mass))
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What somebody said who knows more than the priors."""
+        said = ("no cable pulls at the robot",) if self.cable == "none" else ()
+        trusted = f"masses of the legs are the file's to {_TRUSTED_MASS:.0%}, their CoMs and lengths exactly"
+        return said if self.legs == "unknown" else (*said, trusted)
 
     def budget_for(self, stance: Stance) -> float:
         """[s]."""
@@ -123,7 +151,7 @@ class Precise(Method):
         return Course(doing, time, tuple(postures))
 
     def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> PreciseReading:
-        return PreciseReading(robot, stance, recordings, self.priors, self.scale)
+        return PreciseReading(robot, stance, recordings, self.beliefs, self.scale)
 
     def estimate(
         self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance, lifts_needed: bool = True
@@ -142,26 +170,28 @@ class Precise(Method):
         with _Timed(timings, "read the recordings"):
             evidence = read_evidence(robot, stance, recordings)
         with _Timed(timings, "estimate"):
-            posterior = estimate_posterior(robot, stance, evidence, self.priors, self.scale, lifts_needed=lifts_needed)
+            posterior = estimate_posterior(robot, stance, evidence, self.beliefs, self.scale, lifts_needed=lifts_needed)
         with _Timed(timings, "check"):
             checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
             findings = tuple(sensor_findings(posterior))
         nominal = nominal_inertia(robot, stance.joint_position)
+        composite = Body.known(
+            posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
+        )
+        base = Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base)
+        stance_effective = Body.known(
+            posterior.stance_effective_body,
+            posterior.stance_effective_covariance,
+            posterior.prior_deviation,
+            nominal.stance_effective,
+        )
+        well = all(check.passed for check in checks)
         return Calibration(
             **model_facts(robot, stance.joint_position),
             method=self.name,
-            composite=Body.known(
-                posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
-            ),
-            base=Body.known(
-                posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base
-            ),
-            stance_effective=Body.known(
-                posterior.stance_effective_body,
-                posterior.stance_effective_covariance,
-                posterior.prior_deviation,
-                nominal.stance_effective,
-            ),
+            composite=composite if well else composite.doubted(),
+            base=base if well else base.doubted(),
+            stance_effective=stance_effective if well else stance_effective.doubted(),
             sensors=findings,
             checks=checks,
             sways={},
@@ -169,6 +199,7 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
+            assumptions=self.assumptions,
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior),
             timings=timings,
         )

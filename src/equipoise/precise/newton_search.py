@@ -20,6 +20,7 @@ from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.statics import carried_mass
 
+_LEAST_BASE = 0.3  # of the model's
 _MOST_LIFTS = 4  # per diagonal
 _SETTLED = 0.003  # [m] on an A1: a step this small places the rest of the lifts well enough
 _FARTHEST = 0.08  # [m] on an A1: a CoM farther off than this is no Newton step
@@ -79,7 +80,9 @@ def loaded_robot(model: RobotModel, trials: PreciseTrials, mass: float) -> Robot
     """The model with a base that gives the whole robot a mass and, at the nominal stance, a CoM."""
     base = base_parameters(model)
     whole = composite_parameters(model, trials.stance.joint_position)
-    base_mass = base.mass + mass - whole.mass
+    # Without a scale little is known of the mass: of the base something is left.
+    base_mass = max(base.mass + mass - whole.mass, _LEAST_BASE * base.mass)
+    mass = whole.mass + base_mass - base.mass
     moment = mass * trials.com - (whole.mass * whole.com - base.mass * base.com)
     loaded = InertialParameters(base_mass, moment / base_mass, base.inertia * base_mass / base.mass)
     return model.with_base(loaded.to_pinocchio())

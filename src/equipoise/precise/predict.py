@@ -34,10 +34,9 @@ from equipoise.robot.stance import Stance
 
 _RATE = 500.0  # [Hz]
 _ENCODER_NOISE, _VELOCITY_NOISE, _GYRO_NOISE = 3e-4, 0.03, 3e-3  # [rad], [rad/s], [rad/s]
-_REST_ATTITUDE_NOISE = 4e-4  # [rad]
+_ACCELEROMETER_NOISE = 0.05  # [m/s2]
 _IN_AIR_AFTER = 0.4  # of the lift time, the feet are off the floor
 _STEP, _KNOT = 0.020, 0.015  # [s] on an A1; half as many samples as are read teach as much
-_REST_TO_AIR = 1.4  # unloading and lifting, over the lift time
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,21 +77,22 @@ class Predictor:
     _stood: dict[LiftDesign, _OnTwoFeet] = field(default_factory=dict[LiftDesign, "_OnTwoFeet"], init=False)
 
     @cached_property
-    def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Sample times of a lift, and the covariances of smoothed velocities and angular velocities there."""
+    def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Sample times of a lift; covariances of smoothed joint and angular velocities and specific forces there."""
         times, clock = Times.of(self.stance), self.stance.scale.time
         sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / _RATE)
         time = np.arange(0.0, times.watch, _STEP * clock)
         blank = np.zeros((len(sensed), 1))
         joints = fit_spline(sensed, blank, _KNOT * clock, blank, _ENCODER_NOISE / _VELOCITY_NOISE)
-        gyro = fit_spline(sensed, blank, _KNOT * clock)
-        return time, _ENCODER_NOISE**2 * joints.noise(time, derivative=1), _GYRO_NOISE**2 * gyro.noise(time)
+        of_imu = fit_spline(sensed, blank, _KNOT * clock).noise(time)
+        joints_move = _ENCODER_NOISE**2 * joints.noise(time, derivative=1)
+        return time, joints_move, _GYRO_NOISE**2 * of_imu, _ACCELEROMETER_NOISE**2 * of_imu
 
     def lift(self, design: LiftDesign) -> LiftSamples:
         """What the time on two feet would look like."""
         robot, stance = self.robot, self.stance
         settings, times = lift_settings(stance), Times.of(stance)
-        time, velocity_noise, angular_velocity_noise = self._noise
+        time, velocity_noise, angular_velocity_noise, acceleration_noise = self._noise
         stands = self._stands(replace(design, turn=None))
         lifted, position, left = stands.feet, stands.position, stands.left
         height, about_com, about_line = stands.height, stands.about_com, stands.about_line
@@ -108,9 +108,12 @@ class Predictor:
         axis = np.zeros(3)
         if design.turn is not None:
             axis[("roll", "pitch", "yaw").index(design.turn)] = 1.0
-        angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(
-            angle_rate, axis - (axis @ left) * left * about_com / about_line
-        )
+        turned_by = axis - (axis @ left) * left * about_com / about_line
+        angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(angle_rate, turned_by)
+        # The base's origin goes round the line with the robot, and round the CoM with the body's turn.
+        round_line = tilt_rate - angle_rate * (axis @ left) * about_com / about_line
+        origin = np.outer(round_line, np.cross(left, height * design.posture.rotation[2] - self.com))
+        origin -= np.outer(angle_rate, np.cross(axis, self.com))
         # Small motions of the feet in the base frame, through each leg's Jacobian.
         nearby = 1e-3
         moved = (turned_feet(lifted, self.com, design.turn, nearby) - lifted) / nearby
@@ -118,22 +121,22 @@ class Predictor:
         per_angle[robot.leg_joints] = np.einsum("lji,li->lj", stands.inverse_jacobians, moved)
         mounting = np.array(robot.imu_in_base.rotation)
         in_imu = angular_velocity_in_base @ mounting
-        up = design.posture.rotation[2] @ mounting
+        path = attitudes(time, in_imu)
+        up = path.inv().apply(design.posture.rotation[2] @ mounting)
         return LiftSamples(
             design.diagonal,
             0.0,
             _STEP * stance.scale.time,
             position + np.outer(angle, per_angle),
             np.outer(angle_rate, per_angle),
+            np.outer(np.gradient(angle_rate, time), per_angle),
             in_imu,
             np.gradient(in_imu, time, axis=0),
-            attitudes(time, in_imu).as_matrix(),
-            GRAVITY * up,
-            _REST_ATTITUDE_NOISE,
+            GRAVITY * up + np.gradient(origin, time, axis=0) @ mounting,
+            up,
             velocity_noise,
             angular_velocity_noise,
-            _GYRO_NOISE / np.sqrt(_RATE),
-            _REST_TO_AIR * settings.lift_time,
+            acceleration_noise,
         )
 
     def _stands(self, design: LiftDesign) -> _OnTwoFeet:

@@ -9,31 +9,34 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from equipoise.alive import alive
-from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.planted_moves import PlantedMove, PlantedRows
-from equipoise.precise.measurements.tilt_equation import Derivatives, TiltEquation
+from equipoise.precise.measurements.tilt_equation import Derivatives, TiltEquation, integral
 from equipoise.precise.measurements.torque_balance import TorqueSamples, sawtooth, torque_rows
 from equipoise.precise.parameters import INERTIAL, Unknowns
 
 _OUTLIER = 3.0  # times the median misfit
 _FREE_CONSTANT = 0.25  # [rad2/s2] variance of a trial's unknown constant: as good as infinite
+# Lifts that say what one says of what noise does not explain: a model's errors are the same in several of them.
+_SHARED = 2.5
 _MANY = 1e6  # weight's inverse of what is left out
-# What sensor noise does not explain of an ideal robot's residual: contacts that give [rad/s], an attitude at rest that is
-# not quite at rest [rad].
-_TILT_FLOOR, _ATTITUDE_FLOOR = 1e-3, 2e-4
+# What sensor noise does not explain of an ideal robot's residual: contacts that give [rad/s], and a bias of the accelerometer
+# that is not the same in all lifts [m/s2].
+_TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
 # Feet at rest on an A1: how far they seem to move [m], and to rise [m]; and how the gyroscope's attitude drifts over a move
 # and the accelerometer's wanders from rest to rest [rad].
 _FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 1.2e-4, 0.8e-4, 3e-4, 4e-4
 # Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
 _FRICTION_UNKNOWN = 1.0
+_FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
 _TORQUE_FLOOR = 0.01  # of an A1's torque scale over 38: [Nm]
 _SAMPLES_AT_ONCE = 1024
 _TORQUE_CORRELATION = 30.0  # samples of a motion that say what one says: friction's errors last
@@ -113,8 +116,11 @@ class _MotionBlock(ResidualBlock):
     """Rows of motions that each have a noise level of their own.
 
     Attributes:
+        shared: number of motions that say what one says of what sensors' noise does not explain.
         scale: (motions,) noise of each over what its sensors explain.
     """
+
+    shared = 1.0
 
     def __init__(self, unknowns: Unknowns, motions: list[tuple[int, slice]]) -> None:
         super().__init__(unknowns, motions)
@@ -127,7 +133,9 @@ class _MotionBlock(ResidualBlock):
     def renew_noise(self, x: FloatArray) -> None:
         misfit = self.normalised_residual(x)
         median = float(np.median(misfit))
-        self.scale = np.where(misfit > _OUTLIER * max(median, 1.0), _MANY, np.maximum(misfit, max(0.7 * median, 1.0)))
+        misfit_or_more = np.maximum(misfit, max(0.7 * median, 1.0))
+        raised = np.sqrt(1 + self.shared * (misfit_or_more**2 - 1))
+        self.scale = np.where(misfit > _OUTLIER * max(median, 1.0), _MANY, raised)
 
     def misfits(self, x: FloatArray) -> tuple[Misfit, ...]:
         return tuple(
@@ -140,82 +148,156 @@ class TiltBlock(_MotionBlock):
     """Rows of the tilt equation of all lifts, whitened."""
 
     depends_on = (*INERTIAL, *TiltEquation.DEPENDS_ON)
+    shared = _SHARED
 
-    def __init__(
-        self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, lifts: Sequence[tuple[int, LiftSamples]]
-    ) -> None:
+    def __init__(self, unknowns: Unknowns, legs: LegChains, lifts: Sequence[tuple[int, LiftSamples]]) -> None:
         self.lifts = [lift for _, lift in lifts]
-        self.equation = TiltEquation(legs, rotation, self.lifts)
+        self.equation = TiltEquation(unknowns.robot, legs, self.lifts)
         motions = [(index, rows) for (index, _), rows in zip(lifts, self.equation.trials, strict=True)]
         super().__init__(unknowns, motions)
-        self._whitening: list[FloatArray] = []
+        self._sensors = [TiltNoise.of(lift) for lift in self.lifts]
+        self._noise = self._sensors
+        self._unexplained: FloatArray | float = 0.0
 
     @classmethod
     def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TiltBlock | None:
         """All lifts of a run; None if there is none."""
         lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
-        return cls(unknowns, legs, np.array(unknowns.robot.imu_in_base.rotation), lifts) if lifts else None
+        return cls(unknowns, legs, lifts) if lifts else None
 
     def prepare(self, x: FloatArray) -> None:
-        """Noise of each trial's residual, propagated from that of its sensors."""
-        values, inertial = self.unknowns.values(x), self.unknowns.inertial(x)
-        about_line = self.equation.inertia_about_line(values, inertial)
-        sensitivity = self.equation.velocity_sensitivity(values, inertial) / about_line
-        growth = self.unknowns.robot.mass * GRAVITY * 0.85 * self.unknowns.stance.hip_height / about_line
-        self._whitening = [
-            _whitening(scale**2 * tilt_noise(lift, by_velocity, rate) + _FREE_CONSTANT)
-            for lift, scale, by_velocity, rate in zip(self.lifts, self.scale, sensitivity, growth, strict=True)
+        """Noise of each trial: that of its readings, and what they do not explain."""
+        _, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
+        self._noise = [
+            sensors.raised(scale, gains)
+            for scale, sensors, gains in zip(self.scale, self._sensors, (levers[1:] / levers[0]).T, strict=True)
         ]
 
+    def fit(self, x: FloatArray) -> None:
+        """Take the lifts to obey the equation at x: predicted ones are near enough for derivatives, and for no more."""
+        y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
+        self._unexplained = np.concatenate([y[t] / levers[0, i] for i, t in enumerate(self.equation.trials)])
+
     def residual(self, x: FloatArray) -> FloatArray:
-        y, about_line = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
         return np.concatenate(
             [
-                whitening @ (y[trial] - y[trial].mean()) / inertia
-                for whitening, trial, inertia in zip(self._whitening, self.equation.trials, about_line, strict=True)
+                noise.whitening(gains) @ residual
+                for noise, (residual, gains) in zip(self._noise, self._residuals(x), strict=True)
             ]
         )
 
+    def _residuals(self, x: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """(n,) residual of each trial [rad/s], and its (1 + 3 + nj,) gains."""
+        y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
+        inertia, gains = levers[0], levers[1:] / levers[0]
+        left = np.zeros(len(y)) + self._unexplained
+        return [
+            ((y[trial] - y[trial].mean()) / inertia[index] - (left[trial] - left[trial].mean()), gains[:, index])
+            for index, trial in enumerate(self.equation.trials)
+        ]
+
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         values, inertial = self.unknowns.values(x), self.unknowns.inertial(x)
-        y, about_line, by_y, by_inertia = self.equation.linearise(values, inertial, self.open)
-        columns, inertia_columns = self._by_unknowns(x, by_y), self._by_unknowns(x, by_inertia)
+        y, levers, by_y, by_levers = self.equation.linearise(values, inertial, self.open)
+        columns, lever_columns = self._by_unknowns(x, by_y), self._by_unknowns(x, by_levers)
+        left = np.zeros(len(y)) + self._unexplained
+        inertia, gains, by_inertia = levers[0], levers[1:] / levers[0], lever_columns[0]
+        by_gains = (lever_columns[1:] - gains[..., None] * by_inertia) / inertia[:, None]
         residuals: list[FloatArray] = []
         jacobians: list[FloatArray] = []
-        for whitening, trial, inertia, row in zip(
-            self._whitening, self.equation.trials, about_line, inertia_columns, strict=True
-        ):
-            residual = (y[trial] - y[trial].mean()) / inertia
-            residuals.append(whitening @ residual)
+        for index, (noise, trial) in enumerate(zip(self._noise, self.equation.trials, strict=True)):
+            whitening = noise.whitening(gains[:, index])
+            residual = (y[trial] - y[trial].mean()) / inertia[index]
+            residuals.append(whitening @ (residual - (left[trial] - left[trial].mean())))
             centred = columns[trial] - columns[trial].mean(axis=0)
-            jacobians.append(whitening @ (centred - np.outer(residual, row)) / inertia)
+            derivative = (centred - np.outer(residual, by_inertia[index])) / inertia[index]
+            grown = noise.growth(gains[:, index], by_gains[:, index], whitening.T @ residuals[-1])
+            jacobians.append(whitening @ (derivative - grown))
         return np.concatenate(residuals), np.concatenate(jacobians)
 
     def normalised_residual(self, x: FloatArray) -> FloatArray:
-        residual = self.residual(x)
-        return self.scale * np.array(
-            [np.sqrt(residual[rows] @ residual[rows] / (rows.stop - rows.start - 1)) for rows in self.equation.trials]
+        return np.array(
+            [
+                np.sqrt(np.sum((sensors.whitening(gains) @ residual) ** 2) / sensors.explains(gains))
+                for sensors, (residual, gains) in zip(self._sensors, self._residuals(x), strict=True)
+            ]
         )
 
 
-def tilt_noise(lift: LiftSamples, by_velocity: float, growth: float) -> FloatArray:
-    """(n, n) covariance of a lift's residual [rad2/s2].
+@dataclass(frozen=True, eq=False)
+class TiltNoise:
+    """Noise of a lift's residual, from that of its sensors.
 
-    Args:
-        by_velocity: derivative of the residual by a joint's velocity.
-        growth: M g h over the moment of inertia about the line: what an attitude error adds per second [1/s2].
+    A reading that is off shifts the residual by as much as it is multiplied by, which hangs on the unknowns. So does the
+    noise: with fixed weights a reading's noise would draw what it is multiplied by towards zero, legs that move towards no
+    mass. That the covariance changes with the unknowns undoes this (total least squares; Fuller, Measurement Error Models,
+    chapter 1), without the determinant that a likelihood has: what was read is not drawn from a population.
+
+    Attributes:
+        specific_force: (n, n) covariance of the specific force's integral, along any axis [m2/s2].
+        angular_velocity: (n, n) covariance of any axis of the gyroscope [rad2/s2].
+        joint_velocity: (n, n) covariance of any joint's velocity [rad2/s2].
+        beside: (n, n) covariance of what is not a reading's [rad2/s2].
     """
-    alive()
-    count, step = len(lift.joint_position), lift.step
-    before = int(np.ceil(lift.since_rest / step))
-    time = step * np.arange(count)
-    # The attitude is the integral of the gyroscope's noise since the rest; the residual integrates it once more.
-    wander = np.tril(np.ones((before + count, before + count))) * lift.gyro_density * np.sqrt(step)
-    wandered = np.cumsum(wander[before:], axis=0) * step * growth
-    ramp = growth * np.hypot(lift.rest_attitude_noise, _ATTITUDE_FLOOR) * time
-    drift = lift.gyro_density / np.sqrt(60.0) * (1 + growth * (time * lift.since_rest + time**2 / 2))
-    noise = lift.angular_velocity_noise + by_velocity**2 * lift.velocity_noise + wandered @ wandered.T
-    return noise + np.outer(ramp, ramp) + np.outer(drift, drift) + _TILT_FLOOR**2 * np.eye(count)
+
+    specific_force: FloatArray
+    angular_velocity: FloatArray
+    joint_velocity: FloatArray
+    beside: FloatArray
+
+    @classmethod
+    def of(cls, lift: LiftSamples) -> TiltNoise:
+        """Of a lift as its sensors are at rest."""
+        alive()
+        integrate, count = integral(lift), len(lift.joint_position)
+        ramp = _BIAS_FLOOR * lift.step * np.arange(count)
+        force = integrate @ lift.acceleration_noise @ integrate.T + np.outer(ramp, ramp)
+        return cls(force, lift.angular_velocity_noise, lift.velocity_noise, _TILT_FLOOR**2 * np.eye(count))
+
+    def raised(self, factor: float, gains: FloatArray) -> TiltNoise:
+        """The noise of residuals that are so many times larger than readings explain.
+
+        Args:
+            gains: as of `covariance`.
+        """
+        return replace(self, beside=self.beside + (factor**2 - 1) * self.covariance(gains))
+
+    def covariance(self, gains: FloatArray) -> FloatArray:
+        """(n, n) covariance [rad2/s2].
+
+        Args:
+            gains: (1 + 3 + nj,) what the specific force [1/m], each axis of the gyroscope and each joint's velocity are
+                multiplied by.
+        """
+        force, turning, moving = gains[0] ** 2, gains[1:4] @ gains[1:4], gains[4:] @ gains[4:]
+        return (
+            force * self.specific_force + turning * self.angular_velocity + moving * self.joint_velocity + self.beside
+        )
+
+    def explains(self, gains: FloatArray) -> float:
+        """Whitened squares of a residual that readings alone make: smoothed, they have fewer freedoms than samples."""
+        white = self.whitening(gains)
+        read = self.covariance(gains) - self.beside
+        return float(np.einsum("ij,jk,ik->", white, read, white))
+
+    def whitening(self, gains: FloatArray) -> FloatArray:
+        """(n, n) matrix that turns residuals into white ones, but for a constant."""
+        return _whitening(self.covariance(gains) + _FREE_CONSTANT)
+
+    def growth(self, gains: FloatArray, by_gains: FloatArray, weighted: FloatArray) -> FloatArray:
+        """(n, size) half the covariance's derivative by the unknowns, times a residual.
+
+        Args:
+            gains: as of `covariance`.
+            by_gains: (1 + 3 + nj, size) derivatives of these.
+            weighted: (n,) residual times the covariance's inverse.
+        """
+        parts = (
+            (self.specific_force, slice(0, 1)), (self.angular_velocity, slice(1, 4)), (self.joint_velocity, slice(4, None)),
+        )  # fmt: skip
+        return np.asarray(
+            sum(np.outer(part @ weighted, gains[own] @ by_gains[own]) for part, own in parts), dtype=float
+        )
 
 
 def _whitening(covariance: FloatArray) -> FloatArray:
@@ -276,7 +358,8 @@ class TorqueBlock(ResidualBlock):
         normalised_residual: root mean square of all rows' residuals over what their noise explains.
     """
 
-    actuators = ("torque_gain", "coulomb", "viscous", "armature")
+    actuators = ("torque_gain_common", "torque_gain", "coulomb", "viscous", "armature")
+    gains = ("torque_gain_common", "torque_gain")
     depends_on = (*INERTIAL, *actuators)
 
     def __init__(self, unknowns: Unknowns, torques: Sequence[tuple[int, TorqueSamples]]) -> None:
@@ -322,7 +405,9 @@ class TorqueBlock(ResidualBlock):
         unknowns, samples = self.unknowns, self.samples.part(part)
         rows = torque_rows(unknowns.robot, samples, unknowns.values(x))
         scale = unknowns.torque_scale
-        coulomb = max(float(np.abs(unknowns.value(x, "coulomb")[0])), 0.02 * scale)
+        # Before anything is known of friction it is taken to be large: else what it does is taken for the motors' gains.
+        found = float(np.abs(unknowns.value(x, "coulomb")[0]))
+        coulomb = max(found, 0.02 * scale) if found else _FRICTION_AT_FIRST * scale
         direction = np.abs(rows.friction_direction)
         unknown = coulomb**2 * ((1 - direction) ** 2 + _FRICTION_UNKNOWN**2) + (_TORQUE_FLOOR * scale) ** 2
         noise: FloatArray = np.einsum("nrj,nj,nsj->nrs", rows.torque, unknown, rows.torque)
@@ -334,6 +419,7 @@ class TorqueBlock(ResidualBlock):
         level = self.normalised_residual * np.sqrt(self._correlation[part])
         whitening = _whitening(noise) / level[:, None, None]
         terms = {
+            "torque_gain_common": -_summed(rows.torque, rows.reported),
             "torque_gain": -rows.torque * rows.reported[:, None],
             "coulomb": _summed(rows.torque, rows.friction_direction),
             "viscous": _summed(rows.torque, rows.joint_velocity),
@@ -353,14 +439,15 @@ class TorqueBlock(ResidualBlock):
         return (self._matrix @ self._linear(x) - self._target) / self._mean_gain(x)
 
     def _mean_gain(self, x: FloatArray) -> float:
-        return 1 + float(self.unknowns.value(x, "torque_gain").mean())
+        return 1 + float(sum(self.unknowns.value(x, name).mean() for name in self.gains))
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         unknowns, gain, residual = self.unknowns, self._mean_gain(x), self.residual(x)
         jacobian = self._matrix * unknowns.scale[self.columns]
         jacobian[:, :10] = self._matrix[:, :10] @ unknowns.inertial_jacobian(x)[:10, :10]
-        gains = np.isin(self.columns, unknowns.columns("torque_gain"))
-        jacobian[:, gains] -= np.outer(residual, unknowns.scale[self.columns[gains]] / gains.sum())
+        for name in self.gains:
+            own = np.isin(self.columns, unknowns.columns(name))
+            jacobian[:, own] -= np.outer(residual, unknowns.scale[self.columns[own]] / max(1, own.sum()))
         return residual, jacobian / gain
 
     def renew_noise(self, x: FloatArray) -> None:

@@ -35,7 +35,7 @@ _FEWEST_LIFTS = 4  # below, no precise result
 
 def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
-    return make_plan(nominal_candidates(robot, settings.priors), _budget(stance, settings), settings.goals)
+    return make_plan(nominal_candidates(robot, settings.beliefs), _budget(stance, settings), settings.goals)
 
 
 def _budget(stance: Stance, settings: Precise) -> float:
@@ -126,7 +126,7 @@ class PreciseRoutine:
         try:
             evidence = read_evidence(self.robot, self.stance, self._recordings)
             return estimate_posterior(
-                self.robot, self.stance, evidence, self.settings.priors, self.settings.scale, rounds=1
+                self.robot, self.stance, evidence, self.settings.beliefs, self.settings.scale, rounds=1
             )
         except (EquipoiseError, np.linalg.LinAlgError):
             return None
@@ -147,7 +147,7 @@ class PreciseRoutine:
 
     def _candidates(self) -> Candidates:
         """What may be done with the robot as it is known now."""
-        return Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.priors, self.trials.doubt)
+        return Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.beliefs, self.trials.doubt)
 
     def _replan(self, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:
         """The best use of the time that is left, given what was really learnt."""

@@ -9,9 +9,12 @@ depends on. Its derivatives follow from the equation (traced.py).
 
 from __future__ import annotations
 
+import difflib
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +24,11 @@ from equipoise.errors import SettingsError
 from equipoise.precise.measurements.traced import Traced
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 Values = Mapping[str, FloatArray]
 """Value of every unknown, an array each, by its row's name and in its row's unit; zero is what the model says."""
@@ -115,7 +123,6 @@ class Unknown:
         notable: least value that is worth fixing.
         drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
         judged: whether a value far from zero speaks against a result.
-        usual: prior of a robot that has it, as a multiple of the measure.
     """
 
     meaning: str
@@ -132,7 +139,6 @@ class Unknown:
     notable: float = math.inf
     drift: float | None = 0.0
     judged: bool = True
-    usual: float = 0.0
 
     def sentence(self, each: str, value: float, deviation: float) -> str:
         """What is to be said of one of them.
@@ -153,12 +159,7 @@ def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, **mo
     Args:
         prior: standard deviation, as a multiple of the row's measure.
     """
-    return field(default=prior, metadata={_ROW: Unknown(meaning, unit, each, source, usual=prior, **more)})
-
-
-def held_unknown(usual: float, meaning: str, unit: str, each: Each, source: str, **more: Any) -> float:
-    """A row of what is held at the model's value unless it is given a prior, as `usual` is for robots that have it."""
-    return field(default=0.0, metadata={_ROW: Unknown(meaning, unit, each, source, usual=usual, **more)})
+    return field(default=prior, metadata={_ROW: Unknown(meaning, unit, each, source, **more)})
 
 
 _REALISTIC = "assumed; what the simulation's `realistic` sensors have"
@@ -170,7 +171,7 @@ class Priors:
     """Standard deviations of what is believed before anything is measured; all of mean zero (or of the model's value).
 
     The first three are of the base and the whole robot; all others are rows of the table of unknowns, in its order. Zero holds
-    an unknown at the model's value; those that are held by default may be: `Priors.opened("compliance", "play")` opens some.
+    such a row at the model's value, for those who know better.
 
     Attributes:
         mass: mass of the whole robot, as a fraction of the model's. A payload of half the robot's mass is two of these.
@@ -182,19 +183,19 @@ class Priors:
     first_moment: float = 0.3
     inertia: float = 2.0
     leg_mass: float = unknown(
-        0.03, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
+        0.05, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
         _REALISTIC,
         label="mass of the link that {each} moves",
     )  # fmt: skip
-    leg_mass_common: float = held_unknown(
+    leg_mass_common: float = unknown(
         0.1, "the same of all leg links in common", "", ROBOT, "assumed: files of the same robot differ by that much",
         label="mass of all leg links",
     )  # fmt: skip
-    link_com: float = held_unknown(
+    link_com: float = unknown(
         0.011, "CoM of a leg link less the model's, beside the common part: down the link, forward, along the joint's axis",
         "m", LINK_AXIS, "assumed: CAD without cables; 3 mm on an A1", measure=HIP_HEIGHT, label="CoM of the link of {each}",
     )  # fmt: skip
-    link_com_common: float = held_unknown(
+    link_com_common: float = unknown(
         0.015, "the same of all links of one kind in common: down the link, forward", "m", KIND_AXIS,
         "assumed: CAD without cables; 4 mm on an A1", measure=HIP_HEIGHT, label="CoM of all links of one kind, {each}",
     )  # fmt: skip
@@ -203,13 +204,13 @@ class Priors:
         label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3,
         advice="{each}: the encoder's zero is off by {value:+.2f} deg (sd {deviation:.2f})",
     )  # fmt: skip
-    compliance: float = held_unknown(
+    compliance: float = unknown(
         5e-4, "angle by which a link of one kind lags behind its encoder, over the joint's torque", "rad/Nm", JOINT_KIND,
         "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", measure=PER_A1_TORQUE,
         label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, notable=2e-4, judged=False,
         advice="the {each} joints give by {value:.2f} mrad per Nm (sd {deviation:.2f})",
     )  # fmt: skip
-    play: float = held_unknown(
+    play: float = unknown(
         2e-3, "angle that a joint of one kind is free to turn in its gear", "rad", JOINT_KIND,
         "data sheets of gears: 0.05 to 0.25 deg", label="play of the {each} joints", finding="{each} play",
         shown=_DEGREES, notable=2e-3, judged=False,
@@ -226,21 +227,27 @@ class Priors:
         label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
         advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
     )  # fmt: skip
-    gyro_gain: float = held_unknown(
+    accelerometer_gain: float = unknown(
+        5e-3, "accelerometer reading less its bias over specific force along each axis, less one", "", AXIS,
+        "data sheets of MEMS accelerometers: 0.3 to 1 %",
+        label="accelerometer gain {each}", finding="accelerometer gain {each}", notable=0.01, drift=0.1,
+        advice="the accelerometer's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
+    )  # fmt: skip
+    gyro_gain: float = unknown(
         0.01, "angular velocity read less the true one along each axis, over what is read", "", AXIS,
         "data sheets of MEMS gyroscopes: 1 to 3 % as they come, 0.3 to 1 % calibrated",
         label="gyroscope gain {each}", finding="gyroscope gain {each}", notable=0.02, drift=0.1,
         advice="the gyroscope's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
     )  # fmt: skip
-    gyro_misalignment: float = held_unknown(
+    gyro_misalignment: float = unknown(
         6e-3, "angular velocity about one axis that another axis reads, over itself", "rad",
         _named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
         "assumed; data sheets: 2 mrad between the axes, 5 mrad against the accelerometer",
         label="gyroscope misalignment, {each}", drift=0.1,
     )  # fmt: skip
     clock_offset: float = unknown(
-        1e-3, "time by which an IMU sample is younger than a joint sample of the same stamp", "s", ROBOT,
-        "assumed; a sample of a 500 Hz bus is up to 2 ms old",
+        2e-3, "time by which an IMU sample is younger than a joint sample of the same stamp", "s", ROBOT,
+        "assumed; a sample of a 500 Hz bus is up to 2 ms old, and an IMU's filter as late",
         label="clock offset", finding="clock offset", shown=1000.0, notable=1e-3, drift=None,
         advice="IMU samples are {size:.2f} ms younger than joint samples of the same stamp",
         advice_below="IMU samples are {size:.2f} ms older than joint samples of the same stamp",
@@ -250,34 +257,34 @@ class Priors:
         label="foot radius", finding="foot radius", notable=0.03,
         advice="the feet roll as if their radius were {value:+.1%} off the model's",
     )  # fmt: skip
-    rolling: float = held_unknown(
+    rolling: float = unknown(
         4e-3, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
         "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
         judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
     )  # fmt: skip
-    foot_radius_each: float = held_unknown(
+    foot_radius_each: float = unknown(
         0.05, "the same of each foot, beside the common part", "", LEG, "assumed: 1 mm on an A1; worn feet",
         label="foot radius of {each}",
     )  # fmt: skip
-    link_length: float = held_unknown(
+    link_length: float = unknown(
         0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,
         "0.7 mm on an A1: tolerances",
         measure=HIP_HEIGHT, label="length of {each}",
     )  # fmt: skip
-    link_length_common: float = held_unknown(
+    link_length_common: float = unknown(
         0.0037, "the same of all thighs, and of all calves, in common", "m", LENGTH_KIND, "assumed: 1 mm on an A1; worn feet",
         measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0, notable=2e-3,
         advice="the {each} are longer than the model's by {value:+.1f} mm (sd {deviation:.1f})",
     )  # fmt: skip
-    hip_position: float = held_unknown(
+    hip_position: float = unknown(
         0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
         "0.7 mm on an A1: tolerances",
         measure=HIP_HEIGHT, label="hip position {each}",
     )  # fmt: skip
-    pull: float = held_unknown(
-        0.01, "constant horizontal force on the base, forward and to its left: a cable", "N", _named("forward", "left"),
-        "no cable; half a metre of Ethernet pulls with 0.2 N", measure=A1_TORQUE, label="pull {each}", drift=None,
+    pull: float = unknown(
+        0.2, "constant horizontal force on the base, forward and to its left: a cable", "N", _named("forward", "left"),
+        "half a metre of Ethernet cable; none is known without one", measure=A1_TORQUE, label="pull {each}", drift=None,
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance", "rad", _named("x", "y"), _REALISTIC,
@@ -288,8 +295,14 @@ class Priors:
         1e-3, "height of two diagonal footholds above the mean of all four", "m", ROBOT, "assumed; an indoor floor",
         measure=HIP_HEIGHT, label="floor warp", drift=None, judged=False,
     )  # fmt: skip
+    torque_gain_common: float = unknown(
+        0.2, "true over reported torque of all joints, less one", "", ROBOT,
+        "one motor type, one torque constant; a vendor's bench: the true one is 1/1.3 to 1/1.5 of what is reported",
+        label="torque gain of all joints", finding="torque gain", notable=0.05, drift=0.1,
+        advice="true joint torques are {value:+.1%} off the reported ones (sd {deviation:.1%})",
+    )  # fmt: skip
     torque_gain: float = unknown(
-        0.03, "true over reported joint torque, less one", "", JOINT, _REALISTIC,
+        0.03, "the same of each joint, beside the common part", "", JOINT, _REALISTIC,
         label="torque gain of {each}", finding="{each} torque gain", notable=0.05, drift=0.1,
         advice="{each}: the true torque is {value:+.1%} off the reported one (sd {deviation:.1%})",
     )  # fmt: skip
@@ -297,6 +310,11 @@ class Priors:
         0.5, "Coulomb friction of every joint", "Nm", ROBOT, "wide: the simulation's `realistic` joints have 0.3",
         measure=A1_TORQUE, label="Coulomb friction", finding="coulomb of the joints", drift=0.2, judged=False,
         advice="coulomb of the joints: {value:.3f} Nm",
+    )  # fmt: skip
+    rotor_spin: float = unknown(
+        1.5e-3, "angular momentum of a joint's rotor over the joint's velocity: its inertia times the gear ratio", "kg m2",
+        ROBOT, "assumed: 0.01 kg m2 at the joint, over gear ratios of 6 to 10", measure=A1_TORQUE,
+        label="spin of the rotors",
     )  # fmt: skip
     viscous: float = unknown(
         0.1, "viscous friction of every joint", "Nm s/rad", ROBOT, "wide: the simulation's `realistic` joints have 0.05",
@@ -310,26 +328,37 @@ class Priors:
     )  # fmt: skip
 
     def __post_init__(self) -> None:
+        rows = {row.name for row in self.rows()}
         for prior in fields(self):
             value = getattr(self, prior.name)
-            if not (0 < value < math.inf or value == prior.default == 0):
-                least = "zero, which holds it, or more" if prior.default == 0 else "above zero"
+            if not (0 < value < math.inf or (value == 0 and prior.name in rows)):
+                least = "zero, which holds it, or more" if prior.name in rows else "above zero"
                 raise SettingsError(f"the prior of {prior.name} is {value}; it must be {least}, and finite")
 
-    @classmethod
-    def opened(cls, *names: str) -> Priors:
-        """The usual priors, with unknowns that are held by default open too.
+    def holding(self, *names: str) -> Priors:
+        """The same, with some rows held at the model's values."""
+        return replace(self, **dict.fromkeys(names, 0.0))
 
-        Args:
-            names: names of their rows.
+    @classmethod
+    def read(cls, path: Path) -> Priors:
+        """From a TOML file of numbers by name; what is not in it is as usual.
 
         Raises:
-            SettingsError: there is no such row.
+            SettingsError: there is no such file, it is no TOML, or a name or number in it is none.
         """
-        rows = {row.name: row for row in cls.rows()}
-        if unknown_names := [name for name in names if name not in rows]:
-            raise SettingsError(f"{unknown_names[0]!r} is no unknown; those are {', '.join(rows)}")
-        return cls(**{name: rows[name].usual for name in names})
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise SettingsError(f"cannot read priors from {path}: {error}") from error
+        known = {field.name: field for field in fields(cls)}
+        for name, value in table.items():
+            if name not in known:
+                near = difflib.get_close_matches(name, known, 1)
+                hint = f"; did you mean {near[0]}?" if near else f"; those are {', '.join(known)}"
+                raise SettingsError(f"{path}: {name!r} is no unknown{hint}")
+            if not isinstance(value, int | float) or isinstance(value, bool):
+                raise SettingsError(f"{path}: the prior of {name} is {value!r}; it must be a number")
+        return cls(**{name: float(value) for name, value in table.items()})
 
     @property
     def estimated(self) -> tuple[Unknown, ...]:

@@ -214,6 +214,11 @@ class Body(_Group):
             )
         return InertialParameters.from_components(self.values)
 
+    def doubted(self) -> Body:
+        """The same, as a run gives it of which a check failed."""
+        verdicts = ["doubtful" if one.verdict in ("identified", "weak") else one.verdict for one in self]
+        return self._with(verdict=verdicts)
+
     def to_dict(self) -> dict[str, Any]:
         """JSON form, with `uncertainty` beside the numbers; None there: the method gives none."""
         intervals = self.intervals()

@@ -139,6 +139,7 @@ class Calibration:
         settings: settings of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
         warnings: sentences that speak against the result, worst first.
+        assumptions: what the user said to be so, and the intervals rest on.
         evidence: data that pictures show; not in the JSON form.
         robot_model: model that was used; not in the JSON form.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
@@ -157,6 +158,7 @@ class Calibration:
     settings: Mapping[str, Any]
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
     warnings: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
     evidence: Evidence | None = None
     robot_model: RobotModel | None = None
     sensors: tuple[SensorFinding, ...] = ()
@@ -265,6 +267,7 @@ class Calibration:
             "settings": dict(self.settings),
             "provenance": dict(self.provenance),
             "warnings": list(self.warnings),
+            "assumptions": list(self.assumptions),
             "nominal": inertia_to_dict(self.nominal),
             "truth": None if self.truth is None else inertia_to_dict(self.truth),
             "errors": None if self.truth is None else self._errors(),
@@ -321,6 +324,7 @@ class Calibration:
             settings=table["settings"],
             provenance=table["provenance"],
             warnings=tuple(table["warnings"]),
+            assumptions=tuple(table.get("assumptions", ())),
             sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
             checks=tuple(Check(**check) for check in table["checks"]),
         )

@@ -16,7 +16,8 @@ class Quantity:
         unit: SI unit of the numbers below: "kg", "m", "kg m2", ...
         value: estimate; None: the method does not estimate it.
         deviation: posterior standard deviation of the value; None: the method gives none.
-        verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before.
+        verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before; "doubtful"
+            where a check of the run failed.
         model: value by the model file.
         truth: value of the simulated robot.
     """

@@ -217,6 +217,9 @@ class SensorErrors:
     gyro_turn: float = effect(
         "rotation vector of the gyroscope in the accelerometer's frame", "rad", AXIS, NORMAL, _SHEET, stress=5e-3,
     )  # fmt: skip
+    accelerometer_gain: float = effect(
+        "accelerometer's gain, less one", "", AXIS, NORMAL, f"{_SHEET}: 0.3 to 1 % uncalibrated", stress=3e-3,
+    )  # fmt: skip
     gyro_drift: float = effect(
         "change of the gyroscope's bias in two minutes", "rad/s", AXIS, NORMAL, "an IMU that warms up", alone=2e-3,
     )  # fmt: skip

@@ -37,7 +37,7 @@ class Samples:
         """Engine steps before the present that samples may need."""
         sizes = self._errors.sizes
         longest = sizes.sensor_delay + abs(sizes.imu_clock_offset) + sizes.imu_latency
-        return int(np.ceil(longest / self._timestep)) + 2
+        return int(np.ceil(longest / self._timestep)) + 2 + self._substeps // 2
 
     def filtered(self, raw: FloatArray, keep: bool = True) -> FloatArray:
         """Raw values (n, 3 nj + 6) at consecutive engine steps, with the IMU's behind its filter.
@@ -71,7 +71,14 @@ class Samples:
         samples = np.empty((count, raw.shape[1]))
         ticks = first + self._substeps * np.arange(count)
         samples[:, :joints] = _at(raw[:, :joints], ticks, joint_steps)
-        samples[:, joints:] = _at(raw[:, joints:], ticks, imu_steps)
+        samples[:, joints:-3] = _at(raw[:, joints:-3], ticks, imu_steps)
+        # The mean over a control period about the moment: what contacts do within a step is not to be sampled, but let go by,
+        # as an IMU's own sampling at a kilohertz and more does.
+        half = self._substeps // 2
+        samples[:, -3:] = sum(
+            weight * _at(raw[:, -3:], ticks, imu_steps + step)
+            for step, weight in zip(range(-half, half + 1), _mean_over(self._substeps), strict=True)
+        )
         if sizes.encoder_eccentricity:
             position = samples[:, : self._joints].copy()
             samples[:, self._joints : 2 * self._joints] *= 1 + errors.encoder_error_slope(position)
@@ -82,6 +89,7 @@ class Samples:
         samples[:, -6:-3] += errors.gyro_bias
         if sizes.gyro_drift:
             samples[:, -6:-3] += self.time(period + np.arange(count))[:, None] * errors.gyro_drift
+        samples[:, -3:] *= 1 + errors.drawn["accelerometer_gain"]
         samples[:, -3:] += errors.accelerometer_bias
         return samples + errors.noise(period, count)
 
@@ -147,6 +155,14 @@ def _low_pass(frequency: float, timestep: float) -> FloatArray | None:
     if not frequency or frequency >= 0.5 / timestep:
         return None
     return np.asarray(signal.butter(_ORDER, frequency, fs=1 / timestep, output="sos"))
+
+
+def _mean_over(steps: int) -> FloatArray:
+    """Weights of the engine steps about a moment of a mean over so many; of an even number the ends count half."""
+    weights = np.full(2 * (steps // 2) + 1, 1.0 / steps)
+    if steps % 2 == 0:
+        weights[[0, -1]] /= 2
+    return weights
 
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:

@@ -75,6 +75,8 @@ def print_calibration(
         _print_precise(console, result)
     else:
         _print_paper(console, result)
+    for assumption in result.assumptions:
+        console.print(escape(f"assumed, as you said: {assumption}"))
     for warning in () if result.checks else result.warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     if verbose:

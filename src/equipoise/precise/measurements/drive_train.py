@@ -4,7 +4,8 @@ A motor-side encoder reads the link's angle and what the gear and the shank give
 
     q_link = q_read - zero - torque / k - (play / 2) sign(torque)
 
-Springs and play are alike in joints of one kind, hips, thighs or calves.
+Springs and play are alike in joints of one kind, hips, thighs or calves. The torque is the link's, without the friction of the
+motor: a motor that sticks reports the same torque while the leg behind it gives.
 """
 
 from __future__ import annotations
@@ -31,37 +32,48 @@ class JointReadings:
         by_kind: (nj, kinds) one where a joint is of a kind.
         position: (nj, n) joint positions as read [rad].
         velocity: (nj, n) joint velocities as read [rad/s].
-        torque: (nj, n) joint torques as reported, zero where none are [Nm].
+        torque: (nj, n) joint torques at the links, zero where none are known [Nm].
         torque_rate: (nj, n) their rates of change [Nm/s].
+        acceleration: (nj, n) joint accelerations as read [rad/s2].
         small: torque at which play is all but on one side [Nm].
     """
 
     by_kind: FloatArray
     position: FloatArray
-    velocity: Traced
+    velocity: FloatArray
     torque: FloatArray
     torque_rate: FloatArray
+    acceleration: FloatArray
     small: float
 
     @classmethod
     def of(
         cls, legs: LegChains, position: FloatArray, velocity: FloatArray | None = None, torque: FloatArray | None = None,
-        torque_rate: FloatArray | None = None,
+        torque_rate: FloatArray | None = None, acceleration: FloatArray | None = None,
     ) -> JointReadings:  # fmt: skip
         """Of (n, nj) samples; what is not given is zero."""
         none = np.zeros_like(position)
-        position, velocity, torque, rate = (
+        position, velocity, torque, rate, acceleration = (
             np.ascontiguousarray((none if part is None else part).T)
-            for part in (position, velocity, torque, torque_rate)
+            for part in (position, velocity, torque, torque_rate, acceleration)
         )
-        return cls(
-            legs.by_kind, position, Traced(velocity), torque, rate, _TURNED_OVER * float(legs.mass.sum()) * GRAVITY
-        )
+        small = _TURNED_OVER * float(legs.mass.sum()) * GRAVITY
+        return cls(legs.by_kind, position, velocity, torque, rate, acceleration, small)
 
     def at(self, places: NDArray[np.intp]) -> JointReadings:
         """Some of the samples."""
-        position, torque, rate = (part[:, places] for part in (self.position, self.torque, self.torque_rate))
-        return JointReadings(self.by_kind, position, self.velocity[:, places], torque, rate, self.small)
+        position, velocity, torque, rate, acceleration = (
+            part[:, places] for part in (self.position, self.velocity, self.torque, self.torque_rate, self.acceleration)
+        )
+        return JointReadings(self.by_kind, position, velocity, torque, rate, acceleration, self.small)
+
+    def later(self, values: TracedValues) -> tuple[Traced, Traced]:
+        """`link_position` and `link_velocity` at the moments of the IMU's samples, which are younger."""
+        late = values["clock_offset"]
+        return (
+            self.link_position(values) + late * self.velocity,
+            self.link_velocity(values) + late * self.acceleration,
+        )
 
     def link_position(self, values: TracedValues) -> Traced:
         """(nj, n) joint positions of the links [rad]."""
@@ -73,7 +85,7 @@ class JointReadings:
         """(nj, n) joint velocities of the links [rad/s]."""
         side_rate = (1 - np.tanh(self.torque / self.small) ** 2) * self.torque_rate / self.small
         given = self._of_joints(values["compliance"]) * self.torque_rate
-        return self.velocity - given - 0.5 * self._of_joints(values["play"]) * side_rate
+        return Traced(self.velocity) - given - 0.5 * self._of_joints(values["play"]) * side_rate
 
     def _of_joints(self, of_kinds: Traced) -> Traced:
         return contract("jk,k...->j...", self.by_kind, of_kinds)

@@ -1,4 +1,4 @@
-"""What an IMU is: mounted a little askew, with a gyroscope whose axes have gains and directions of their own.
+"""What an IMU is: mounted a little askew, with axes that have gains of their own and, in the gyroscope, directions.
 
 The true angular velocity is (1 - E) times the one that is read: E has the gains' errors in its diagonal and the misalignment
 beside it. An attitude R to that at rest, which was integrated from readings w, is off by the small rotation phi:
@@ -17,6 +17,7 @@ from equipoise.precise.measurements.traced import Traced, contract
 from equipoise.precise.unknowns import TracedValues
 
 GYRO = ("gyro_gain", "gyro_misalignment")
+ACCELEROMETER = ("accelerometer_bias", "accelerometer_gain")
 _GAINS = np.eye(3)[:, :, None] * np.eye(3)
 _MISALIGNMENT = np.zeros((3, 3, 6))
 for _number, _place in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
@@ -41,6 +42,11 @@ def traced_mounting(rotation_imu_to_base: FloatArray, imu_tilt: Traced) -> Trace
     by_tilt = rotation_imu_to_base @ cross_matrix(left_jacobian(vector).T) @ tilt
     whole = np.broadcast_to((rotation_imu_to_base @ tilt)[..., None], (3, 3, imu_tilt.value.shape[1]))
     return Traced(whole, (imu_tilt, lambda g: np.einsum("ijn,kij->kn", g, by_tilt)))
+
+
+def specific_force(values: TracedValues, read: FloatArray) -> Traced:
+    """(3, n) specific force, of what the accelerometer reads [m/s2]."""
+    return (read - values["accelerometer_bias"]) / (1.0 + values["accelerometer_gain"])
 
 
 def gyro_error(values: TracedValues) -> Traced:

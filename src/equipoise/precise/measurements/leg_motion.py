@@ -67,13 +67,18 @@ class TracedPosture:
 
 @dataclass(frozen=True, eq=False)
 class TracedLegMotion:
-    """How such legs move, as in `LegMotion`: (3, k, 4, n) of the links, (3, 4, n) of the feet."""
+    """How such legs move, as in `LegMotion`: (3, k, 4, n) of the links, (3, 4, n) of the feet.
+
+    Attributes:
+        bending: (3, n) sum of the angular velocities of all links relative to the ones above them [rad/s].
+    """
 
     com_velocity: Traced
     spin: Traced
     angular_velocity: Traced
     foot_velocity: Traced
     foot_angular_velocity: Traced
+    bending: Traced
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +206,7 @@ class LegChains:
             below,
             of_joint[:, -1] + traced_cross(below[:, -1], posture.shank),
             below[:, -1],
+            contract("ikl...,kl->i...", own, np.ones(self.joints.T.shape)),
         )
 
     def _longer(self, rotation: Traced, link: int, shape: LegShape) -> Traced | float:

@@ -22,14 +22,13 @@ from equipoise.robot.stance import Stance
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
 _KNOT, _STEP = 0.015, 0.010  # [s]
-_TORQUE_KNOT = 0.06  # [s]: noise of the torques must not reach the velocities of links on springs
 _MARGIN = 0.008  # [s] cut off either end of the time on two feet
 _SHORTEST = 0.10  # [s]
 _LONGEST_GAP = 0.02  # [s] without a sample
 _PAD = 0.06  # [s] fitted beyond either end, where a spline is less sure
-_REST_PARTS = 6
 # Least noise assumed: quantised or simulated sensors may show none at rest.
 _LEAST_ENCODER_NOISE, _LEAST_VELOCITY_NOISE, _LEAST_GYRO_NOISE = 2e-5, 2e-3, 2e-4  # [rad], [rad/s], [rad/s]
+_LEAST_ACCELEROMETER_NOISE = 5e-3  # [m/s2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,18 +39,15 @@ class LiftSamples:
         diagonal: diagonal that the robot stood on.
         start: time of the first sample [s].
         step: time between samples [s].
-        joint_position, joint_velocity: (n, nj) joint positions and velocities, smoothed [rad], [rad/s].
+        joint_position, joint_velocity, joint_acceleration: (n, nj) joint positions and their derivatives, smoothed [rad],
+            [rad/s], [rad/s2].
         angular_velocity_in_imu, angular_acceleration_in_imu: (n, 3) angular velocity and acceleration of the IMU,
             smoothed [rad/s], [rad/s2].
-        rotation_to_rest: (n, 3, 3) rotation from the IMU frame to the IMU frame at rest.
-        rest_acceleration_in_imu: (3,) mean of the accelerometer at rest [m/s2].
-        rest_attitude_noise: standard deviation of the attitude that it gives, from how steady it was [rad].
+        acceleration_in_imu: (n, 3) specific force at the IMU, smoothed [m/s2].
+        up_in_imu: (n, 3) direction against gravity, by the accelerometer at rest and the gyroscope since.
         velocity_noise: (n, n) covariance of any joint's smoothed velocity [rad2/s2].
         angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
-        gyro_density: density of the gyroscope's white noise [rad/s/sqrt(Hz)].
-        since_rest: time from the rest's end to the first sample [s].
-        joint_torque, joint_torque_rate: (n, nj) joint torques as reported, smoothed, and their rates of change [Nm],
-            [Nm/s]; None where none are reported.
+        acceleration_noise: (n, n) covariance of any axis' smoothed specific force [m2/s4].
     """
 
     diagonal: str
@@ -59,17 +55,14 @@ class LiftSamples:
     step: float
     joint_position: FloatArray
     joint_velocity: FloatArray
+    joint_acceleration: FloatArray
     angular_velocity_in_imu: FloatArray
     angular_acceleration_in_imu: FloatArray
-    rotation_to_rest: FloatArray
-    rest_acceleration_in_imu: FloatArray
-    rest_attitude_noise: float
+    acceleration_in_imu: FloatArray
+    up_in_imu: FloatArray
     velocity_noise: FloatArray
     angular_velocity_noise: FloatArray
-    gyro_density: float
-    since_rest: float
-    joint_torque: FloatArray | None = None
-    joint_torque_rate: FloatArray | None = None
+    acceleration_noise: FloatArray
 
     @property
     def stance_feet(self) -> tuple[int, int]:
@@ -98,8 +91,8 @@ def read_lift(
     rest_acceleration = rest.imu.acceleration_in_imu.mean(axis=0)
     gyro = imu.angular_velocity_in_imu - gyro_bias
     path = attitudes(imu.time, gyro)
-    up = path.inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
-    up = at_times(joints.time, imu.time, up @ np.array(robot.imu_in_base.rotation).T)
+    up_in_imu = path.inv().apply(rest_acceleration / np.linalg.norm(rest_acceleration))
+    up = at_times(joints.time, imu.time, up_in_imu @ np.array(robot.imu_in_base.rotation).T)
     window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.scale.length)
     if window is None:
         return "the lifted feet did not leave the floor"
@@ -123,6 +116,7 @@ def read_lift(
         return f"samples are missing for {longest * 1000:.0f} ms"
     encoder_noise = max(_white_noise(rest.joints.position), _LEAST_ENCODER_NOISE)
     gyro_noise = max(_white_noise(rest.imu.angular_velocity_in_imu), _LEAST_GYRO_NOISE)
+    accelerometer_noise = max(_white_noise(rest.imu.acceleration_in_imu), _LEAST_ACCELEROMETER_NOISE)
     velocity = rest.joints.velocity
     velocity_noise = np.inf if velocity is None else max(_white_noise(velocity), _LEAST_VELOCITY_NOISE)
     position = fit_spline(
@@ -130,34 +124,22 @@ def read_lift(
         None if joints.velocity is None else joints.velocity[joint_part], encoder_noise / velocity_noise,
     )  # fmt: skip
     angular_velocity = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock)
-    torque = None
-    if joints.torque is not None:
-        torque = fit_spline(joints.time[joint_part], joints.torque[joint_part], _TORQUE_KNOT * clock).spline
+    acceleration = fit_spline(imu.time[imu_part], imu.acceleration_in_imu[imu_part], _KNOT * clock)
     return LiftSamples(
         diagonal,
         float(start),
         step,
         position.spline(time),
         position.spline.derivative()(time),
+        position.spline.derivative(2)(time),
         angular_velocity.spline(time),
         angular_velocity.spline.derivative()(time),
-        Rotation.from_rotvec(at_times(time, imu.time, path.as_rotvec())).as_matrix(),
-        rest_acceleration,
-        _unsteadiness(rest.imu.acceleration_in_imu),
+        acceleration.spline(time),
+        at_times(time, imu.time, up_in_imu),
         encoder_noise**2 * position.noise(time, derivative=1),
         gyro_noise**2 * angular_velocity.noise(time),
-        gyro_noise * float(np.sqrt(np.mean(np.diff(imu.time)))),
-        float(start - rest.imu.time[-1]),
-        None if torque is None else torque(time),
-        None if torque is None else torque.derivative()(time),
+        accelerometer_noise**2 * acceleration.noise(time),
     )
-
-
-def _unsteadiness(acceleration: FloatArray) -> float:
-    """Standard deviation of the mean direction of (n, 3) accelerations at rest, noise and swaying alike [rad]."""
-    parts = np.array([part.mean(axis=0) for part in np.array_split(acceleration, _REST_PARTS)])
-    spread = np.linalg.norm(parts.std(axis=0, ddof=1)) / np.sqrt(2 * _REST_PARTS)
-    return float(spread / np.linalg.norm(acceleration.mean(axis=0)))
 
 
 def _white_noise(samples: FloatArray) -> float:

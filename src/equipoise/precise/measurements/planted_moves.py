@@ -14,7 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
-from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
+from equipoise.precise.measurements.imu_frame import (
+    ACCELEROMETER,
+    GYRO,
+    gyro_error,
+    specific_force,
+    traced_mounting,
+    turned_by,
+    turns_of,
+)
 from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
 from equipoise.precise.measurements.leg_motion import cross as cross_of_rows
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
@@ -98,7 +106,7 @@ class PlantedRows:
     """
 
     DEPENDS_ON = (
-        *DRIVE_TRAIN, "imu_tilt", "accelerometer_bias", *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "floor_slope",
+        *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "floor_slope",
         "floor_warp",
     )  # fmt: skip
 
@@ -152,7 +160,7 @@ class PlantedRows:
         for rest in (0, 1):
             joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
             feet.append(self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot)
-            gravity = turned(rotation, np.tile(self._acceleration[rest], copies) - values["accelerometer_bias"])
+            gravity = turned(rotation, specific_force(values, np.tile(self._acceleration[rest], copies)))
             above = contract("il...,i...->l...", feet[rest], gravity / length(gravity))
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)

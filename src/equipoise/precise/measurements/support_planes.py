@@ -79,11 +79,9 @@ def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
         lift: passive lift.
     """
     legs = LegChains(robot)
-    rotation = np.array(robot.imu_in_base.rotation)
-    equation = TiltEquation(legs, rotation, [lift])
-    rows, _ = equation.rows(by_the_model(robot))
+    rows, _ = TiltEquation(robot, legs, [lift]).rows(by_the_model(robot))
     inertial = model_parameters(robot)
-    up = rotation @ lift.rest_acceleration_in_imu / np.linalg.norm(lift.rest_acceleration_in_imu)
+    up = np.array(robot.imu_in_base.rotation) @ lift.up_in_imu[0]
     left_foot, right_foot = lift.stance_feet
     feet = legs.feet(lift.joint_position[:1])[0]
     normal = np.cross(feet[left_foot] - feet[right_foot], up)

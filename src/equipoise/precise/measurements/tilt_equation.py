@@ -1,16 +1,21 @@
 """The tilt equation: angular momentum about the support line of a robot on two feet, free of torques and forces.
 
 In base axes, with l the support line's direction, o a point on it, P and L_o the robot's linear momentum and angular
-momentum about o, r a body's CoM, and up against gravity:
+momentum about o as seen from the base's origin (which is taken to stand still), r a body's CoM, and f the specific force that
+the accelerometer feels there, gravity and the origin's own acceleration in one:
 
-    d/dt (l . L_o) = l . sum (r - o) x m g  -  l . (do/dt x P)  +  dl/dt . L_o
+    d/dt (l . L_o) = - l . sum (r - o) x m f  -  l . (do/dt x P)  +  dl/dt . L_o
 
 Contact forces have no moment about l. Integrated, what is constant over a trial is
 
     y(t) = l . L_o(t) - integral of the right side,
 
-linear in the inertial parameters of base and links. The feet roll on the floor as spheres, which gives
-the base's velocity without an accelerometer. All derivatives of o and l are inertial ones written in base axes.
+linear in the inertial parameters of base and links. All derivatives of o and l are inertial ones written in base axes.
+
+The equation holds as well with the origin's velocity in the momenta and gravity in place of f. That velocity would come from
+the encoders of the standing legs; what these do not see, springs, play, soft feet, is then taken for the robot's inertia.
+
+The rotors of geared motors turn with a momentum of their own, about the joints' axes: it is added to L_o.
 
 What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry,
 and a cable pulls at the base.
@@ -23,18 +28,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_simpson, cumulative_trapezoid
-from scipy.spatial.transform import Rotation
+from scipy.integrate import cumulative_simpson
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
-from equipoise.precise.measurements.imu_frame import GYRO, gyro_error, traced_mounting, turned_by, turns_of
+from equipoise.precise.measurements.imu_frame import ACCELEROMETER, GYRO, gyro_error, specific_force, traced_mounting
 from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape, TracedPosture
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.momenta import BASE, Momenta
 from equipoise.precise.measurements.support_line import Feet, RollingLine, SupportLine
 from equipoise.precise.measurements.traced import Traced, contract, cross, dot, length, tanh, turned
 from equipoise.precise.unknowns import TracedValues, Values, inputs_of
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.model import RobotModel
 
 _ROLLING = 0.03  # [rad/s] at which feet roll, and do not creep
 
@@ -55,7 +61,7 @@ class TiltEquation:
     DEPENDS_ON = (
         *DRIVE_TRAIN,
         "imu_tilt",
-        "accelerometer_bias",
+        *ACCELEROMETER,
         *GYRO,
         "clock_offset",
         *LEG_SHAPE,
@@ -64,71 +70,65 @@ class TiltEquation:
         "pull",
         "floor_slope",
         "rolling",
+        "rotor_spin",
     )
 
-    def __init__(self, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> None:
+    def __init__(self, robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> None:
         self.legs = legs
         counts = [len(lift.joint_position) for lift in lifts]
         ends = np.cumsum(counts)
         self.trials = [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
         # Integration is linear: one matrix per trial is faster than a call per trial and evaluation.
-        self._integrals = [
-            np.asarray(cumulative_simpson(np.eye(count), dx=lift.step, axis=0, initial=0))
-            for count, lift in zip(counts, lifts, strict=True)
-        ]
-        self._samples = _Samples.of(legs, rotation_imu_to_base, lifts)
+        self._integrals = [integral(lift) for lift in lifts]
+        self._samples = _Samples.of(robot, legs, lifts)
         self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
-        middle = self._samples.at(np.array([(trial.start + trial.stop) // 2 for trial in self.trials]))
-        velocity = Traced.input(middle.joints.velocity.value)
-        self._middle = replace(middle, joints=replace(middle.joints, velocity=velocity))
+        self._one_by_one = self._samples.one_by_one([(trial.start + trial.stop) // 2 for trial in self.trials])
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """y(t) and the moment of inertia about the line.
+        """y(t), and what it is multiplied by.
 
         Returns:
             (n,) y(t), with an arbitrary constant per trial [kg m2/s];
-            (trials,) l . I_o l at each trial's first sample [kg m2].
+            (2 + 3 + nj, trials) levers of each trial: l . I_o l at its first sample [kg m2]; M times the height of the CoM
+            above the line, which an error of the specific force is multiplied by [kg m]; and how l . L_o changes at its middle
+            with what each axis of the gyroscope, and each joint's velocity, reads [kg m2].
         """
         momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
-        return self._integrated(momentum.value, rate.value), self.inertia_about_line(values, inertial)
-
-    def inertia_about_line(self, values: Values, inertial: FloatArray) -> FloatArray:
-        """The second part of `evaluate`."""
-        return self._first.inertia_about_line(self._inputs(values, inertial, self._first)).value
+        about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
+        read = self._one_by_one.momentum(self._inputs(values, inertial, self._one_by_one))
+        return self._integrated(momentum.value, rate.value), self._levers(*(part.value for part in (*about, read)))
 
     def linearise(
         self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON
     ) -> tuple[FloatArray, FloatArray, Derivatives, Derivatives]:
         """`evaluate`, and the derivatives of both by the inertial parameters and by the unknowns named."""
         names = ("inertial", *names)
-        samples, first = (self._inputs(values, inertial, part, names) for part in (self._samples, self._first))
+        samples, first, one_by_one = (
+            self._inputs(values, inertial, part, names) for part in (self._samples, self._first, self._one_by_one)
+        )
         momentum, rate = self._samples.momentum_and_rate(samples)
-        inertia = self._first.inertia_about_line(first)
+        about, read = self._first.inertia_and_moment(first), self._one_by_one.momentum(one_by_one)
+        by_momentum, by_rate = (_gradients(part, samples, names) for part in (momentum, rate))
+        by_levers = (*(_gradients(part, first, names) for part in about), _gradients(read, one_by_one, names))
         return (
             self._integrated(momentum.value, rate.value),
-            inertia.value,
-            {
-                name: self._integrated(by_momentum.T, by_rate.T)
-                for name, by_momentum, by_rate in zip(
-                    names, _gradients(momentum, samples, names), _gradients(rate, samples, names), strict=True
-                )
-            },
-            {name: by_inertia.T for name, by_inertia in zip(names, _gradients(inertia, first, names), strict=True)},
+            self._levers(*(part.value for part in (*about, read))),
+            {name: self._integrated(by_momentum[name], by_rate[name]) for name in names},
+            {name: self._levers(*(by_lever[name] for by_lever in by_levers)) for name in names},
         )
 
     def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
-        """What both are linear in the inertial parameters by: (n, 10 + 4 links) columns, (trials, 10 + 4 links) ones."""
-        _, _, by_y, by_inertia = self.linearise(values, np.zeros(BASE + 4 * self.legs.links), names=())
-        return by_y["inertial"], by_inertia["inertial"]
+        """What y and the inertia about the line are linear in the inertial parameters by.
 
-    def velocity_sensitivity(self, values: Values, inertial: FloatArray) -> FloatArray:
-        """(trials,) root sum of squares over joints of how l . L_o changes with a joint's velocity [kg m2].
-
-        At each trial's middle; with it, noise of the joint velocities becomes noise of y.
+        Returns:
+            (n, 10 + 4 links) and (trials, 10 + 4 links) columns.
         """
-        momentum, _ = self._middle.momentum_and_rate(self._inputs(values, inertial, self._middle))
-        (by_velocity,) = momentum.gradients(np.ones(self._middle.count), [self._middle.joints.velocity])
-        return np.sqrt((by_velocity**2).sum(axis=0))
+        _, _, by_y, by_levers = self.linearise(values, np.zeros(BASE + 4 * self.legs.links), names=())
+        return by_y["inertial"], by_levers["inertial"][0]
+
+    def _levers(self, inertia: FloatArray, moment: FloatArray, read: FloatArray) -> FloatArray:
+        """(2 + 3 + nj, trials, ...) of those at the first samples, and those reading by reading."""
+        return np.concatenate([inertia[None], moment[None], read.reshape(-1, *inertia.shape)])
 
     def _inputs(self, values: Values, inertial: FloatArray, samples: _Samples, by: Sequence[str] = ()) -> TracedValues:
         return inputs_of({**values, "inertial": inertial}, ("inertial", *self.DEPENDS_ON), samples.count, by)
@@ -141,8 +141,15 @@ class TiltEquation:
         return y
 
 
-def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> list[FloatArray]:
-    return of.gradients(np.ones(of.value.shape), [by[name] for name in names])
+def integral(lift: LiftSamples) -> FloatArray:
+    """(n, n) matrix that integrates what is sampled in a lift, from its first sample to each."""
+    return np.asarray(cumulative_simpson(np.eye(len(lift.joint_position)), dx=lift.step, axis=0, initial=0))
+
+
+def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> Derivatives:
+    """(n, size) derivatives of (n,) values by each input."""
+    gradients = of.gradients(np.ones(of.value.shape), [by[name] for name in names])
+    return {name: gradient.T for name, gradient in zip(names, gradients, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,22 +157,22 @@ class _Samples:
     """n samples of some lifts, components first; what is read of a lift is in `LiftSamples`.
 
     Attributes:
-        turns: (3, 3, 3, n) integrals since the rest of R_ij w_k, of attitudes R and readings w of the gyroscope.
+        imu_in_base: (3,) place of the IMU [m].
         feet: (n,) indices of the left stance foot, and of the right one.
     """
 
     legs: LegChains
     rotation_imu_to_base: FloatArray
+    imu_in_base: FloatArray
     joints: JointReadings
     angular_velocity_in_imu: FloatArray
     angular_acceleration_in_imu: FloatArray
-    rotation_from_rest: FloatArray
-    turns: FloatArray
-    rest_acceleration_in_imu: FloatArray
+    acceleration_in_imu: FloatArray
+    up_in_imu: FloatArray
     feet: Feet
 
     @classmethod
-    def of(cls, legs: LegChains, rotation_imu_to_base: FloatArray, lifts: Sequence[LiftSamples]) -> _Samples:
+    def of(cls, robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> _Samples:
         counts = [len(lift.joint_position) for lift in lifts]
 
         def joined(name: str) -> FloatArray:
@@ -173,16 +180,19 @@ class _Samples:
 
         return cls(
             legs,
-            rotation_imu_to_base,
+            np.array(robot.imu_in_base.rotation),
+            np.array(robot.imu_in_base.translation),
             JointReadings.of(
                 legs,
-                *(np.concatenate(parts) for parts in zip(*map(_joint_parts, lifts), strict=True)),
+                *(
+                    np.concatenate(parts)
+                    for parts in zip(*(_joint_parts(robot, legs, lift) for lift in lifts), strict=True)
+                ),
             ),
             joined("angular_velocity_in_imu"),
             joined("angular_acceleration_in_imu"),
-            joined("rotation_to_rest"),
-            np.concatenate([_turns(lift) for lift in lifts], axis=-1),
-            np.repeat([lift.rest_acceleration_in_imu for lift in lifts], counts, axis=0).T,
+            joined("acceleration_in_imu"),
+            joined("up_in_imu"),
             tuple(np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T),
         )
 
@@ -192,75 +202,109 @@ class _Samples:
 
     def at(self, places: NDArray[np.intp]) -> _Samples:
         """Some of the samples."""
-        return _Samples(
-            self.legs,
-            self.rotation_imu_to_base,
-            self.joints.at(places),
-            self.angular_velocity_in_imu[:, places],
-            self.angular_acceleration_in_imu[:, places],
-            self.rotation_from_rest[..., places],
-            self.turns[..., places],
-            self.rest_acceleration_in_imu[:, places],
-            [foot[places] for foot in self.feet],
+        return replace(
+            self,
+            joints=self.joints.at(places),
+            angular_velocity_in_imu=self.angular_velocity_in_imu[:, places],
+            angular_acceleration_in_imu=self.angular_acceleration_in_imu[:, places],
+            acceleration_in_imu=self.acceleration_in_imu[:, places],
+            up_in_imu=self.up_in_imu[:, places],
+            feet=[foot[places] for foot in self.feet],
         )
+
+    def one_by_one(self, places: Sequence[int]) -> _Samples:
+        """Some of the samples at rest, but for one reading that is 1 rad/s.
+
+        All of them with that of the gyroscope's first axis, then the others, then those with each joint's velocity in turn.
+        """
+        joints = len(self.joints.position)
+        again = self.at(np.tile(np.array(places, dtype=np.intp), 3 + joints))
+        readings = np.repeat(np.eye(3 + joints), len(places), axis=1)
+        still = np.zeros((joints, again.count))
+        return replace(
+            again,
+            joints=replace(again.joints, velocity=readings[3:], torque_rate=still, acceleration=still),
+            angular_velocity_in_imu=readings[:3],
+        )
+
+    def momentum(self, values: TracedValues) -> Traced:
+        """(n,) l . L_o [kg m2/s]."""
+        line, _, _, angular = self._line_and_momenta(values)
+        return dot(line.left, angular)
 
     def momentum_and_rate(self, values: TracedValues) -> tuple[Traced, Traced]:
         """(n,) l . L_o [kg m2/s], and its rate of change: the right side of the tilt equation [Nm]."""
-        angular_velocity, up = self._turning_and_up(values)
-        posture, to_centre = self._posture(values), self._to_centre(values, up)
-        motion = self.legs.traced_motion(posture, self.joints.link_velocity(values), angular_velocity)
-        line = SupportLine.of(posture, self.feet, to_centre)
-        rolling = RollingLine.of(line, motion, self.feet, to_centre)
-        robot = Momenta.about(
-            line.point, self.legs, values["inertial"], posture, motion, angular_velocity, rolling.base_velocity
-        )
+        line, rolling, robot, angular = self._line_and_momenta(values)
         rate = (
-            GRAVITY * dot(cross(line.left, up), robot.first)
-            - dot(line.left, cross(rolling.velocity, robot.linear))
-            + dot(rolling.left_rate, robot.angular)
+            dot(cross(line.left, self._specific_force(values)), robot.first)
+            - dot(line.left, cross(rolling.velocity - rolling.base_velocity, robot.linear))
+            + dot(rolling.left_rate, angular)
             - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
-            - dot(line.left, cross(line.point, self._pull(values, up))) * (robot.mass * (1 / self.legs.robot_mass))
+            - dot(line.left, cross(line.point, self._pull(values))) * (robot.mass * (1 / self.legs.robot_mass))
         )
-        return dot(line.left, robot.angular), rate
+        return dot(line.left, angular), rate
 
-    def inertia_about_line(self, values: TracedValues) -> Traced:
-        """(n,) l . I_o l: the momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked."""
-        _, up = self._turning_and_up(values)
+    def inertia_and_moment(self, values: TracedValues) -> tuple[Traced, Traced]:
+        """(n,) l . I_o l, and M times the height of the CoM above the line.
+
+        The first is the momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked.
+        """
         posture, still = self._posture(values), Traced(np.zeros(self.joints.position.shape))
+        up = self._up(values)
         line = SupportLine.of(posture, self.feet, self._to_centre(values, up))
         turning = self.legs.traced_motion(posture, still, line.left)
         robot = Momenta.about(
             line.point, self.legs, values["inertial"], posture, turning, line.left, cross(line.point, line.left)
         )
-        return dot(line.left, robot.angular)
+        return dot(line.left, robot.angular), dot(up, robot.first)
+
+    def _line_and_momenta(self, values: TracedValues) -> tuple[SupportLine, RollingLine, Momenta, Traced]:
+        """The line, how it moves, the bodies' momenta about it as seen from the base's origin, and L_o with the rotors'."""
+        angular_velocity, to_centre = self._turning(values), self._to_centre(values, self._up(values))
+        position, velocity = self.joints.later(values)
+        posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
+        motion = self.legs.traced_motion(posture, velocity, angular_velocity)
+        line = SupportLine.of(posture, self.feet, to_centre)
+        origin = Traced(np.zeros((3, self.count)))
+        robot = Momenta.about(line.point, self.legs, values["inertial"], posture, motion, angular_velocity, origin)
+        angular = robot.angular + values["rotor_spin"] * motion.bending
+        return line, RollingLine.of(line, motion, self.feet, to_centre), robot, angular
 
     def _resistance_arm(self, values: TracedValues, rolling: RollingLine) -> Traced:
         """(n,) length behind its weight at which the floor carries the robot: half of it on each rolling foot [m]."""
         left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
         return 0.5 * values["rolling"][0] * (left + right)
 
-    def _pull(self, values: TracedValues, up: Traced) -> Traced:
+    def _pull(self, values: TracedValues) -> Traced:
         """(3, n) constant horizontal force on the base's origin, forward and to its left, in base axes [N]."""
+        up = self._up(values)
         forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
         forward = forward / length(forward)
         return values["pull"][0] * forward + values["pull"][1] * cross(up, forward)
 
     def _posture(self, values: TracedValues) -> TracedPosture:
-        return self.legs.traced_posture(self.joints.link_position(values), LegShape.of(self.legs, values))
+        position, _ = self.joints.later(values)
+        return self.legs.traced_posture(position, LegShape.of(self.legs, values))
 
-    def _turning_and_up(self, values: TracedValues) -> tuple[Traced, Traced]:
-        """(3, n) angular velocity and direction against gravity, in base axes."""
-        # The IMU's samples are younger: what it will read that much earlier belongs to the encoders' samples.
-        late = values["clock_offset"]
-        error = gyro_error(values)
-        angular_velocity_in_imu = self.angular_velocity_in_imu - late * self.angular_acceleration_in_imu
-        angular_velocity_in_imu = angular_velocity_in_imu - turned(error, angular_velocity_in_imu)
-        gravity = self.rest_acceleration_in_imu - values["accelerometer_bias"]
-        up_at_rest = gravity / length(gravity)
-        up_in_imu = turned(self.rotation_from_rest, up_at_rest + cross(turned_by(error, self.turns), up_at_rest))
-        up_in_imu = up_in_imu + late * cross(self.angular_velocity_in_imu, up_in_imu)
-        rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
-        return turned(rotation, angular_velocity_in_imu), turned(rotation, up_in_imu)
+    def _rotation(self, values: TracedValues) -> Traced:
+        return traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
+
+    def _up(self, values: TracedValues) -> Traced:
+        """(3, n) direction against gravity, in base axes: good enough for where feet touch the floor."""
+        return turned(self._rotation(values), self.up_in_imu)
+
+    def _turning(self, values: TracedValues) -> Traced:
+        """(3, n) angular velocity, in base axes [rad/s]."""
+        read = self.angular_velocity_in_imu
+        return turned(self._rotation(values), read - turned(gyro_error(values), read))
+
+    def _specific_force(self, values: TracedValues) -> Traced:
+        """(3, n) specific force at the base's origin, in base axes [m/s2]."""
+        rotation, turning = self._rotation(values), self._turning(values)
+        force = turned(rotation, specific_force(values, self.acceleration_in_imu))
+        arm = np.broadcast_to(self.imu_in_base[:, None], (3, self.count))
+        swept = cross(turned(rotation, self.angular_acceleration_in_imu), arm)
+        return force - swept - cross(turning, cross(turning, arm))
 
     def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
@@ -270,16 +314,31 @@ class _Samples:
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
 
 
-def _turns(lift: LiftSamples) -> FloatArray:
-    """(3, 3, 3, n) `turns` of a lift; up to its first sample of the turn, a small one, as if it was about one axis."""
-    rate = np.einsum("nij,nk->ijkn", lift.rotation_to_rest, lift.angular_velocity_in_imu)
-    before = turns_of(Rotation.from_matrix(lift.rotation_to_rest[0]))
-    return before[..., None] + cumulative_trapezoid(rate, dx=lift.step, axis=-1, initial=0)
+def _joint_parts(robot: RobotModel, legs: LegChains, lift: LiftSamples) -> tuple[FloatArray, ...]:
+    """Positions, velocities, torques, their rates of change, accelerations."""
+    torque = carried_torque(robot, legs, lift)
+    rate = np.gradient(torque, lift.step, axis=0)
+    return lift.joint_position, lift.joint_velocity, torque, rate, lift.joint_acceleration
 
 
-def _joint_parts(lift: LiftSamples) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Positions, velocities, torques and their rates of change."""
-    none = np.zeros_like(lift.joint_position)
-    torque = none if lift.joint_torque is None else lift.joint_torque
-    rate = none if lift.joint_torque_rate is None else lift.joint_torque_rate
-    return lift.joint_position, lift.joint_velocity, torque, rate
+def carried_torque(robot: RobotModel, legs: LegChains, lift: LiftSamples) -> FloatArray:
+    """(n, nj) joint torques by which the standing legs carry the robot's weight [Nm]; zero in the lifted ones.
+
+    The floor pushes with the robot's mass times the specific force, near enough for how far joints give: by the model's mass
+    and CoM, and without what the two feet push against each other, which hardly changes in a lift.
+    """
+    count, joints = lift.joint_position.shape
+    force = robot.mass * lift.acceleration_in_imu @ np.array(robot.imu_in_base.rotation).T
+    feet, pair = legs.feet(lift.joint_position), list(lift.stance_feet)
+    left, right = (feet[:, foot] for foot in pair)
+    along, com = left - right, composite_parameters(robot, lift.joint_position[0]).com
+    part = np.einsum("ni,ni->n", com - right, along) / np.einsum("ni,ni->n", along, along)
+    pushes = np.zeros((count, 4, 3))
+    pushes[:, pair] = np.stack([part[:, None] * force, (1 - part)[:, None] * force], axis=1)
+    torque = np.zeros((count, joints))
+    for moved in legs.joints.T:
+        velocity = np.zeros((count, joints))
+        velocity[:, moved] = 1.0
+        moving = legs.motion(lift.joint_position, velocity, np.zeros((count, 3)))
+        torque[:, moved] = -np.einsum("nli,nli->nl", pushes, moving.foot_velocity)
+    return torque

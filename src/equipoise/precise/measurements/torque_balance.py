@@ -134,7 +134,8 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     arm = np.array(robot.imu_in_base.translation)
     angular_velocity_in_base = samples.angular_velocity_in_imu @ rotation.T
     angular_acceleration_in_base = samples.angular_acceleration_in_imu @ rotation.T
-    sensed = (samples.acceleration_in_imu - values["accelerometer_bias"]) @ rotation.T
+    gain = 1 + values["accelerometer_gain"]
+    sensed = (samples.acceleration_in_imu - values["accelerometer_bias"]) / gain @ rotation.T
     at_base = (
         sensed
         - np.cross(angular_acceleration_in_base, arm)

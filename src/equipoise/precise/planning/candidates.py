@@ -142,10 +142,11 @@ class Candidates:
         unknowns, predictor = self.unknowns, self.predictor
         x, legs = unknowns.start(), LegChains(predictor.robot)
         rotation = np.array(predictor.robot.imu_in_base.rotation)
-        lifts = TiltBlock(unknowns, legs, rotation, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
+        lifts = TiltBlock(unknowns, legs, [(k, predictor.lift(d)) for k, d in enumerate(self.lifts)])
         home = self.lifts[0].posture
         moves = [(k, predictor.move(home, posture)) for k, posture in enumerate(self.postures)]
         planted = PlantedBlock(unknowns, legs, rotation, moves)
+        lifts.fit(x)
         for block in (lifts, planted):
             block.prepare(x)
             _, jacobian = block.linearise(x)

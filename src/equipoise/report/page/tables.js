@@ -19,7 +19,7 @@ function drawn(tag, attributes = {}, ...children) {
 
 // Verdicts are told by a sign and a word as well as by a colour.
 const VERDICTS = {
-  "identified": ["\u25cf", "good"], "weak": ["\u25d0", "warn"], "not identified": ["\u25cb", "poor"],
+  "identified": ["\u25cf", "good"], "weak": ["\u25d0", "warn"], "not identified": ["\u25cb", "poor"], "doubtful": ["\u25cb", "poor"],
   "passed": ["\u2713", "good"], "failed": ["\u2717", "poor"],
 };
 
