@@ -1,5 +1,7 @@
 """Motions whose physics is known: what tests of the precise method hold its equations against."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import solve_ivp
@@ -8,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from equipoise import nominal_stance
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.torque_balance import TorqueSamples
-from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 
 GRAVITY = 9.81
@@ -27,34 +28,65 @@ def sides(diagonal):
 
 
 def lift_samples(robot, diagonal, position, velocity, turning, **changes):
-    """Samples in an IMU mounted as the robot says, at rest attitude if nothing else is said; noise of no interest."""
+    """Samples in an IMU mounted as the robot says, level and at rest if nothing else is said; noise of no interest."""
     count = len(position)
     mounting = np.array(robot.imu_in_base.rotation)
+    up_in_imu = changes.pop("up_in_imu", np.tile(mounting[2], (count, 1)))
     values = {
         "start": 0.0,
         "step": 0.01,
+        "joint_acceleration": np.zeros_like(position),
         "angular_acceleration_in_imu": np.zeros((count, 3)),
-        "rotation_to_rest": np.tile(np.eye(3), (count, 1, 1)),
-        "rest_acceleration_in_imu": GRAVITY * mounting[2],
-        "rest_attitude_noise": 4e-4,
+        "acceleration_in_imu": GRAVITY * up_in_imu,
         "velocity_noise": 1e-4 * np.eye(count),
         "angular_velocity_noise": 1e-6 * np.eye(count),
-        "gyro_density": 1e-4,
-        "since_rest": 0.2,
+        "acceleration_noise": 1e-4 * np.eye(count),
         **changes,
     }
     return LiftSamples(
-        diagonal, joint_position=position, joint_velocity=velocity, angular_velocity_in_imu=turning @ mounting, **values
-    )
+        diagonal, joint_position=position, joint_velocity=velocity, angular_velocity_in_imu=turning @ mounting,
+        up_in_imu=up_in_imu, **values,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Joints of the lifted legs go to and fro, each with a phase of its own; those of the stance legs are locked."""
+
+    size: float = 0.0  # [rad]
+    frequency: float = 3.0  # [Hz]
+
+    def joints(self, robot, joint_position, diagonal, time):
+        """(n, nj) positions, velocities and accelerations."""
+        way, pace = np.zeros(len(joint_position)), 2 * np.pi * self.frequency
+        for leg in set(LEG_NAMES) - set(DIAGONALS[diagonal]):
+            way[list(robot.legs[leg].joints)] = self.size
+        phase = np.add.outer(pace * np.atleast_1d(time), 0.7 * np.arange(len(way)))
+        return joint_position + way * np.sin(phase), way * pace * np.cos(phase), -way * pace**2 * np.sin(phase)
+
+
+@dataclass(frozen=True)
+class Give:
+    """Springs that no encoder sees: the base sways on its stance feet [m], as a sine along a direction in base axes."""
+
+    way: tuple = (0.0, 0.0, 0.0)
+    frequency: float = 15.0  # [Hz]
+
+    def feet(self, time):
+        """(3,) place of the feet beside that of the encoders, and its first two derivatives."""
+        pace = 2 * np.pi * self.frequency
+        way = -np.array(self.way)
+        return way * np.sin(pace * time), way * pace * np.cos(pace * time), -way * pace**2 * np.sin(pace * time)
 
 
 def pendulum(
-    robot, joint_position, diagonal, up, rate=0.2, radius=None, duration=0.3, late=0.0, step=0.005, resistance=0.0
-):
-    """A lift trial of a robot with locked joints that topples about its line, its two feet rolling as one cylinder.
+    robot, joint_position, diagonal, up, rate=0.2, radius=None, duration=0.3, late=0.0, step=0.005, resistance=0.0,
+    swing=Swing(), give=Give(),
+):  # fmt: skip
+    """A lift trial of a robot that topples about its line, its two feet rolling as one cylinder.
 
-    Lagrange's equation with the tilt as the only coordinate. Nothing of it is how the estimator does it: forces are
-    eliminated by the energy, not by a moment balance.
+    By the principle of virtual work, with the tilt as the only coordinate: Pinocchio says which force and moment the base
+    would need, and rolling must do no work on it. Nothing of it is how the estimator does it, by a moment balance.
 
     Args:
         up: (3,) against gravity at rest, in base axes; the line must be level there.
@@ -62,8 +94,11 @@ def pendulum(
         radius: of the feet; default the robot's [m].
         late: by how much IMU samples are younger than the joints' [s].
         resistance: by which length behind its weight the feet carry the rolling robot [m].
+        swing: how the joints of the lifted legs move.
+        give: how the base sways on its feet.
     """
-    data, model = robot.pinocchio.createData(), robot.pinocchio
+    data, model = robot.pinocchio.createData(), robot.pinocchio.copy()
+    model.gravity.linear = np.zeros(3)  # accelerations are what an accelerometer feels
     pin.framesForwardKinematics(model, data, robot.configuration(joint_position))
     left_foot, right_foot = (
         np.array(data.oMf[robot.legs[LEG_NAMES[i]].foot_frame_id].translation) for i in sides(diagonal)
@@ -71,32 +106,72 @@ def pendulum(
     left = (left_foot - right_foot) / np.linalg.norm(left_foot - right_foot)
     assert abs(left @ up) < 1e-3
     radius = robot.legs[LEG_NAMES[sides(diagonal)[0]]].foot_radius if radius is None else radius
-    body = composite_parameters(robot, joint_position)
-    arm, about_com = body.com - right_foot, left @ body.inertia @ left
+    mass = pin.computeTotalMass(model)
 
-    def over(angle):
-        upward = about(left, [-angle])[0] @ up
-        return arm @ upward, arm @ np.cross(left, upward)
+    def upward(angle):
+        return about(left, [-angle])[0] @ up
 
-    def acceleration(angle, speed):
-        height, ahead = over(angle)
-        inertia = about_com + body.mass * ((radius + height) ** 2 + ahead**2)
-        return body.mass * (ahead * (GRAVITY + radius * speed**2) - resistance * GRAVITY) / inertia
+    def felt(time, angle, speed, change):
+        """Specific force at the base's origin: from the feet's centres, which roll, to the origin, which turns and sways."""
+        beside, velocity, acceleration = give.feet(time)
+        foot = right_foot + beside
+        of_foot = radius * change * np.cross(left, upward(angle))
+        turned = np.cross(change * left, foot) + speed**2 * np.cross(left, np.cross(left, foot))
+        return of_foot - turned - 2 * speed * np.cross(left, velocity) - acceleration + GRAVITY * upward(angle)
+
+    def acceleration(time, angle, speed):
+        position, velocity, joint_acceleration = (
+            part[0] for part in swing.joints(robot, joint_position, diagonal, time)
+        )
+        q, v = robot.configuration(position), np.concatenate([np.zeros(3), speed * left, velocity])
+        rolling = np.concatenate(
+            [radius * np.cross(left, upward(angle)) - np.cross(left, right_foot + give.feet(time)[0]), left]
+        )
+
+        def work(change):
+            a = np.concatenate([felt(time, angle, speed, change), change * left, joint_acceleration])
+            return rolling @ pin.rnea(model, data, q, v, a)[:6] + resistance * mass * GRAVITY
+
+        return work(0.0) / (work(0.0) - work(1.0))
 
     time = step * np.arange(round(duration / step) + 1)
     whole = solve_ivp(
-        lambda _, state: [state[1], acceleration(*state)], (0, duration + late), [0.0, rate], rtol=1e-10, atol=1e-12,
-        dense_output=True,
+        lambda now, state: [state[1], acceleration(now, *state)], (0, duration + late), [0.0, rate], "DOP853",
+        rtol=1e-10, atol=1e-12, dense_output=True,
     ).sol  # fmt: skip
-    angle, speed = whole(time + late)
-    rates = [acceleration(*state) for state in zip(angle, speed, strict=True)]
-    mounting = np.array(robot.imu_in_base.rotation)
-    turned = mounting.T @ about(left, angle) @ mounting
+    states = [(now, *whole(now)) for now in time + late]
+    rates = [acceleration(*state) for state in states]
+    mounting, arm = np.array(robot.imu_in_base.rotation), np.array(robot.imu_in_base.translation)
+    at_imu = [
+        felt(*state, change) + np.cross(change * left, arm) + state[2] ** 2 * np.cross(left, np.cross(left, arm))
+        for state, change in zip(states, rates, strict=True)
+    ]
+    position, velocity, joint_acceleration = swing.joints(robot, joint_position, diagonal, time)
     return lift_samples(
-        robot, diagonal, np.tile(joint_position, (len(time), 1)), np.zeros((len(time), len(joint_position))),
-        np.outer(speed, left), step=step, rotation_to_rest=turned, rest_acceleration_in_imu=GRAVITY * mounting.T @ up,
-        angular_acceleration_in_imu=np.outer(rates, left) @ mounting,
+        robot, diagonal, position, velocity, np.outer([speed for *_, speed in states], left), step=step,
+        joint_acceleration=joint_acceleration, angular_acceleration_in_imu=np.outer(rates, left) @ mounting,
+        acceleration_in_imu=np.array(at_imu) @ mounting,
+        up_in_imu=np.array([upward(angle) for _, angle, _ in states]) @ mounting,
     )  # fmt: skip
+
+
+def rolling_feet(robot, diagonal, position, velocity, turning, normal):
+    """Places of the left and the right contact in base axes, their velocities over the floor, and the base's own.
+
+    Of a robot whose two stance feet roll on the floor as spheres, by Pinocchio.
+    """
+    model, data = robot.pinocchio, robot.pinocchio.createData()
+    pin.forwardKinematics(model, data, robot.configuration(position), np.concatenate([np.zeros(3), turning, velocity]))
+    pin.updateFramePlacements(model, data)
+    contacts, speeds, base = [], [], []
+    for foot in sides(diagonal):
+        leg = robot.legs[LEG_NAMES[foot]]
+        speed = pin.getFrameVelocity(model, data, leg.foot_frame_id, pin.LOCAL_WORLD_ALIGNED)
+        to_centre = leg.foot_radius * normal
+        contacts.append(data.oMf[leg.foot_frame_id].translation - to_centre)
+        speeds.append(np.cross(speed.angular, to_centre))
+        base.append(speeds[-1] - speed.linear)
+    return contacts, speeds, np.mean(base, axis=0)
 
 
 def wandering(momentum):

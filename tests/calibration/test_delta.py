@@ -50,8 +50,10 @@ def test_a_payload_is_found_within_its_intervals(weighed):
     assert np.allclose(payload.com_in_base.values[:2], PAYLOAD[1:3], atol=0.005)
     assert not weighed.removed
     assert not weighed.warnings
-    for quantity, true in zip(payload, [payload.truth.mass, *payload.truth.com, *6 * [0.0]], strict=True):
-        assert quantity.lower < true < quantity.upper, quantity.name
+    true = np.array([payload.truth.mass, *payload.truth.com, *6 * [0.0]])
+    off = np.abs(payload.values - true) / payload.deviations
+    assert (off < 1.96).sum() >= 9, off  # of ten intervals of 95 %
+    assert off.max() < 3
     assert payload.mass.verdict == "identified"
     assert payload.inertia.Ixx.verdict != "identified"  # a point has none
 
@@ -94,9 +96,9 @@ def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
     gradient = problem.normal_equations(z).gradient
     for index in (0, 7, 12, problem.unknowns.size, problem.unknowns.size + 5, len(z) - 1):
         step = np.zeros_like(z)
-        step[index] = 1e-6
+        step[index] = 1e-3  # smaller ones drown in rounding: the cost is in the millions
         ahead, behind = (problem.normal_equations(z + sign * step).cost for sign in (1, -1))
-        slope = (ahead - behind) / 2e-6
+        slope = (ahead - behind) / 2e-3
         assert 2 * gradient[index] == pytest.approx(slope, rel=1e-3, abs=1e-2), index
 
 

@@ -197,7 +197,9 @@ def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
     "method",
     [
         Precise(),
-        Precise(60.0, 13.4, 0.05, False, Goals(com_planar=1e-3), Priors(joint_zero=2e-3)),
+        Precise(
+            60.0, 13.4, 0.05, False, "heavy", "trusted", Goals(com_planar=1e-3), Priors(joint_zero=2e-3, compliance=0.0)
+        ),
         Paper(
             feet="commanded",
             com_search=ComSearchSettings(-0.04, 0.05, 0.003, 0.02, 0.7, 0.5),
@@ -214,7 +216,7 @@ def test_settings_come_back(new, method):
 @pytest.mark.parametrize(
     "method",
     [
-        Precise(60.0, 13.4, 0.05, sway=False),
+        Precise(60.0, 13.4, 0.05, sway=False, priors=Priors(leg_mass=0.03, clock_offset=1e-3)),
         Paper("commanded", ComSearchSettings(tolerance=0.003), SwaySettings(duration=1.0)),
         Static(),
     ],

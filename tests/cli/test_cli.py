@@ -177,6 +177,37 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("puli = 0.1", "'puli' is no unknown; did you mean pull?"),
+        ("pull = 'much'", "the prior of pull is 'much'; it must be a number"),
+        ("pull = -1", "the prior of pull is -1.0; it must be zero, which holds it, or more, and finite"),
+        ("pull", "cannot read priors from"),
+        (None, "cannot read priors from"),
+    ],
+)
+def test_a_file_of_priors_that_is_none(text, message, tmp_path, capsys):
+    file = tmp_path / "priors.toml"
+    if text is not None:
+        file.write_text(text, encoding="utf-8")
+    assert message in fails(capsys, 2, "plan", "--priors", str(file))
+
+
+def test_what_is_said_of_cable_legs_and_priors_is_planned_with(tmp_path, capsys):
+    def deviation(*flags):
+        assert main(["plan", "--budget", "40s", "--json", *flags]) == 0
+        return json.loads(capsys.readouterr().out)["predicted_deviation"]
+
+    file = tmp_path / "priors.toml"
+    file.write_text("pull = 0.0", encoding="utf-8")
+    usual, loose = deviation(), deviation("--cable", "none")
+    assert loose["com_x"] < 0.9 * usual["com_x"]
+    assert deviation("--priors", str(file)) == loose
+    assert deviation("--legs", "trusted")["com_z"] < 0.9 * usual["com_z"]
+    assert main(["plan", "--cable", "long"]) == 2
+
+
 def test_a_model_that_was_changed_after_the_run_is_refused(run, tmp_path, capsys):
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)

@@ -73,12 +73,25 @@ def test_every_output_says_what_it_is(name, result):
 @pytest.mark.parametrize("name", ["urdf", *OWN_FILES])
 def test_what_speaks_against_the_numbers_is_in_the_file(name, a1):
     weak = {("composite", "Ixz"): "weak", ("base", "Ixz"): "weak"}
-    doubtful = found(a1, verdicts=weak, checks=(Check("planted feet", False, "they slid"),))
-    out = export(doubtful, name)
-    assert "check failed: planted feet: they slid" in out.text
-    assert out.notes[0] == "check failed: planted feet: they slid"
+    out = export(found(a1, verdicts=weak, assumptions=("no cable pulls at the robot",)), name)
+    assert out.notes[0] == "assumed: no cable pulls at the robot"
     assert out.notes[1].startswith("weakly identified: ")
-    assert out.notes[1] in out.text
+    assert all(note in out.text for note in out.notes)
+
+
+@pytest.mark.parametrize("name", ["urdf", *OWN_FILES])
+def test_what_comes_of_a_failed_check_is_refused_unless_forced(name, a1):
+    result = found(a1, checks=(Check("planted feet", False, "they slid"), Check("lifts", True, "they fit")))
+    doubtful = dataclasses.replace(result, composite=result.composite.doubted(), base=result.base.doubted())
+    with pytest.raises(NotIdentifiedError) as error:
+        export(doubtful, name)
+    assert str(error.value) == (
+        "the result is doubtful: check failed: planted feet: they slid; mend that and calibrate again, or write it with "
+        "--force"
+    )
+    forced = export(doubtful, name, force=True)
+    assert forced.notes == ("check failed: planted feet: they slid",)
+    assert forced.notes[0] in forced.text
 
 
 def test_only_what_a_format_wants_is_judged(a1):

@@ -18,6 +18,7 @@ from equipoise.paper.method import estimate_sways
 from equipoise.precise.checks import shift_without
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.posterior import estimate_posterior
+from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import PHASE
 from equipoise.recording.trials import DesignedLift
 from equipoise.robot.description import RobotDescription
@@ -32,10 +33,9 @@ MOVED_PAYLOAD = "1.0,0.01,0.02,0.08"
 JOINTS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 
 
-def ran(robot, model=None, payload=PAYLOAD, noise="realistic", budget=60):
+def ran(robot, model=None, payload=PAYLOAD, noise="realistic", settings=SETTINGS):
     """A run on a simulated robot, by the model that the user has: its recordings, result and truth."""
     recordings = []
-    settings = Precise(budget=budget)
     with simulate(robot, noise, payload, SEED) as simulation:
         result = calibrate(simulation.platform, model or robot, settings, recordings.append)
         return SimpleNamespace(recordings=recordings, result=result, truth=simulation.truth.composite)
@@ -44,6 +44,12 @@ def ran(robot, model=None, payload=PAYLOAD, noise="realistic", budget=60):
 @pytest.fixture(scope="module")
 def run(a1):
     return ran(a1)
+
+
+@pytest.fixture(scope="module")
+def told(a1):
+    """It leans about two axes, and `run` about one only: with that alone one fault can look like another."""
+    return ran(a1, settings=replace(SETTINGS, cable="none", legs="trusted"))
 
 
 # --- what faults do to a log
@@ -205,15 +211,15 @@ def test_an_encoder_at_rest_that_reads_the_same_is_not_frozen(a1, run):
     ],
     ids=str,
 )
-def test_swapped_legs_are_named(a1, run, pairs, named):
+def test_swapped_legs_are_named(a1, told, pairs, named):
     with pytest.raises(RecordingError, match=f"the legs {named} seem to be swapped"):
-        estimate(a1, with_joints(run.recordings, swapped(a1, *pairs)), SETTINGS)
+        estimate(a1, with_joints(told.recordings, swapped(a1, *pairs)), SETTINGS)
 
 
 @pytest.mark.parametrize("joint", range(12), ids=JOINTS)
-def test_a_joint_with_the_wrong_sign_is_named(a1, run, joint):
+def test_a_joint_with_the_wrong_sign_is_named(a1, told, joint):
     with pytest.raises(RecordingError, match=rf"joint '{a1.joint_names[joint]}'.* the wrong sign"):
-        estimate(a1, with_joints(run.recordings, columns(negated, joint)), SETTINGS)
+        estimate(a1, with_joints(told.recordings, columns(negated, joint)), SETTINGS)
 
 
 def test_all_hips_with_the_wrong_sign_are_named(a1, run):
@@ -286,13 +292,13 @@ def test_gravity_in_g_is_named(a1, run):
         (lambda rate: rate[:, [1, 0, 2]], "are their axes the same?"),
     ],
 )
-def test_a_gyroscope_that_the_accelerometer_contradicts_is_named(a1, run, gyro, named):
+def test_a_gyroscope_that_the_accelerometer_contradicts_is_named(a1, told, gyro, named):
     with pytest.raises(RecordingError, match=re.escape(named)):
-        estimate(a1, with_imu(run.recordings, gyro), SETTINGS)
+        estimate(a1, with_imu(told.recordings, gyro), SETTINGS)
 
 
 def test_a_clock_that_is_far_off_is_named(a1, run):
-    late = [replace(r, imu=replace(r.imu, time=r.imu.time + 0.01)) for r in run.recordings]
+    late = [replace(r, imu=replace(r.imu, time=r.imu.time + 0.015)) for r in run.recordings]
     assert "clock offset" in failed(estimate(a1, late, SETTINGS))["sensor errors"]
 
 
@@ -320,8 +326,12 @@ def test_one_motor_that_errs_by_half_is_named(a1, run):
 
 @pytest.mark.parametrize("factor", [1.2, 0.8])
 def test_a_mass_that_is_wrong_by_a_fifth_is_named(a1, run, factor):
+    """By one who knows the motors' torque constant; else it looks like another one, and that is named."""
     wrong = Precise(budget=60, mass=factor * run.truth.mass)
-    said = failed(estimate(a1, run.recordings, wrong))
+    gains = [found for found in estimate(a1, run.recordings, wrong).sensors if found.name == "torque gain"]
+    assert [found.value for found in gains] == pytest.approx([factor - 1], abs=0.06)
+    assert gains[0].notable
+    said = failed(estimate(a1, run.recordings, replace(wrong, priors=Priors(torque_gain_common=0.0))))
     assert next(iter(said)) == "mass"
     off = float(re.search(r"([+-][\d.]+)% off", said["mass"]).group(1)) / 100
     assert off == pytest.approx(factor - 1, abs=0.06)
@@ -330,7 +340,8 @@ def test_a_mass_that_is_wrong_by_a_fifth_is_named(a1, run, factor):
 
 def test_the_right_mass_raises_no_alarm(a1, run):
     weighed = Precise(budget=60, mass=run.truth.mass)
-    assert not failed(estimate(a1, run.recordings, weighed))
+    for priors in (Priors(), Priors(torque_gain_common=0.0)):
+        assert not failed(estimate(a1, run.recordings, replace(weighed, priors=priors)))
 
 
 def test_a_robot_without_torques_or_velocities_is_estimated(a1, run):
@@ -380,8 +391,9 @@ def test_gaps_in_most_lifts_are_named(a1, run):
 
 def test_a_payload_that_moves_is_named_with_when_and_by_how_much(a1, run):
     half = len(run.recordings) // 2
+    weighed = replace(SETTINGS, mass=run.truth.mass)  # else it looks like another mass too
     other = ran(a1, payload=MOVED_PAYLOAD)
-    said = failed(estimate(a1, [*run.recordings[:half], *other.recordings[half:]], SETTINGS))
+    said = failed(estimate(a1, [*run.recordings[:half], *other.recordings[half:]], weighed))
     found = re.match(r"from motion (\d+) on com_x seems to be ([+-][\d.]+) m other than before", said["halves"])
     assert int(found.group(1)) == pytest.approx(half, abs=2)
     assert float(found.group(2)) == pytest.approx(-0.04 * 1.0 / run.truth.mass, abs=1e-3)
@@ -389,28 +401,31 @@ def test_a_payload_that_moves_is_named_with_when_and_by_how_much(a1, run):
 
 
 def test_feet_that_slip_are_named(a1):
-    slippery = replace(REALISTIC.scaled_to(nominal_stance(a1).scale), floor_friction=0.1)
-    said = failed(ran(a1, noise=slippery, budget=40).result)
-    assert next(iter(said)) in (
-        "planted feet",
-        "lifts",
-    )  # which of them fits worse, chance decides on so slippery a floor
-    assert "feet slip" in said["lifts"]
+    slippery = replace(REALISTIC.scaled_to(nominal_stance(a1).scale), floor_friction=0.05)
+    said = failed(ran(a1, noise=slippery, settings=Precise(budget=40)).result)
+    assert next(iter(said)) == "planted feet"
+    assert "The feet do not keep their places: they slip" in said["planted feet"]
 
 
 @pytest.mark.parametrize(
-    ("link", "joint", "legs"),
-    [("thigh", "calf_joint", ["FL", "FR", "RL", "RR"]), ("shank", "foot_joint", ["FL"])],
+    ("link", "joint", "legs", "named"),
+    [
+        ("thigh", "calf_joint", ["FL", "FR", "RL", "RR"], "length of all thighs"),
+        ("shank", "foot_joint", ["FL"], "length of FL calf"),
+    ],
     ids=["all thighs", "one shank"],
 )
-def test_legs_that_are_longer_than_the_model_says_are_named(a1, a1_urdf, tmp_path, link, joint, legs):
+def test_legs_that_are_longer_than_the_model_says_are_named(a1, a1_urdf, tmp_path, link, joint, legs, named):
     text = a1_urdf
     for leg in legs:
         text, changed = re.subn(
             rf'(<joint name="{leg}_{joint}".*?<origin xyz="0 0 )-0.2"', r'\1-0.21"', text, flags=re.S
         )
         assert changed == 1, link
-    said = failed(ran(load_text(tmp_path, text), model=a1).result)
+    longer = ran(load_text(tmp_path, text), model=a1)
+    said = failed(longer.result)
+    assert said["sensor errors"].startswith(f"farthest from what was expected beforehand: {named} (")
+    said = failed(estimate(a1, longer.recordings, replace(SETTINGS, legs="trusted")))
     assert next(iter(said)) == "planted feet"
     assert "the legs are not the model's (lengths, foot frames)" in said["planted feet"]
 

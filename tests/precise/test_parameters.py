@@ -33,7 +33,7 @@ BODIES = {
 @pytest.fixture(scope="module", params=ROBOTS)
 def unknowns(request):
     robot = request.getfixturevalue(request.param)
-    return Unknowns(robot, nominal_stance(robot), Priors.opened(*(row.name for row in Priors.rows())))
+    return Unknowns(robot, nominal_stance(robot), Priors())
 
 
 def somewhere(unknowns, seed=0):
@@ -120,7 +120,8 @@ def test_every_unknown_has_one_place(unknowns):
 
 def test_one_unit_is_one_standard_deviation_of_the_prior(a1):
     priors = Priors(joint_zero=0.01, imu_tilt=0.02, accelerometer_bias=0.3, clock_offset=0.004, foot_radius=0.05,
-                    floor_slope=0.006, floor_warp=0.007, torque_gain=0.08, coulomb=0.9, leg_mass=0.1)  # fmt: skip
+                    floor_slope=0.006, floor_warp=0.007, torque_gain=0.08, coulomb=0.9, leg_mass=0.1,
+                    leg_mass_common=0.2)  # fmt: skip
     stance = nominal_stance(a1)
     unknowns = Unknowns(a1, stance, priors)
     ones = np.ones(unknowns.size)
@@ -133,7 +134,7 @@ def test_one_unit_is_one_standard_deviation_of_the_prior(a1):
     assert unknowns.value(ones, "floor_warp") == pytest.approx([0.007 * stance.hip_height])
     assert unknowns.value(ones, "torque_gain") == pytest.approx([0.08] * 12)
     assert unknowns.value(ones, "coulomb") == pytest.approx([0.9 * a1.mass * 9.81 * stance.hip_height / 38.0])
-    np.testing.assert_allclose(unknowns.inertial(ones)[10:22], 1 + 0.1)
+    np.testing.assert_allclose(unknowns.inertial(ones)[10:22], 1 + 0.1 + 0.2)
 
 
 def test_nothing_is_wrong_at_the_start(unknowns):
@@ -145,32 +146,100 @@ def test_nothing_is_wrong_at_the_start(unknowns):
     }
 
 
-OPEN = [field.name for field in dataclasses.fields(Priors) if field.default]
-HELD = [field.name for field in dataclasses.fields(Priors) if not field.default]
+ROWS = [row.name for row in Priors.rows()]
+OF_THE_BASE = [field.name for field in dataclasses.fields(Priors) if field.name not in ROWS]
+
+
+def test_all_rows_are_open_at_first():
+    """What a robot may have is not held unless somebody says so."""
+    assert [row.name for row in Priors().estimated] == ROWS
+    assert OF_THE_BASE == ["mass", "first_moment", "inertia"]
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
-@pytest.mark.parametrize("name", OPEN)
-def test_a_prior_must_leave_room(name, value):
+@pytest.mark.parametrize("name", OF_THE_BASE)
+def test_a_prior_of_the_base_must_leave_room(name, value):
     with pytest.raises(SettingsError, match=f"the prior of {name} is {value}; it must be above zero, and finite"):
         Priors(**{name: value})
 
 
-@pytest.mark.parametrize("name", HELD)
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("name", ROWS)
+def test_a_prior_of_a_row_leaves_room_or_holds_it(name, value):
+    with pytest.raises(SettingsError, match=f"{name} is {value}; it must be zero, which holds it, or more, and finite"):
+        Priors(**{name: value})
+
+
+@pytest.mark.parametrize("name", ROWS)
 def test_what_is_held_has_no_place_and_the_models_value(a1, name):
+    """And all else is as it was."""
     stance = nominal_stance(a1)
-    held, opened = (Unknowns(a1, stance, priors) for priors in (Priors(), Priors.opened(name)))
+    held, opened = (Unknowns(a1, stance, priors) for priors in (Priors().holding(name), Priors()))
     count = len(by_the_model(a1)[name])
     assert opened.size == held.size + count
-    assert list(opened.value(np.ones(opened.size), name)) == [opened.scale[opened[name]][0]] * count
+    assert (opened.value(np.ones(opened.size), name) > 0).all()
     ones = np.ones(held.size)
+    assert opened.estimates(name)
     assert not held.estimates(name)
     assert not held.columns(name).size
-    np.testing.assert_array_equal(held.values(ones)[name], np.zeros(count))
-    with pytest.raises(SettingsError, match=f"the prior of {name} is -1.0; it must be zero, which holds it, or more"):
-        Priors(**{name: -1.0})
+    values, as_before = held.values(ones), opened.values(np.ones(opened.size))
+    np.testing.assert_array_equal(values.pop(name), np.zeros(count))
+    for other, value in values.items():
+        np.testing.assert_array_equal(value, as_before[other])
 
 
-def test_only_unknowns_can_be_opened():
-    with pytest.raises(SettingsError, match="'spring' is no unknown; those are leg_mass, "):
-        Priors.opened("spring")
+def test_several_rows_are_held_and_the_rest_stay():
+    believed = Priors(joint_zero=0.01, play=0.3)
+    held = believed.holding("compliance", "play")
+    assert held == Priors(joint_zero=0.01, play=0.0, compliance=0.0)
+    assert held == dataclasses.replace(believed, compliance=0.0, play=0.0)
+    with pytest.raises(SettingsError, match=r"the prior of mass is 0\.0"):
+        believed.holding("mass")
+
+
+# --- files of priors
+
+
+@pytest.fixture
+def read(tmp_path):
+    """What a file of such a text is read as."""
+
+    def of(text):
+        file = tmp_path / "priors.toml"
+        file.write_text(text, encoding="utf-8")
+        return Priors.read(file)
+
+    return of
+
+
+def test_priors_are_read_and_the_rest_is_as_usual(read):
+    assert read("") == Priors()
+    found = read("# a bench\ncompliance = 0\nmass = 0.1  # ours\npull = 2.5e-1\n")
+    assert found == Priors(compliance=0.0, mass=0.1, pull=0.25)
+    assert isinstance(found.compliance, float)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("complience = 0.001", r"priors.toml: 'complience' is no unknown; did you mean compliance\?$"),
+        ("xyzzy = 0.001", r"'xyzzy' is no unknown; those are mass, first_moment, inertia, leg_mass, .*, armature$"),
+        ("play = 'much'", "priors.toml: the prior of play is 'much'; it must be a number"),
+        ("play = true", "the prior of play is True; it must be a number"),
+        ("[play]\nhip = 0.1", "the prior of play is .*; it must be a number"),
+        ("mass = 0", "the prior of mass is 0.0; it must be above zero, and finite"),
+        ("play = inf", "the prior of play is inf; it must be zero, which holds it, or more, and finite"),
+        ("play: 0.1", "cannot read priors from .*priors.toml: "),
+    ],
+)
+def test_a_file_that_says_no_priors_is_refused(read, text, message):
+    with pytest.raises(SettingsError, match=message):
+        read(text)
+
+
+def test_a_file_of_priors_that_is_not_there_or_no_text_is_refused(tmp_path):
+    with pytest.raises(SettingsError, match=r"cannot read priors from .*none.toml: .*No such file"):
+        Priors.read(tmp_path / "none.toml")
+    (tmp_path / "bytes.toml").write_bytes(b"play = \xff")
+    with pytest.raises(SettingsError, match=r"cannot read priors from .*bytes.toml: "):
+        Priors.read(tmp_path / "bytes.toml")

@@ -1,6 +1,7 @@
 """The precise method as users meet it: the result, the terminal, the picture, the plan."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from equipoise.errors import RecordingError, SettingsError
 from equipoise.precise import routine as precise_routine
 from equipoise.precise.plan import make_plan
 from equipoise.precise.routine import PreciseRoutine
+from equipoise.precise.unknowns import Priors
 from equipoise.recording.trials import LiftTrial, PostureTrial
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.terminal.calibration import print_calibration
@@ -70,12 +72,67 @@ def test_recordings_of_another_method_are_refused(a1, precise_run):
 
 
 def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
-    heavy = Precise(budget=40, mass=1.3 * a1.mass, mass_sd=0.01, sway=False)
+    # Twice its mass: motors that give 1.3 times what they report are nothing unheard of.
+    heavy = Precise(budget=40, mass=2 * a1.mass, mass_sd=0.01, sway=False)
     result = estimate(a1, precise_run.recordings, heavy)
     assert not result.trustworthy
     print_calibration(result, [])
     shown = capsys.readouterr().out
     assert shown.index("check failed") < shown.index("CoM x")
+    for name in ("composite", "base", "stance_effective"):
+        found, well = (getattr(of, name) for of in (result, precise_run.result))
+        assert "doubtful" in {quantity.verdict for quantity in found} <= {"doubtful", "not identified"}
+        assert not any(quantity.verdict == "doubtful" for quantity in well)
+
+
+# --- what somebody says who knows more
+
+
+@pytest.mark.parametrize(("cable", "factor"), [("none", 0.0), ("light", 1.0), ("heavy", 5.0)])
+def test_a_cable_pulls_as_hard_as_is_said(cable, factor):
+    assert Precise(cable=cable).beliefs == Priors(pull=factor * Priors().pull)
+    assert Precise(cable=cable, priors=Priors(pull=0.3, play=0.1)).beliefs == Priors(pull=factor * 0.3, play=0.1)
+
+
+def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
+    held = ("leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position",
+            "foot_radius_each")  # fmt: skip
+    assert Precise(legs="trusted").beliefs == Priors(leg_mass=0.03).holding(*held)
+    for surer in (0.01, 0.0):
+        assert Precise(legs="trusted", priors=Priors(leg_mass=surer)).beliefs.leg_mass == surer
+    assert Precise(priors=Priors(leg_mass=0.2)).beliefs == Priors(leg_mass=0.2)
+
+
+def test_what_was_said_is_told_in_words():
+    assert Precise().assumptions == Precise(cable="heavy").assumptions == ()
+    cable, legs = Precise(cable="none").assumptions, Precise(legs="trusted").assumptions
+    assert (len(cable), len(legs)) == (1, 1)
+    assert "no cable" in cable[0]
+    assert "legs" in legs[0]
+    assert "3%" in legs[0]
+    assert Precise(cable="none", legs="trusted").assumptions == cable + legs
+
+
+@pytest.mark.parametrize(("field", "choices"), [("cable", "none or light or heavy"), ("legs", "unknown or trusted")])
+def test_nothing_else_can_be_said(field, choices):
+    with pytest.raises(SettingsError, match=f"{field} is 'wooden'; it must be {choices}"):
+        Precise(**{field: "wooden"})
+
+
+def test_assumptions_make_a_result_surer_and_stand_beside_it(a1, precise_run, tmp_path, capsys):
+    plain = precise_run.result
+    said = replace(precise_run.settings, cable="none", legs="trusted")
+    result = estimate(a1, precise_run.recordings, said)
+    assert (result.composite.com_in_base.deviations < plain.composite.com_in_base.deviations).all()
+    assert not result.evidence.posterior.unknowns.estimates("pull")
+    assert plain.evidence.posterior.unknowns.estimates("pull")
+    assert plain.assumptions == ()
+    assert result.assumptions == said.assumptions
+    result.save(tmp_path / "a1.json")
+    assert Calibration.load(tmp_path / "a1.json").assumptions == said.assumptions
+    print_calibration(result, [])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert all(f"assumed, as you said: {assumption}" in shown for assumption in said.assumptions)
 
 
 def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):

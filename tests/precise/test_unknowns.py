@@ -15,6 +15,7 @@ from equipoise.precise.measurements.planted_moves import PlantedRows
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.residual_blocks import BLOCKS, ResidualBlock
+from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.precise.two_runs import estimate_two_runs
 from equipoise.precise.unknowns import AXIS, Priors, by_the_model, finding_names, unknown
 from equipoise.report.contents import run_contents
@@ -118,7 +119,7 @@ def test_equations_depend_on_what_they_say(a1, precise_run, few):
     legs, rotation, values = LegChains(a1), np.array(a1.imu_in_base.rotation), by_the_model(a1)
     lifts = [motion.lift for motion in few.motions if motion.lift is not None]
     moves = [motion.move for motion in few.motions if motion.move is not None]
-    _, _, by_y, _ = TiltEquation(legs, rotation, lifts).linearise(values, model_parameters(a1))
+    _, _, by_y, _ = TiltEquation(a1, legs, lifts).linearise(values, model_parameters(a1))
     _, by_rows = PlantedRows(legs, rotation, precise_run.stance, moves).linearise(values)
     for equation, by in ((TiltEquation, by_y), (PlantedRows, by_rows)):
         assert set(by) - {"inertial"} == set(equation.DEPENDS_ON)
@@ -142,6 +143,20 @@ def test_a_row_says_all_that_is_to_be_known(a1, row):
 def test_every_unknown_enters_an_equation(a1, precise_run, few):
     found = estimate_posterior(a1, precise_run.stance, few)
     assert found.informed == {"base", *(row.name for row in Priors.rows())}
+
+
+@pytest.mark.parametrize("row", Priors.rows(), ids=lambda row: row.name)
+def test_any_row_may_be_held(a1, precise_run, few, row):
+    """A run is estimated without it, and nothing is said of it."""
+    held, opened = (
+        estimate_posterior(a1, precise_run.stance, few, priors, rounds=0)
+        for priors in (Priors().holding(row.name), Priors())
+    )
+    assert len(held.x) == len(opened.x) - len(row.each.labels(a1))
+    assert not held.unknowns.values(held.x)[row.name].any()
+    names, all_names = ({finding.name for finding in sensor_findings(found)} for found in (held, opened))
+    assert all_names - names == (set(finding_names(a1, row.name)) if row.finding else set())
+    assert np.isfinite(held.robot_covariance).all()
 
 
 def test_findings_of_a_robot_are_found_by_the_name_of_their_unknown(a1):

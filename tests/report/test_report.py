@@ -119,11 +119,20 @@ def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
     assert "feet" not in contents["plan_view"]
 
 
-def test_the_lead_says_the_change_against_the_model(precise):
-    change = precise.composite.mass.value - precise.nominal.composite.mass
-    assert f"{change:.2f} kg more than its model file says" in run_contents(precise)["lead"]
+def test_the_lead_says_the_change_against_the_model(precise, precise_run, a1):
+    settings = dataclasses.replace(precise_run.settings, mass=precise_run.truth.composite.mass)
+    weighed = settings.estimate(a1, precise_run.recordings, precise_run.stance)
+    change = weighed.composite.mass.value - weighed.nominal.composite.mass
+    assert change > 1
+    assert f"{change:.2f} kg more than its model file says" in run_contents(weighed)["lead"]
     same = dataclasses.replace(precise, composite=precise.composite.with_model(precise.truth.composite))
     assert "as its model file says, within the interval" in run_contents(same)["lead"]
+
+
+def test_the_lead_says_what_was_assumed(precise):
+    assert "Assumed" not in run_contents(precise)["lead"]
+    told = dataclasses.replace(precise, assumptions=("no cable pulls", "the legs are light"))
+    assert run_contents(told)["lead"].endswith(" Assumed, as was said: no cable pulls; the legs are light.")
 
 
 def test_failed_checks_are_alerts_and_warnings_where_there_are_no_checks(precise, paper):

@@ -142,10 +142,15 @@ def test_a_name_is_shown_and_never_run(visit, results, tmp_path):
         assert name in page.locator("main").inner_text()
 
 
-def test_failed_checks_come_first(visit, results, tmp_path):
-    checks = [dataclasses.replace(check, passed=False) for check in results["precise"].checks[:2]]
-    page = visit(save_report(dataclasses.replace(results["precise"], checks=tuple(checks)), tmp_path / "failed.html"))
+def test_failed_checks_come_first_and_what_was_found_is_doubtful(visit, results, tmp_path):
+    precise = results["precise"]
+    checks = tuple(dataclasses.replace(check, passed=False) for check in precise.checks[:2])
+    failed = dataclasses.replace(precise, checks=checks, composite=precise.composite.doubted())
+    page = visit(save_report(failed, tmp_path / "failed.html"))
     alerts, numbers = page.locator("#alerts"), page.locator("#numbers table")
     assert alerts.inner_text().count("Check failed:") == 2
     assert alerts.bounding_box()["y"] < numbers.bounding_box()["y"]
     assert numbers.bounding_box()["y"] + numbers.bounding_box()["height"] < 800
+    words = [text.split(" ", 1) for text in numbers.locator(".verdict.poor").all_inner_texts()]
+    assert [word for _, word in words] == [one.verdict for one in failed.composite]
+    assert all(sign == "\u25cb" for sign, _ in words)

@@ -121,3 +121,22 @@ def test_what_is_not_estimated_still_has_the_models_value():
     height = Body.partly(TRUE, com_in_base=(0.01, 0.0, None)).com_in_base.z
     assert height == Quantity("com_z", "m", model=0.05)
     assert height.interval is height.half is height.error is height.change is None
+
+
+def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
+    sure = np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8]))
+    body = Body.known(BASE, sure, np.full(10, 1.5e-3), TRUE).with_truth(TRUE)
+    assert {quantity.verdict for quantity in body} == {"identified", "weak", "not identified"}
+    doubted = body.doubted()
+    assert [one.verdict for one in doubted] == [
+        "not identified" if one.verdict == "not identified" else "doubtful" for one in body
+    ]
+    for one, other in zip(doubted, body, strict=True):
+        assert dataclasses.replace(one, verdict=other.verdict) == other
+    assert np.array_equal(doubted.covariance, body.covariance)
+    again = Body.from_dict(json.loads(json.dumps(doubted.to_dict())), TRUE).with_truth(TRUE)
+    assert list(again) == list(doubted)
+
+
+def test_a_doubted_body_without_verdicts_has_none_still():
+    assert {quantity.verdict for quantity in Body.partly(mass=6.0).doubted()} == {None}

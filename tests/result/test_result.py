@@ -69,7 +69,7 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     assert list(table) == [
         "schema", "robot", "method", "model", "stance", "composite", "base", "stance_effective",
         "sensors", "checks", "sways", "support_lines", "trials",
-        "settings", "provenance", "warnings", "nominal", "truth", "errors",
+        "settings", "provenance", "warnings", "assumptions", "nominal", "truth", "errors",
     ]  # fmt: skip
     assert table["schema"] == "equipoise.calibration/3"
     assert table["robot"] == "unitree_a1"
@@ -181,6 +181,7 @@ def test_a_file_of_the_schema_before_tells_the_same(method, path):
         else:  # the simulator's tensors are symmetric to rounding, ours exactly
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
     del before["uncertainty"], before["schema"], now["schema"]
+    assert now.pop("assumptions") == []  # nobody could say any
     assert now == before
 
 

@@ -49,7 +49,7 @@ def export(
         to: Format; --list shows all.
         out: File to write; default export/ in the run folder. Your own file is overwritten only if it is named here.
         file: Your file to edit: for urdf and mjcf in place of the run's model file; sdf and xacro write a new one without it.
-        force: Write what is not identified, or the nearest body to what was added, all the same; the file says so.
+        force: Write what is not identified or doubtful, or the nearest body to what was added, all the same; the file says so.
         add_payload_link: Leave the base link as it is and write what was added as a fixed link equipoise_payload.
         samples: mjlab, isaaclab: list so many drawn bodies too.
         seed: Of everything drawn.

@@ -60,7 +60,8 @@ class SettingFlag:
             ]
         hint = "" if self.default is None or self.default in ((), {}) else None
         kind = (str | None) if self.is_time else self.kind
-        return Annotated[kind, arg(help=words, metavar=_metavar(plain, self.words), help_behavior_hint=hint)]
+        metavar = "FILE" if self.read is not None else _metavar(plain, self.words)
+        return Annotated[kind, arg(help=words, metavar=metavar, help_behavior_hint=hint)]
 
 
 def settings_of(kind: type[Any], only: Sequence[str] | None = None) -> list[SettingFlag]:

@@ -160,7 +160,11 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
             "There are no joint torques and no --mass: the mass is the model's, and the inertia, which scales with it, is as "
             "uncertain."
         )
-    for verdict, words in (("not identified", "Not told by this log"), ("weak", "Told only roughly")):
+    for verdict, words in (
+        ("doubtful", "Doubtful, as a check failed"),
+        ("not identified", "Not told by this log"),
+        ("weak", "Told only roughly"),
+    ):
         names = [quantity.name for quantity in result.composite if quantity.verdict == verdict]
         if names:
             said.append(f"{words}: {', '.join(names)}.")

@@ -213,6 +213,11 @@ def _torques_carry_the_mass(posterior: Posterior) -> Check:
         return Check("mass", True, "no joint torques to compare a scale with")
     unknowns = posterior.unknowns
     gains = unknowns["torque_gain"]
+    if not unknowns.estimates("torque_gain"):
+        balance = (
+            f"joint torques balance to {posterior.torque_misfit:.1f} times their noise; the motors' gains are held"
+        )
+        return Check("mass", posterior.torque_misfit < _TORQUE_MISFIT, balance)
     # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
     # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
     told = float((np.eye(gains.stop - gains.start) - posterior.covariance[gains, gains]).sum())
@@ -232,6 +237,8 @@ def _torques_carry_the_mass(posterior: Posterior) -> Check:
 def _left_and_right_agree(robot: RobotModel, posterior: Posterior) -> Check:
     """Legs of a mirrored pair are built alike: what is found of their links must agree within its intervals."""
     unknowns = posterior.unknowns
+    if not unknowns.estimates("leg_mass"):
+        return Check("left and right", True, "the legs' masses are held at the file's")
     links = len(robot.legs["FL"].joint_ids)
     block = posterior.covariance[unknowns["leg_mass"], unknowns["leg_mass"]]
     worst, name = 0.0, ""

@@ -427,9 +427,8 @@ class TorqueBlock(ResidualBlock):
         }
         target = np.einsum("nrj,nj->nr", rows.torque, rows.reported) - rows.links @ unknowns.model_links
         links = rows.links @ unknowns.of_links
-        return whitening @ np.concatenate(
-            [rows.base, links, *(terms[name] for name in self.actuators), target[..., None]], axis=2
-        )
+        acting = [terms[name] for name in self.actuators if unknowns.estimates(name)]
+        return whitening @ np.concatenate([rows.base, links, *acting, target[..., None]], axis=2)
 
     def _linear(self, x: FloatArray) -> FloatArray:
         return np.concatenate([self.unknowns.inertial(x)[:10], (x * self.unknowns.scale)[self.columns[10:]]])

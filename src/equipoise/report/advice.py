@@ -105,7 +105,7 @@ def _lifts(visit: Visit) -> str:
 def _further(seen: Outlook, result: Calibration) -> list[Block]:
     poor = [quantity.name for quantity in result.composite if quantity.verdict != "identified"]
     said = (
-        f"Weak or not identified: {', '.join(poor)}."
+        f"Weak, doubtful or not identified: {', '.join(poor)}."
         if poor
         else "Every parameter is identified."
         + (
