@@ -229,7 +229,11 @@ def test_a_bag_of_somebody_else_from_the_command_line(bag, precise_run, tmp_path
     saved = json.loads(out.read_text())
     assert saved["provenance"]["log"] == str(bag)
     truth = precise_run.truth.composite
-    np.testing.assert_allclose(saved["composite"]["com_in_base"], truth.com, atol=2e-3)
+    found = saved["composite"]["com_in_base"]
+    np.testing.assert_allclose(found[:2], truth.com[:2], atol=2e-3)
+    deviation = saved["composite"]["uncertainty"]["intervals"]["com_z"]["deviation"]
+    assert deviation < 2.5e-3  # few lifts, at slow rates
+    assert abs(found[2] - truth.com[2]) < 3 * deviation
 
 
 def test_json_is_one_object_with_the_logs_section(log, a1, tmp_path, capsys):
