@@ -59,7 +59,7 @@ def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSample
         com: (3,) CoM of that model at the nominal stance, in the base frame [m].
         lifts: lifts in postures that lean.
     """
-    shifts = [centre_shift(robot, lift) for lift in lifts]
+    shifts = centre_shifts(robot, lifts)
     if len(shifts) < _FEWEST_PLANES:
         return None
     normals = np.array([shift.normal for shift in shifts])
@@ -72,20 +72,31 @@ def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSample
 
 
 def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
-    """Solve the tilt equation of one lift for a shift of the CoM along the support plane's normal.
+    """`centre_shifts` of one lift."""
+    return centre_shifts(robot, [lift])[0]
+
+
+def centre_shifts(robot: RobotModel, lifts: Sequence[LiftSamples]) -> list[CentreShift]:
+    """Solve the tilt equation of each lift for a shift of the CoM along the support plane's normal.
 
     Args:
         robot: model whose base gives the CoM that is thought to be.
-        lift: passive lift.
+        lifts: passive lifts.
     """
+    if not lifts:
+        return []
     legs = LegChains(robot)
-    rows, _ = TiltEquation(robot, legs, [lift]).rows(by_the_model(robot))
-    inertial = model_parameters(robot)
-    up = np.array(robot.imu_in_base.rotation) @ lift.up_in_imu[0]
-    left_foot, right_foot = lift.stance_feet
-    feet = legs.feet(lift.joint_position[:1])[0]
-    normal = np.cross(feet[left_foot] - feet[right_foot], up)
-    normal /= np.linalg.norm(normal)
-    design = np.column_stack([rows[:, 1:4] @ normal * robot.mass, np.ones(len(rows))])
-    solution = np.linalg.lstsq(design, -rows @ inertial, rcond=None)[0]
-    return CentreShift(normal, float(solution[0]))
+    equation = TiltEquation(robot, legs, lifts)
+    rows, _ = equation.rows(by_the_model(robot))
+    inertial, rotation = model_parameters(robot), np.array(robot.imu_in_base.rotation)
+    found: list[CentreShift] = []
+    for lift, trial in zip(lifts, equation.trials, strict=True):
+        left_foot, right_foot = lift.stance_feet
+        feet = legs.feet(lift.joint_position[:1])[0]
+        normal = np.cross(feet[left_foot] - feet[right_foot], rotation @ lift.up_in_imu[0])
+        normal /= np.linalg.norm(normal)
+        own = rows[trial]
+        design = np.column_stack([own[:, 1:4] @ normal * robot.mass, np.ones(len(own))])
+        solution = np.linalg.lstsq(design, -own @ inertial, rcond=None)[0]
+        found.append(CentreShift(normal, float(solution[0])))
+    return found
