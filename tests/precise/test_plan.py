@@ -290,13 +290,18 @@ def test_postures_beyond_reach_are_tried_smaller(tmp_path):
 # --- predicted motions
 
 
+def predictor_of(robot):
+    """Of a robot as its file has it."""
+    stance = nominal_stance(robot)
+    return Predictor(robot, stance, composite_parameters(robot, stance.joint_position).com)
+
+
 @pytest.mark.parametrize("turn", [None, "roll", "pitch", "yaw"])
 @pytest.mark.parametrize("name", ["a1", "skewed"])
 def test_a_predicted_lift_keeps_its_stance_feet_where_they_are(request, name, turn):
     """In the world, by the attitude that the gyroscope would tell; feet roll by a few millimetres at most."""
     robot = request.getfixturevalue(name)
-    stance = nominal_stance(robot)
-    predictor = Predictor(robot, stance, composite_parameters(robot, stance.joint_position).com)
+    predictor = predictor_of(robot)
     posture = BodyPosture(roll=0.1, yaw=0.1, crouch=0.1)
     lift = predictor.lift(LiftDesign(posture, "FL_RR", 1, turn))
     mounting = np.array(robot.imu_in_base.rotation)
@@ -321,8 +326,7 @@ def test_a_predicted_lift_keeps_its_stance_feet_where_they_are(request, name, tu
 def test_the_accelerometer_of_a_predicted_lift_feels_how_its_feet_roll(request, name, turn):
     """Within 0.4 m/s2 of up to 1.8: feet of 2 cm that turn at 20 rad/s2 roll, and are predicted as points."""
     robot = request.getfixturevalue(name)
-    stance = nominal_stance(robot)
-    predictor = Predictor(robot, stance, composite_parameters(robot, stance.joint_position).com)
+    predictor = predictor_of(robot)
     lift = predictor.lift(LiftDesign(BodyPosture(roll=0.1, yaw=0.1, crouch=0.1), "FL_RR", 1, turn))
     mounting, time = np.array(robot.imu_in_base.rotation), lift.step * np.arange(len(lift.joint_position))
     to_rest = mounting @ attitudes(time, lift.angular_velocity_in_imu).as_matrix() @ mounting.T
@@ -341,8 +345,7 @@ def test_the_accelerometer_of_a_predicted_lift_feels_how_its_feet_roll(request, 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_predicted_robot_tips_to_where_its_com_is(a1, side):
     """Side 1: the line is ahead, so the robot tips backward; an A1 leans away by Mgh over I."""
-    stance = nominal_stance(a1)
-    predictor = Predictor(a1, stance, composite_parameters(a1, stance.joint_position).com)
+    predictor = predictor_of(a1)
     lift = predictor.lift(LiftDesign(BodyPosture(), "FL_RR", side))
     assert np.sign(lift.angular_velocity_in_imu[-1, 1]) == -side  # pitch
     assert np.abs(lift.angular_velocity_in_imu[-1]).max() > 0.05

@@ -124,12 +124,9 @@ def flags_class(
 
 def read_flags(kind: type[Settings], flags: Any) -> Settings:
     """A dataclass of settings from flags; raises SettingsError."""
-    values = {setting.path: _value_of(setting, flags) for setting in settings_of(kind)}
-    files = {setting.path for setting in settings_of(kind) if setting.read is not None}
-    return cast(
-        "Settings",
-        _made(kind, {path: value for path, value in values.items() if not (path in files and value is None)}),
-    )
+    given = [(setting, _value_of(setting, flags)) for setting in settings_of(kind)]
+    values = {setting.path: value for setting, value in given if value is not None or setting.read is None}
+    return cast("Settings", _made(kind, values))
 
 
 def given_flags(flags: Any) -> dict[str, Any]:

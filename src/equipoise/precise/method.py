@@ -175,23 +175,30 @@ class Precise(Method):
             checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
             findings = tuple(sensor_findings(posterior))
         nominal = nominal_inertia(robot, stance.joint_position)
-        composite = Body.known(
-            posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
-        )
-        base = Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base)
-        stance_effective = Body.known(
-            posterior.stance_effective_body,
-            posterior.stance_effective_covariance,
-            posterior.prior_deviation,
-            nominal.stance_effective,
-        )
         well = all(check.passed for check in checks)
+
+        def told(body: Body) -> Body:
+            return body if well else body.doubted()
+
         return Calibration(
             **model_facts(robot, stance.joint_position),
             method=self.name,
-            composite=composite if well else composite.doubted(),
-            base=base if well else base.doubted(),
-            stance_effective=stance_effective if well else stance_effective.doubted(),
+            composite=told(
+                Body.known(
+                    posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
+                )
+            ),
+            base=told(
+                Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base)
+            ),
+            stance_effective=told(
+                Body.known(
+                    posterior.stance_effective_body,
+                    posterior.stance_effective_covariance,
+                    posterior.prior_deviation,
+                    nominal.stance_effective,
+                )
+            ),
             sensors=findings,
             checks=checks,
             sways={},

@@ -157,7 +157,7 @@ class TiltBlock(_MotionBlock):
         super().__init__(unknowns, motions)
         self._sensors = [TiltNoise.of(lift) for lift in self.lifts]
         self._noise = self._sensors
-        self._unexplained: FloatArray | float = 0.0
+        self._unexplained = np.zeros(motions[-1][1].stop)
 
     @classmethod
     def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TiltBlock | None:
@@ -167,7 +167,7 @@ class TiltBlock(_MotionBlock):
 
     def prepare(self, x: FloatArray) -> None:
         """Noise of each trial: that of its readings, and what they do not explain."""
-        _, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
+        levers = self.equation.levers(self.unknowns.values(x), self.unknowns.inertial(x))
         self._noise = [
             sensors.raised(scale, gains)
             for scale, sensors, gains in zip(self.scale, self._sensors, (levers[1:] / levers[0]).T, strict=True)
@@ -176,7 +176,9 @@ class TiltBlock(_MotionBlock):
     def fit(self, x: FloatArray) -> None:
         """Take the lifts to obey the equation at x: predicted ones are near enough for derivatives, and for no more."""
         y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
-        self._unexplained = np.concatenate([y[t] / levers[0, i] for i, t in enumerate(self.equation.trials)])
+        self._unexplained = np.concatenate(
+            [_centred(y[trial]) / inertia for trial, inertia in zip(self.equation.trials, levers[0], strict=True)]
+        )
 
     def residual(self, x: FloatArray) -> FloatArray:
         return np.concatenate(
@@ -190,9 +192,8 @@ class TiltBlock(_MotionBlock):
         """(n,) residual of each trial [rad/s], and its (1 + 3 + nj,) gains."""
         y, levers = self.equation.evaluate(self.unknowns.values(x), self.unknowns.inertial(x))
         inertia, gains = levers[0], levers[1:] / levers[0]
-        left = np.zeros(len(y)) + self._unexplained
         return [
-            ((y[trial] - y[trial].mean()) / inertia[index] - (left[trial] - left[trial].mean()), gains[:, index])
+            (_centred(y[trial]) / inertia[index] - self._unexplained[trial], gains[:, index])
             for index, trial in enumerate(self.equation.trials)
         ]
 
@@ -200,17 +201,15 @@ class TiltBlock(_MotionBlock):
         values, inertial = self.unknowns.values(x), self.unknowns.inertial(x)
         y, levers, by_y, by_levers = self.equation.linearise(values, inertial, self.open)
         columns, lever_columns = self._by_unknowns(x, by_y), self._by_unknowns(x, by_levers)
-        left = np.zeros(len(y)) + self._unexplained
         inertia, gains, by_inertia = levers[0], levers[1:] / levers[0], lever_columns[0]
         by_gains = (lever_columns[1:] - gains[..., None] * by_inertia) / inertia[:, None]
         residuals: list[FloatArray] = []
         jacobians: list[FloatArray] = []
         for index, (noise, trial) in enumerate(zip(self._noise, self.equation.trials, strict=True)):
             whitening = noise.whitening(gains[:, index])
-            residual = (y[trial] - y[trial].mean()) / inertia[index]
-            residuals.append(whitening @ (residual - (left[trial] - left[trial].mean())))
-            centred = columns[trial] - columns[trial].mean(axis=0)
-            derivative = (centred - np.outer(residual, by_inertia[index])) / inertia[index]
+            moved = _centred(y[trial]) / inertia[index]
+            residuals.append(whitening @ (moved - self._unexplained[trial]))
+            derivative = (_centred(columns[trial]) - np.outer(moved, by_inertia[index])) / inertia[index]
             grown = noise.growth(gains[:, index], by_gains[:, index], whitening.T @ residuals[-1])
             jacobians.append(whitening @ (derivative - grown))
         return np.concatenate(residuals), np.concatenate(jacobians)
@@ -298,6 +297,11 @@ class TiltNoise:
         return np.asarray(
             sum(np.outer(part @ weighted, gains[own] @ by_gains[own]) for part, own in parts), dtype=float
         )
+
+
+def _centred(rows: FloatArray) -> FloatArray:
+    """(n, ...) rows less their mean."""
+    return np.asarray(rows - rows.mean(axis=0), dtype=float)
 
 
 def _whitening(covariance: FloatArray) -> FloatArray:

@@ -33,7 +33,7 @@ from scipy.integrate import cumulative_simpson
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.precise.measurements.imu_frame import ACCELEROMETER, GYRO, gyro_error, specific_force, traced_mounting
-from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape, TracedPosture
+from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.momenta import BASE, Momenta
 from equipoise.precise.measurements.support_line import Feet, RollingLine, SupportLine
@@ -94,9 +94,13 @@ class TiltEquation:
             with what each axis of the gyroscope, and each joint's velocity, reads [kg m2].
         """
         momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
+        return self._integrated(momentum.value, rate.value), self.levers(values, inertial)
+
+    def levers(self, values: Values, inertial: FloatArray) -> FloatArray:
+        """The second part of `evaluate`."""
         about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
         read = self._one_by_one.momentum(self._inputs(values, inertial, self._one_by_one))
-        return self._integrated(momentum.value, rate.value), self._levers(*(part.value for part in (*about, read)))
+        return self._stacked(*(part.value for part in (*about, read)))
 
     def linearise(
         self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON
@@ -112,9 +116,9 @@ class TiltEquation:
         by_levers = (*(_gradients(part, first, names) for part in about), _gradients(read, one_by_one, names))
         return (
             self._integrated(momentum.value, rate.value),
-            self._levers(*(part.value for part in (*about, read))),
+            self._stacked(*(part.value for part in (*about, read))),
             {name: self._integrated(by_momentum[name], by_rate[name]) for name in names},
-            {name: self._levers(*(by_lever[name] for by_lever in by_levers)) for name in names},
+            {name: self._stacked(*(by_lever[name] for by_lever in by_levers)) for name in names},
         )
 
     def rows(self, values: Values) -> tuple[FloatArray, FloatArray]:
@@ -126,7 +130,7 @@ class TiltEquation:
         _, _, by_y, by_levers = self.linearise(values, np.zeros(BASE + 4 * self.legs.links), names=())
         return by_y["inertial"], by_levers["inertial"][0]
 
-    def _levers(self, inertia: FloatArray, moment: FloatArray, read: FloatArray) -> FloatArray:
+    def _stacked(self, inertia: FloatArray, moment: FloatArray, read: FloatArray) -> FloatArray:
         """(2 + 3 + nj, trials, ...) of those at the first samples, and those reading by reading."""
         return np.concatenate([inertia[None], moment[None], read.reshape(-1, *inertia.shape)])
 
@@ -150,6 +154,21 @@ def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> Derivative
     """(n, size) derivatives of (n,) values by each input."""
     gradients = of.gradients(np.ones(of.value.shape), [by[name] for name in names])
     return {name: gradient.T for name, gradient in zip(names, gradients, strict=True)}
+
+
+@dataclass(frozen=True, eq=False)
+class _Sensed:
+    """What an IMU says of n samples.
+
+    Attributes:
+        rotation: (3, 3, n) rotation of the IMU to the base.
+        up: (3, n) direction against gravity, in base axes: good enough for where feet touch the floor.
+        turning: (3, n) angular velocity, in base axes [rad/s].
+    """
+
+    rotation: Traced
+    up: Traced
+    turning: Traced
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,18 +248,19 @@ class _Samples:
 
     def momentum(self, values: TracedValues) -> Traced:
         """(n,) l . L_o [kg m2/s]."""
-        line, _, _, angular = self._line_and_momenta(values)
+        line, _, _, angular = self._line_and_momenta(values, self._sensed(values))
         return dot(line.left, angular)
 
     def momentum_and_rate(self, values: TracedValues) -> tuple[Traced, Traced]:
         """(n,) l . L_o [kg m2/s], and its rate of change: the right side of the tilt equation [Nm]."""
-        line, rolling, robot, angular = self._line_and_momenta(values)
+        imu = self._sensed(values)
+        line, rolling, robot, angular = self._line_and_momenta(values, imu)
         rate = (
-            dot(cross(line.left, self._specific_force(values)), robot.first)
+            dot(cross(line.left, self._specific_force(values, imu)), robot.first)
             - dot(line.left, cross(rolling.velocity - rolling.base_velocity, robot.linear))
             + dot(rolling.left_rate, angular)
             - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
-            - dot(line.left, cross(line.point, self._pull(values))) * (robot.mass * (1 / self.legs.robot_mass))
+            - dot(line.left, cross(line.point, _pull(values, imu.up))) * (robot.mass * (1 / self.legs.robot_mass))
         )
         return dot(line.left, angular), rate
 
@@ -249,8 +269,9 @@ class _Samples:
 
         The first is the momentum l . L_o of a robot that turns about its line at 1 rad/s with its joints locked.
         """
-        posture, still = self._posture(values), Traced(np.zeros(self.joints.position.shape))
-        up = self._up(values)
+        position, _ = self.joints.later(values)
+        posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
+        up, still = self._sensed(values).up, Traced(np.zeros(self.joints.position.shape))
         line = SupportLine.of(posture, self.feet, self._to_centre(values, up))
         turning = self.legs.traced_motion(posture, still, line.left)
         robot = Momenta.about(
@@ -258,15 +279,15 @@ class _Samples:
         )
         return dot(line.left, robot.angular), dot(up, robot.first)
 
-    def _line_and_momenta(self, values: TracedValues) -> tuple[SupportLine, RollingLine, Momenta, Traced]:
+    def _line_and_momenta(self, values: TracedValues, imu: _Sensed) -> tuple[SupportLine, RollingLine, Momenta, Traced]:
         """The line, how it moves, the bodies' momenta about it as seen from the base's origin, and L_o with the rotors'."""
-        angular_velocity, to_centre = self._turning(values), self._to_centre(values, self._up(values))
+        to_centre = self._to_centre(values, imu.up)
         position, velocity = self.joints.later(values)
         posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
-        motion = self.legs.traced_motion(posture, velocity, angular_velocity)
+        motion = self.legs.traced_motion(posture, velocity, imu.turning)
         line = SupportLine.of(posture, self.feet, to_centre)
         origin = Traced(np.zeros((3, self.count)))
-        robot = Momenta.about(line.point, self.legs, values["inertial"], posture, motion, angular_velocity, origin)
+        robot = Momenta.about(line.point, self.legs, values["inertial"], posture, motion, imu.turning, origin)
         angular = robot.angular + values["rotor_spin"] * motion.bending
         return line, RollingLine.of(line, motion, self.feet, to_centre), robot, angular
 
@@ -275,36 +296,19 @@ class _Samples:
         left, right = (tanh(turning * (1 / _ROLLING)) for turning in (rolling.left_turning, rolling.right_turning))
         return 0.5 * values["rolling"][0] * (left + right)
 
-    def _pull(self, values: TracedValues) -> Traced:
-        """(3, n) constant horizontal force on the base's origin, forward and to its left, in base axes [N]."""
-        up = self._up(values)
-        forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
-        forward = forward / length(forward)
-        return values["pull"][0] * forward + values["pull"][1] * cross(up, forward)
-
-    def _posture(self, values: TracedValues) -> TracedPosture:
-        position, _ = self.joints.later(values)
-        return self.legs.traced_posture(position, LegShape.of(self.legs, values))
-
-    def _rotation(self, values: TracedValues) -> Traced:
-        return traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
-
-    def _up(self, values: TracedValues) -> Traced:
-        """(3, n) direction against gravity, in base axes: good enough for where feet touch the floor."""
-        return turned(self._rotation(values), self.up_in_imu)
-
-    def _turning(self, values: TracedValues) -> Traced:
-        """(3, n) angular velocity, in base axes [rad/s]."""
+    def _sensed(self, values: TracedValues) -> _Sensed:
+        """What the IMU says, in base axes."""
+        rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
         read = self.angular_velocity_in_imu
-        return turned(self._rotation(values), read - turned(gyro_error(values), read))
+        turning = turned(rotation, read - turned(gyro_error(values), read))
+        return _Sensed(rotation, turned(rotation, self.up_in_imu), turning)
 
-    def _specific_force(self, values: TracedValues) -> Traced:
+    def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
         """(3, n) specific force at the base's origin, in base axes [m/s2]."""
-        rotation, turning = self._rotation(values), self._turning(values)
-        force = turned(rotation, specific_force(values, self.acceleration_in_imu))
+        force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu))
         arm = np.broadcast_to(self.imu_in_base[:, None], (3, self.count))
-        swept = cross(turned(rotation, self.angular_acceleration_in_imu), arm)
-        return force - swept - cross(turning, cross(turning, arm))
+        swept = cross(turned(imu.rotation, self.angular_acceleration_in_imu), arm)
+        return force - swept - cross(imu.turning, cross(imu.turning, arm))
 
     def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
@@ -312,6 +316,13 @@ class _Samples:
         normal = normal / length(normal)
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
+
+
+def _pull(values: TracedValues, up: Traced) -> Traced:
+    """(3, n) constant horizontal force on the base's origin, forward and to its left, in base axes [N]."""
+    forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
+    forward = forward / length(forward)
+    return values["pull"][0] * forward + values["pull"][1] * cross(up, forward)
 
 
 def _joint_parts(robot: RobotModel, legs: LegChains, lift: LiftSamples) -> tuple[FloatArray, ...]:

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
-from equipoise.precise.measurements.imu_frame import mounting
+from equipoise.precise.measurements.imu_frame import ACCELEROMETER, mounting, specific_force
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.precise.unknowns import Values, inputs_of
@@ -134,8 +134,10 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     arm = np.array(robot.imu_in_base.translation)
     angular_velocity_in_base = samples.angular_velocity_in_imu @ rotation.T
     angular_acceleration_in_base = samples.angular_acceleration_in_imu @ rotation.T
-    gain = 1 + values["accelerometer_gain"]
-    sensed = (samples.acceleration_in_imu - values["accelerometer_bias"]) / gain @ rotation.T
+    felt = specific_force(
+        inputs_of(values, ACCELEROMETER, len(samples.acceleration_in_imu)), samples.acceleration_in_imu.T
+    )
+    sensed = felt.value.T @ rotation.T
     at_base = (
         sensed
         - np.cross(angular_acceleration_in_base, arm)
