@@ -48,7 +48,7 @@ class MujocoPlatform(SimulatedPlatform):
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._rollout = rollout.Rollout(nthread=0)
         self._disturbance = disturbance or Disturbance(simulated)
-        self._friction = ChangingFriction(simulated.dof, simulated.qpos, simulated.errors)
+        self._friction = ChangingFriction(self._model, simulated.dof, simulated.qpos, simulated.errors)
         self._imu_rotation = np.zeros(9)
         mujoco.mju_quat2Mat(self._imu_rotation, self._model.site(IMU_SITE).quat)
         self._imu_rotation = self._imu_rotation.reshape(3, 3)
@@ -126,12 +126,12 @@ class MujocoPlatform(SimulatedPlatform):
         warm = np.array(data.qacc_warmstart)
         data.xfrc_applied[:] = self._disturbance.wrench
         try:
-            for index, row in enumerate(control):
+            for row, state, seen in zip(control, states, sensors, strict=True):
                 data.ctrl[:] = row
-                self._friction.act(model, data)
+                self._friction.act(data)
                 mujoco.mj_step(model, data)
-                mujoco.mj_getState(model, data, states[index], _STATE)
-                sensors[index] = data.sensordata
+                mujoco.mj_getState(model, data, state, _STATE)
+                seen[:] = data.sensordata
         except BaseException:
             mujoco.mj_setState(model, data, initial, _STATE)
             data.qacc_warmstart[:] = warm
@@ -147,7 +147,7 @@ class MujocoPlatform(SimulatedPlatform):
             ahead.ctrl[:] = self._late_control[0]
         ahead.xfrc_applied[:] = self._disturbance.wrench
         if self._friction.needed:
-            self._friction.act(model, ahead)
+            self._friction.act(ahead)
         mujoco.mj_step(model, ahead)
         velocity = (data.qvel + ahead.qvel) / 2
         return np.concatenate(
