@@ -136,5 +136,4 @@ class ChangingFriction:
         torque = data.ctrl - data.qpos[self._qpos]
         torque *= self._kp
         torque += self._minus_kd * speed
-        np.maximum(torque, self._least, out=torque)
-        return np.minimum(torque, self._most, out=torque)
+        return np.minimum(np.maximum(torque, self._least), self._most)

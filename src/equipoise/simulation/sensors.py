@@ -140,7 +140,7 @@ class DrawnErrors:
             ratio = speed / _STRIBECK_SPEED
             friction = friction * (1 + sizes.stribeck * np.exp(-ratio * ratio))
         if sizes.load_friction:
-            friction = friction + sizes.load_friction * np.abs(torque)
+            friction = friction + sizes.load_friction * abs(torque)
         return friction
 
     @cached_property
