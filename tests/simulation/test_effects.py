@@ -15,7 +15,7 @@ from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.scale import Scale
 from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
 from equipoise.simulation.leg_errors import LegErrors
-from equipoise.simulation.mujoco_drive import as_a_spring, spring_name
+from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spring_name
 from equipoise.simulation.mujoco_model import SWINGING_LOAD
 from equipoise.simulation.samples import Samples
 from equipoise.simulation.sensors import DrawnErrors
@@ -362,6 +362,37 @@ def test_friction_differs_by_joint_grows_with_load_and_at_rest(a1):
     assert np.allclose(heavy.model.dof_frictionloss[heavy.simulated.dof], expected, rtol=1e-3)
     moving = heavy.errors.sliding_friction(np.full(JOINTS, 2.0), np.zeros(JOINTS))
     assert np.allclose(moving, 0.3)
+
+
+def test_friction_under_load_is_that_of_the_torque_which_the_engine_then_has(a1):
+    robot = dataclasses.replace(a1, effort_limit=np.where(np.arange(JOINTS) == 3, np.inf, a1.effort_limit))
+    seen = standing(robot, torque_gain=0.05, load_friction=0.04, stribeck=0.3, coulomb_friction=0.3)
+    model, data, dof = seen.model, seen.data, seen.simulated.dof
+    data.qvel[dof] = np.linspace(-0.3, 0.3, JOINTS)
+    data.ctrl[:] += np.tile([2.0, -2.0, 0.01], 4)  # the first two of a leg want more than they have
+    ChangingFriction(model, dof, seen.simulated.qpos, seen.errors).act(data)
+    mujoco.mj_forward(model, data)
+    torque = data.actuator_force
+    limit = model.actuator_forcerange[:, 1]
+    assert (np.abs(torque) == limit).sum() == 7
+    assert abs(torque[3]) > limit[0]
+    more_at_rest = 0.3 * np.exp(-((data.qvel[dof] / 0.1) ** 2))
+    assert np.allclose(model.dof_frictionloss[dof], 0.3 * (1 + more_at_rest) + 0.04 * np.abs(torque), rtol=1e-12)
+
+
+def test_sparse_matrices_change_no_motion(a1):
+    """Rolling feet on springs are solved with them."""
+    motion = Trajectory(nominal_stance(a1).joint_position + 0.02 * np.sin(np.linspace(0, 12, 250))[:, None])
+    recordings = []
+    for jacobian in (None, 0):  # as it is chosen; dense
+        with simulate(a1, "stress", seed=SEED) as simulation:
+            options = engine(simulation).model.opt
+            assert options.jacobian == mujoco.mjtJacobian.mjJAC_SPARSE
+            options.jacobian = options.jacobian if jacobian is None else jacobian
+            recordings.append(simulation.platform.play(motion))
+    one, other = recordings
+    assert np.allclose(one.joints.position, other.joints.position, rtol=0, atol=1e-9)
+    assert np.allclose(one.imu.acceleration_in_imu, other.imu.acceleration_in_imu, rtol=0, atol=1e-6)
 
 
 def test_dart_has_friction_under_load_and_the_cable(a1):

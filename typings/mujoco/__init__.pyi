@@ -36,6 +36,9 @@ class mjtDisableBit(_Enum):
 class mjtCone(_Enum):
     mjCONE_ELLIPTIC: mjtCone
 
+class mjtJacobian(_Enum):
+    mjJAC_SPARSE: mjtJacobian
+
 class mjtJoint(_Enum):
     mjJNT_BALL: mjtJoint
     mjJNT_FREE: mjtJoint
@@ -75,6 +78,7 @@ class MjOption:
     integrator: int | mjtIntegrator
     disableflags: int | mjtDisableBit
     cone: int | mjtCone
+    jacobian: int | mjtJacobian
     impratio: float
     gravity: _FloatsField
 

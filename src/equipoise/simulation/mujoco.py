@@ -48,7 +48,10 @@ class MujocoPlatform(SimulatedPlatform):
         self._ahead = mujoco.MjData(self._model)  # scratch: one engine step beyond the present
         self._rollout = rollout.Rollout(nthread=0)
         self._disturbance = disturbance or Disturbance(simulated)
-        self._friction = ChangingFriction(simulated.dof, simulated.qpos, simulated.errors)
+        self._friction = ChangingFriction(self._model, simulated.dof, simulated.qpos, simulated.errors)
+        # Columns of a state, behind its time: leg joints, and in the velocities the base's rotation.
+        self._positions = 1 + simulated.qpos
+        self._speeds = 1 + self._model.nq + np.append(simulated.dof, [3, 4, 5])
         self._imu_rotation = np.zeros(9)
         mujoco.mju_quat2Mat(self._imu_rotation, self._model.site(IMU_SITE).quat)
         self._imu_rotation = self._imu_rotation.reshape(3, 3)
@@ -84,7 +87,7 @@ class MujocoPlatform(SimulatedPlatform):
         self._simulated.set_gains(self._kp, self._kd)
 
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
-        data, model, simulated = self._data, self._model, self._simulated
+        data, model = self._data, self._model
         size = mujoco.mj_stateSize(model, _STATE)
         initial = np.zeros(size)
         mujoco.mj_getState(model, data, initial, _STATE)
@@ -93,18 +96,14 @@ class MujocoPlatform(SimulatedPlatform):
         if not (states[0, 0] > initial[0] and (states[1:, 0] > states[:-1, 0]).all()):
             raise self._became_unstable(initial[0])
         mujoco.mj_setState(model, data, states[-1], _STATE)
+        joints, path = model.nu, np.concatenate([initial[None], states])
         # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
-        moving = slice(1 + model.nq, 1 + model.nq + model.nv)
-        velocities = states[:, moving].copy()
-        velocities[0] += initial[moving]
-        velocities[1:] += states[:-1, moving]
-        velocities /= 2
-        joints = model.nu
-        raw[0, :joints], raw[1:, :joints] = initial[1 + simulated.qpos], states[:-1, 1 + simulated.qpos]
-        raw[:, joints : 2 * joints] = velocities[:, simulated.dof]
-        speeds = np.concatenate([initial[None], states])[:, 1 + model.nq + simulated.dof]
-        raw[:, 2 * joints : 3 * joints] = self._reported_torque(sensors[:, :joints], np.diff(speeds, axis=0))
-        raw[:, -6:-3] = velocities[:, 3:6] @ self._imu_rotation
+        speeds = path.take(self._speeds, axis=1)
+        means = (speeds[1:] + speeds[:-1]) / 2
+        raw[:, :joints] = path[:-1].take(self._positions, axis=1)
+        raw[:, joints : 2 * joints] = means[:, :joints]
+        raw[:, 2 * joints : -6] = self._reported_torque(sensors[:, :joints], np.diff(speeds[:, :joints], axis=0))
+        raw[:, -6:-3] = means[:, joints:] @ self._imu_rotation
         raw[:, -3:] = sensors[:, self._accelerometer]
 
     def _rolled(self, initial: FloatArray, control: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -126,12 +125,13 @@ class MujocoPlatform(SimulatedPlatform):
         warm = np.array(data.qacc_warmstart)
         data.xfrc_applied[:] = self._disturbance.wrench
         try:
-            for index, row in enumerate(control):
-                data.ctrl[:] = row
-                self._friction.act(model, data)
+            commanded, sensed = data.ctrl, data.sensordata
+            for row, state, seen in zip(control, states, sensors, strict=True):
+                commanded[:] = row
+                self._friction.act(data)
                 mujoco.mj_step(model, data)
-                mujoco.mj_getState(model, data, states[index], _STATE)
-                sensors[index] = data.sensordata
+                mujoco.mj_getState(model, data, state, _STATE)
+                seen[:] = sensed
         except BaseException:
             mujoco.mj_setState(model, data, initial, _STATE)
             data.qacc_warmstart[:] = warm
@@ -147,7 +147,7 @@ class MujocoPlatform(SimulatedPlatform):
             ahead.ctrl[:] = self._late_control[0]
         ahead.xfrc_applied[:] = self._disturbance.wrench
         if self._friction.needed:
-            self._friction.act(model, ahead)
+            self._friction.act(ahead)
         mujoco.mj_step(model, ahead)
         velocity = (data.qvel + ahead.qvel) / 2
         return np.concatenate(
@@ -163,4 +163,4 @@ class MujocoPlatform(SimulatedPlatform):
     def _reported_torque(self, torque: FloatArray, speed_change: FloatArray) -> FloatArray:
         """(..., nj) what motors say of a torque that the speed at a step's end damps; they have no more than their limit."""
         damped = torque / self._errors.torque_gain - self._kd * speed_change
-        return np.clip(damped, -self._robot.effort_limit, self._robot.effort_limit)
+        return np.minimum(np.maximum(damped, -self._robot.effort_limit), self._robot.effort_limit)

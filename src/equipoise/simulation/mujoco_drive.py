@@ -104,25 +104,36 @@ def set_stops(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors, sca
 class ChangingFriction:
     """Friction of joints that depends on the motors' torques and on their speeds: it is set anew before each engine step.
 
+    That is half of what such a robot costs: what it reads of the model are views, and no step looks for them.
+
+    Args:
+        model: compiled model, whose gains may change, and whose friction does.
+        dof: (nj,) indices of the leg joints in qvel; `qpos` likewise in qpos.
+        errors: drawn errors of the robot.
+
     Attributes:
         needed: whether there is any; if not, the engine's own friction is all.
     """
 
-    def __init__(self, dof: NDArray[np.intp], qpos: NDArray[np.intp], errors: DrawnErrors) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, dof: NDArray[np.intp], qpos: NDArray[np.intp], errors: DrawnErrors
+    ) -> None:
         self.needed = bool(errors.sizes.load_friction or errors.sizes.stribeck)
         self._dof, self._qpos, self._errors = dof, qpos, errors
+        self._friction: FloatArray = model.dof_frictionloss
+        self._kp, self._minus_kd = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 2]
+        limited = model.actuator_forcelimited.astype(bool)
+        self._least = np.where(limited, model.actuator_forcerange[:, 0], -np.inf)
+        self._most = np.where(limited, model.actuator_forcerange[:, 1], np.inf)
 
-    def act(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def act(self, data: mujoco.MjData) -> None:
         """Set the friction of the step that begins now; data.ctrl is that step's."""
         speed = data.qvel[self._dof]
-        torque = motor_torque(model, data.ctrl, data.qpos[self._qpos], speed)
-        model.dof_frictionloss[self._dof] = self._errors.sliding_friction(speed, torque)
+        self._friction[self._dof] = self._errors.sliding_friction(speed, self._motor_torque(data, speed))
 
-
-def motor_torque(model: mujoco.MjModel, control: FloatArray, position: FloatArray, speed: FloatArray) -> FloatArray:
-    """(nj,) true torques of the motors at a state [Nm]."""
-    kp, kd = model.actuator_gainprm[:, 0], -model.actuator_biasprm[:, 2]
-    torque = kp * (control - position) - kd * speed
-    limited = model.actuator_forcelimited.astype(bool)
-    lower, upper = model.actuator_forcerange.T
-    return np.where(limited, np.clip(torque, lower, upper), torque)
+    def _motor_torque(self, data: mujoco.MjData, speed: FloatArray) -> FloatArray:
+        """(nj,) true torques of the motors at a state [Nm]."""
+        torque = data.ctrl - data.qpos[self._qpos]
+        torque *= self._kp
+        torque += self._minus_kd * speed
+        return np.minimum(np.maximum(torque, self._least), self._most)

@@ -32,6 +32,7 @@ SWINGING_LOAD = "equipoise_swinging_load"
 
 _TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 TIMESTEP = 0.5e-3  # [s], the usual one
+_NO_ISLANDS = int(getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", 0))
 _STRING = 0.1  # [m], of a load that swings, on an A1
 _SWING_DAMPING = 0.02  # share of the critical one: air and the string
 
@@ -114,6 +115,9 @@ def build_simulated_robot(
         _add_actuators_and_sensors(spec, robot, base, errors)
         set_options(spec, timestep)
         spec.option.gravity = GRAVITY * errors.gravity_direction
+        if has_springs(errors) and errors.sizes.rolling_friction:
+            # MuJoCo goes over to sparse matrices at 60 degrees of freedom; cones of six dimensions pay for it at 30.
+            spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         model = spec.compile()
     except SettingsError:
         raise
@@ -137,12 +141,14 @@ def build_simulated_robot(
 def set_options(spec: mujoco.MjSpec, timestep: float) -> None:
     """How the engine moves on; damping is not its integrator's (`set_joints` says why).
 
+    A robot is one tree: searching it at each step for islands, which MuJoCo does since 3.3.6, finds one.
+
     Fixed links are fused, which saves up to a third of the engine's time. Not before: a spec that is compiled again fuses them
     again, and an arm's mount counts twice. MuJoCo 3.5 to 3.8 fuses turned ones wrongly.
     """
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP) | _NO_ISLANDS
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = IMPRATIO
     spec.compiler.fusestatic = tuple(int(part) for part in mujoco.__version__.split(".")[:2]) >= (3, 17)

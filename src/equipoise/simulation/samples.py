@@ -28,6 +28,7 @@ class Samples:
         self._errors, self._joints, self._timestep, self._substeps = errors, joints, timestep, substeps
         sizes = errors.sizes
         self._per_period = sizes.sample_rate * substeps * timestep
+        self._mean = _mean_over(substeps)[:, None, None]
         self._sections = _low_pass(sizes.imu_filter, timestep)
         self._filter_state: FloatArray | None = None
         self._newest: RobotState | None = None
@@ -75,10 +76,8 @@ class Samples:
         # The mean over a control period about the moment: what contacts do within a step is not to be sampled, but let go by,
         # as an IMU's own sampling at a kilohertz and more does.
         half = self._substeps // 2
-        samples[:, -3:] = sum(
-            weight * _at(raw[:, -3:], ticks, imu_steps + step)
-            for step, weight in zip(range(-half, half + 1), _mean_over(self._substeps), strict=True)
-        )
+        around = ticks + np.arange(-half, half + 1)[:, None]
+        samples[:, -3:] = (self._mean * _at(raw[:, -3:], around, imu_steps)).sum(axis=0)
         if sizes.encoder_eccentricity:
             position = samples[:, : self._joints].copy()
             samples[:, self._joints : 2 * self._joints] *= 1 + errors.encoder_error_slope(position)
@@ -166,7 +165,7 @@ def _mean_over(steps: int) -> FloatArray:
 
 
 def _at(raw: FloatArray, ticks: NDArray[np.intp], offset: float) -> FloatArray:
-    """Rows at ticks + offset engine steps, linear in between, the ends held."""
+    """Rows (..., n) of raw values (m, n) at ticks (...) + offset engine steps, linear in between, the ends held."""
     whole = int(np.floor(offset + 1e-9))  # a delay of four steps is not one of 3.9999999999
     fraction = offset - whole
     before = raw.take(ticks + whole, axis=0, mode="clip")

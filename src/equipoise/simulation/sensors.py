@@ -135,11 +135,13 @@ class DrawnErrors:
 
     def sliding_friction(self, speed: FloatArray, torque: FloatArray) -> FloatArray:
         """(nj,) largest friction of the joints, viscous friction apart, at speeds [rad/s] and true motor torques [Nm]."""
-        sizes = self.sizes
-        if not (sizes.stribeck or sizes.load_friction):
-            return self.coulomb_friction
-        more_at_rest = sizes.stribeck * np.exp(-((speed / _STRIBECK_SPEED) ** 2))
-        return self.coulomb_friction * (1 + more_at_rest) + sizes.load_friction * np.abs(torque)
+        sizes, friction = self.sizes, self.coulomb_friction
+        if sizes.stribeck:
+            ratio = speed / _STRIBECK_SPEED
+            friction = friction * (1 + sizes.stribeck * np.exp(-ratio * ratio))
+        if sizes.load_friction:
+            friction = friction + sizes.load_friction * abs(torque)
+        return friction
 
     @cached_property
     def spring_stiffness(self) -> FloatArray:
