@@ -42,16 +42,32 @@ def test_rates_count_by_their_weight():
     assert np.abs(heavy - 1).max() < 1e-2
 
 
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_a_mean_about_a_moment_keeps_what_is_slow_and_takes_off_what_is_fast(derivative):
+    """Of a line and a wave: 2 Hz stay, 14 Hz are halved, 60 Hz are gone; nothing is shifted in time."""
+    inner = BETWEEN[(BETWEEN > 0.35) & (BETWEEN < 0.65)]
+    for frequency, kept in ((2.0, 0.98), (14.0, 0.5), (60.0, 0.0)):
+        turn = 2j * np.pi * frequency
+        wave = np.exp(turn * TIME)
+        samples = np.column_stack([wave.real, wave.imag, TIME])
+        mean = fit_spline(TIME, samples, 0.004, reach=0.04).at(inner, derivative)
+        expected = kept * turn**derivative * np.exp(turn * inner)
+        np.testing.assert_allclose(mean[:, 0] + 1j * mean[:, 1], expected, atol=0.04 * abs(turn) ** derivative)
+        np.testing.assert_allclose(
+            mean[:, 2], (inner, np.ones_like(inner), np.zeros_like(inner))[derivative], atol=1e-3
+        )
+
+
 @pytest.mark.parametrize("derivative", [0, 1])
-@pytest.mark.parametrize("with_rates", [False, True])
-def test_noise_is_that_of_many_draws(derivative, with_rates):
+@pytest.mark.parametrize(("with_rates", "reach"), [(False, 0.0), (True, 0.0), (True, 0.02)])
+def test_noise_is_that_of_many_draws(derivative, with_rates, reach):
     generator = np.random.default_rng(3)
     draws, sd, rate_sd, few = 6000, 0.3, 4.0, TIME[:60]
     values = sd * generator.standard_normal((len(few), draws))
     rates = rate_sd * generator.standard_normal((len(few), draws)) if with_rates else None
-    fit = fit_spline(few, values, 0.03, rates, sd / rate_sd if with_rates else 0.0)
-    time = few[0] + (few[-1] - few[0]) * np.linspace(0.05, 0.95, 9)
-    drawn = fit.spline.derivative(derivative)(time) if derivative else fit.spline(time)
+    fit = fit_spline(few, values, 0.03, rates, sd / rate_sd if with_rates else 0.0, reach)
+    time = few[0] + reach + (few[-1] - few[0] - 2 * reach) * np.linspace(0.05, 0.95, 9)
+    drawn = fit.at(time, derivative)
     expected = sd**2 * fit.noise(time, derivative)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(np.cov(drawn) / scale, expected / scale, atol=0.07)

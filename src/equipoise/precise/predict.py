@@ -23,7 +23,7 @@ from equipoise.precise.lift_design import (
     turned_feet,
 )
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
-from equipoise.precise.measurements.lift_samples import LiftSamples, attitudes
+from equipoise.precise.measurements.lift_samples import REACH, LiftSamples, attitudes
 from equipoise.precise.measurements.planted_moves import PlantedMove, RestReading
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.robot.inertial import composite_parameters
@@ -81,10 +81,11 @@ class Predictor:
         """Sample times of a lift; covariances of smoothed joint and angular velocities and specific forces there."""
         times, clock = Times.of(self.stance), self.stance.scale.time
         sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / _RATE)
-        time = np.arange(0.0, times.watch, _STEP * clock)
+        knot, reach = _KNOT * clock, REACH * clock
+        time = np.arange(reach, times.watch - reach, _STEP * clock)
         blank = np.zeros((len(sensed), 1))
-        joints = fit_spline(sensed, blank, _KNOT * clock, blank, _ENCODER_NOISE / _VELOCITY_NOISE)
-        of_imu = fit_spline(sensed, blank, _KNOT * clock).noise(time)
+        joints = fit_spline(sensed, blank, knot, blank, _ENCODER_NOISE / _VELOCITY_NOISE, reach)
+        of_imu = fit_spline(sensed, blank, knot, reach=reach).noise(time)
         joints_move = _ENCODER_NOISE**2 * joints.noise(time, derivative=1)
         return time, joints_move, _GYRO_NOISE**2 * of_imu, _ACCELEROMETER_NOISE**2 * of_imu
 

@@ -1,6 +1,11 @@
 """A lift trial as the precise estimators read it: the time on two feet, smoothed, and the rest before it.
 
 Without contact sensors: the encoders and the gyroscope tell when both lifted feet were off the floor.
+
+All that is read is a mean about its moment, by the same weights. The tilt equation joins gyroscope, accelerometer and
+encoders, and what one of them shows of a fast motion and another does not looks like a momentum: an IMU has a low pass,
+encoders have none, and velocities that are read as well make a spline stiffer. Below some ten hertz all show the same, but
+for a delay. Without the mean, moments of inertia came out 2 to 6 % low in simulation, 0 to 1 % with it.
 """
 
 from __future__ import annotations
@@ -22,10 +27,11 @@ from equipoise.robot.stance import Stance
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
 _KNOT, _STEP = 0.015, 0.010  # [s]
-_MARGIN = 0.008  # [s] cut off either end of the time on two feet
-_SHORTEST = 0.10  # [s]
+REACH = 0.04  # [s] to either side of a moment, that readings are means over: 14 Hz are halved
+_SHORTEST = 0.06  # [s]
 _LONGEST_GAP = 0.02  # [s] without a sample
-_PAD = 0.06  # [s] fitted beyond either end, where a spline is less sure
+_FEWEST = 10  # samples
+_PAD = 0.06  # [s] fitted beyond either end of the time on two feet, where a spline is less sure
 # Least noise assumed: quantised or simulated sensors may show none at rest.
 _LEAST_ENCODER_NOISE, _LEAST_VELOCITY_NOISE, _LEAST_GYRO_NOISE = 2e-5, 2e-3, 2e-4  # [rad], [rad/s], [rad/s]
 _LEAST_ACCELEROMETER_NOISE = 5e-3  # [m/s2]
@@ -96,22 +102,19 @@ def read_lift(
     window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.scale.length)
     if window is None:
         return "the lifted feet did not leave the floor"
-    start, end = window[0] + _MARGIN * clock, window[1] - _MARGIN * clock
-    if end - start < _SHORTEST * clock:
-        return f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s"
-    step = _STEP * clock
-    time: FloatArray = np.asarray(start + step * np.arange(int((end - start) / step + 1e-9) + 1), dtype=float)
-    low, high = start - _PAD * clock, end + _PAD * clock
+    low, high = window[0] - _PAD * clock, window[1] + _PAD * clock
     joint_part = (joints.time >= low) & (joints.time <= high)
     imu_part = (imu.time >= low) & (imu.time <= high)
-    if not all(
-        part.sum() > 10 and stream[part][0] <= start and stream[part][-1] >= time[-1]
-        for part, stream in ((joint_part, joints.time), (imu_part, imu.time))
-    ):
+    streams = [joints.time[joint_part], imu.time[imu_part]]
+    if min(map(len, streams)) <= _FEWEST:
         return "samples are missing"
-    longest = max(
-        float(np.diff(stream[part]).max()) for part, stream in ((joint_part, joints.time), (imu_part, imu.time))
-    )
+    reach, step = REACH * clock, _STEP * clock
+    start = max(window[0], *(float(stream[0]) for stream in streams)) + reach
+    end = min(window[1], *(float(stream[-1]) for stream in streams)) - reach
+    if end - start < _SHORTEST * clock:
+        return f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s"
+    time: FloatArray = np.asarray(start + step * np.arange(int((end - start) / step + 1e-9) + 1), dtype=float)
+    longest = max(float(np.diff(stream).max()) for stream in streams)
     if longest > _LONGEST_GAP * clock:
         return f"samples are missing for {longest * 1000:.0f} ms"
     encoder_noise = max(_white_noise(rest.joints.position), _LEAST_ENCODER_NOISE)
@@ -122,19 +125,20 @@ def read_lift(
     position = fit_spline(
         joints.time[joint_part], joints.position[joint_part], _KNOT * clock,
         None if joints.velocity is None else joints.velocity[joint_part], encoder_noise / velocity_noise,
+        reach,
     )  # fmt: skip
-    angular_velocity = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock)
-    acceleration = fit_spline(imu.time[imu_part], imu.acceleration_in_imu[imu_part], _KNOT * clock)
+    angular_velocity = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock, reach=reach)
+    acceleration = fit_spline(imu.time[imu_part], imu.acceleration_in_imu[imu_part], _KNOT * clock, reach=reach)
     return LiftSamples(
         diagonal,
         float(start),
         step,
-        position.spline(time),
-        position.spline.derivative()(time),
-        position.spline.derivative(2)(time),
-        angular_velocity.spline(time),
-        angular_velocity.spline.derivative()(time),
-        acceleration.spline(time),
+        position.at(time),
+        position.at(time, derivative=1),
+        position.at(time, derivative=2),
+        angular_velocity.at(time),
+        angular_velocity.at(time, derivative=1),
+        acceleration.at(time),
         at_times(time, imu.time, up_in_imu),
         encoder_noise**2 * position.noise(time, derivative=1),
         gyro_noise**2 * angular_velocity.noise(time),

@@ -7,6 +7,7 @@ eleven diagonals: a fit costs time and memory in proportion to the number of sam
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -27,15 +28,23 @@ class SplineFit:
         spline: spline of all columns.
         factor: (6, k) Cholesky factor of the normal equations, lower, as bands: the inverse of these is the covariance of the
             coefficients of any column, for samples with a standard deviation of one.
+        reach: time to either side of a moment that `at` and `noise` take a mean over [s].
     """
 
     spline: BSpline
     factor: FloatArray
+    reach: float = 0.0
+
+    def at(self, time: FloatArray, derivative: int = 0) -> FloatArray:
+        """(n, k) values, or a derivative, at (n,) times."""
+        curve = self.spline.derivative(derivative) if derivative else self.spline
+        return np.asarray(sum(weight * curve(time + later) for later, weight in _mean_about(self.reach)), dtype=float)
 
     def noise(self, time: FloatArray, derivative: int = 0) -> FloatArray:
-        """(n, n) covariance of the spline's values, or of a derivative, at (n,) times; for samples as in `factor`."""
-        basis = _basis(self.spline.t, time, derivative)
-        return basis @ cho_solve_banded((self.factor, True), basis.toarray().T)
+        """(n, n) covariance of `at`; for samples as in `factor`."""
+        parts = [_basis(self.spline.t, time + later, derivative).toarray() * w for later, w in _mean_about(self.reach)]
+        basis: FloatArray = np.sum(parts, axis=0)
+        return np.asarray(basis @ cho_solve_banded((self.factor, True), basis.T), dtype=float)
 
 
 def fit_spline(
@@ -44,6 +53,7 @@ def fit_spline(
     knot_spacing: float,
     derivative: FloatArray | None = None,
     derivative_weight: float = 0.0,
+    reach: float = 0.0,
 ) -> SplineFit:
     """The quintic spline nearest to samples, and to samples of its derivative where there are any (least squares).
 
@@ -53,6 +63,7 @@ def fit_spline(
         knot_spacing: time between knots; a smaller one follows faster signals and more noise [s].
         derivative: (n, k) samples of the rate of change, or None.
         derivative_weight: weight of a derivative's residual, relative to a value's: the ratio of their noises [s].
+        reach: time to either side of a moment that its values are means over [s].
     """
     start, end = float(time[0]), float(time[-1])
     intervals = max(1, int(np.ceil((end - start) / knot_spacing)))
@@ -73,7 +84,16 @@ def fit_spline(
             moment += slopes.T @ (derivative_weight * derivative[part])
     bands[0] += 1e-9  # a little weight on nothing keeps a knot interval without a sample (dropped ones) finite
     factor = cholesky_banded(bands, lower=True)
-    return SplineFit(BSpline(knots, cho_solve_banded((factor, True), moment), _DEGREE), factor)
+    return SplineFit(BSpline(knots, cho_solve_banded((factor, True), moment), _DEGREE), factor, reach)
+
+
+def _mean_about(reach: float) -> list[tuple[float, float]]:
+    """Times from a moment, and their weights: a mean of three, four times over, which falls softly to zero at the reach."""
+    if not reach:
+        return [(0.0, 1.0)]
+    weights: FloatArray = reduce(np.convolve, [np.full(3, 1 / 3)] * 4)
+    later = reach * np.linspace(-1.0, 1.0, len(weights) + 2)[1:-1]
+    return list(zip(later.tolist(), weights.tolist(), strict=True))
 
 
 def _basis(knots: FloatArray, time: FloatArray, derivative: int = 0) -> csr_array:
