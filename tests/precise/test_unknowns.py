@@ -150,7 +150,7 @@ def test_any_row_may_be_held(a1, precise_run, few, row):
     """A run is estimated without it, and nothing is said of it."""
     held, opened = (
         estimate_posterior(a1, precise_run.stance, few, priors, rounds=0)
-        for priors in (Priors().holding(row.name), Priors())
+        for priors in (Priors().all_open.holding(row.name), Priors().all_open)
     )
     assert len(held.x) == len(opened.x) - len(row.each.labels(a1))
     assert not held.unknowns.values(held.x)[row.name].any()
