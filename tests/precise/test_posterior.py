@@ -8,13 +8,13 @@ from tilting import moving_robot
 
 from equipoise import nominal_stance
 from equipoise.errors import RecordingError
+from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import body_jacobian, estimate_posterior, prior_rows
 from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TiltNoise, TorqueBlock
-from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import JointStream
 from equipoise.robot.inertial import COMPONENTS, components

@@ -8,10 +8,11 @@ import pytest
 from test_planted_errors import another_model, gained, posterior_of, told, with_drive_train, with_gyroscope
 
 from equipoise import Precise
-from equipoise.precise import checks, score
+from equipoise.precise import checks
 from equipoise.precise.checks import judge
+from equipoise.precise.findings import score
+from equipoise.precise.findings.score import score_tests
 from equipoise.precise.measurements.evidence import read_evidence
-from equipoise.precise.score import score_tests
 from equipoise.precise.unknowns import Priors
 
 WATCHED = ("eccentricity", "accelerometer_drift", "gyro_drift")

@@ -8,10 +8,10 @@ from statistics import NormalDist
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.findings.score import ScoreTest, score_tests
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.support_planes import com_by_planes
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
-from equipoise.precise.score import ScoreTest, score_tests
 from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
 from equipoise.robot.inertial import COMPONENTS, composite_parameters
