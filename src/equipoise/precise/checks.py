@@ -24,7 +24,7 @@ _FEWEST_LIFTS = 4
 # Standard deviations. The largest of ten parameters times some forty motions is 2 to 4 by chance.
 _OUTLYING_SHIFT, _STEADY = 5.0, 5.0
 # Chance that any row that is held is called wrong in a run where none is: 2.9 normal deviates if three are tested, 3.6 if
-# thirty are. Clean development runs came to 0.9 and to 2.5 (perfect sensors: contacts that give).
+# thirty are. Clean development runs came to 1.9 and to 2.5 (perfect sensors: contacts that give).
 _UNLIKELY = 5e-3
 _CAUSES = 3  # what is wrong of one thing pulls at what is alike
 _FEWEST_SIDE = 3  # motions before and after a change: one or two that differ are outliers
