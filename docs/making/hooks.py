@@ -61,8 +61,9 @@ def unknowns() -> str:
     """The precise method's table of unknowns."""
     lines = ["| what | one for each | believed to | why so much | enters |", "|---|---|---|---|---|"]
     for row in Priors.rows():
-        prior = f"{getattr(Priors, row.name):g} {row.unit}".strip()
+        prior = f"{row.usual:g} {row.unit}".strip()
         prior += f" times {row.measure.name}" if row.measure.name else ""
+        prior = prior if getattr(Priors, row.name) else f"held and tested; if open, {prior}"
         enters = ", ".join(name for name, block in _EVIDENCE.items() if row.name in block.depends_on)
         lines.append(f"| `{row.name}`: {row.meaning} | {row.each.name} | {prior} | {row.source} | {enters} |")
     return "\n".join(lines)

@@ -8,6 +8,7 @@ import pytest
 from equipoise import Calibration, estimate
 from equipoise.precise import posterior as posterior_module
 from equipoise.precise.checks import judge
+from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.momenta import model_parameters
@@ -15,7 +16,6 @@ from equipoise.precise.measurements.planted_moves import PlantedRows
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.residual_blocks import BLOCKS, ResidualBlock
-from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.precise.two_runs import estimate_two_runs
 from equipoise.precise.unknowns import AXIS, Priors, by_the_model, finding_names, unknown
 from equipoise.report.contents import run_contents
@@ -150,7 +150,7 @@ def test_any_row_may_be_held(a1, precise_run, few, row):
     """A run is estimated without it, and nothing is said of it."""
     held, opened = (
         estimate_posterior(a1, precise_run.stance, few, priors, rounds=0)
-        for priors in (Priors().holding(row.name), Priors())
+        for priors in (Priors().all_open.holding(row.name), Priors().all_open)
     )
     assert len(held.x) == len(opened.x) - len(row.each.labels(a1))
     assert not held.unknowns.values(held.x)[row.name].any()

@@ -15,6 +15,7 @@ from equipoise.experiments.sway import SwaySettings
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.checks import judge
+from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.lift_design import AMPLITUDES, lift_feet, lift_settings, turned_feet
 from equipoise.precise.measurements.evidence import MotionReading, read_evidence
 from equipoise.precise.plan import Durations, Goals, Plan
@@ -24,7 +25,6 @@ from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.reading import PreciseReading
 from equipoise.precise.routine import PreciseRoutine, plan_ahead
 from equipoise.precise.screening import screen
-from equipoise.precise.sensor_findings import sensor_findings
 from equipoise.precise.sway import sway_time
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording

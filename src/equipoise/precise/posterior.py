@@ -13,9 +13,11 @@ Residuals, each in units of its own noise:
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
@@ -37,6 +39,7 @@ class Posterior:
     """The estimate.
 
     Attributes:
+        problem: squared residuals that x makes least, at the noise levels of the last round.
         unknowns: layout of the vector x.
         x: (size,) most probable unknowns.
         covariance: (size, size) covariance of x.
@@ -53,6 +56,7 @@ class Posterior:
         converged: whether the last step was small; if not, something does not fit at all.
     """
 
+    problem: MapProblem
     unknowns: Unknowns
     x: FloatArray
     covariance: FloatArray
@@ -126,6 +130,16 @@ class MapProblem:
         made = [make(self.unknowns, legs, evidence) for make in BLOCKS]
         self.blocks = [block for block in made if block is not None]
 
+    def with_all_open(self, x: FloatArray) -> tuple[MapProblem, FloatArray, NDArray[np.intp]]:
+        """The same with no row held, at the noise levels as they are; x in its unknowns; and x's places there."""
+        held, problem = self.unknowns, copy(self)
+        problem.unknowns = Unknowns(held.robot, held.stance, held.priors.all_open)
+        places = problem.unknowns.columns("base", *(row.name for row in held.rows))
+        at = np.zeros(problem.unknowns.size)
+        at[places] = x
+        problem.blocks = [block.laid_out(problem.unknowns, at) for block in self.blocks]
+        return problem, at, places
+
     def prepare(self, x: FloatArray) -> None:
         """Noise levels of a round."""
         for block in self.blocks:
@@ -170,6 +184,7 @@ class MapProblem:
             return np.asarray(jacobian @ cov @ jacobian.T, dtype=float)
 
         return Posterior(
+            problem=self,
             unknowns=unknowns,
             x=x,
             covariance=covariance,

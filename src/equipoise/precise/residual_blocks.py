@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,9 +71,23 @@ class ResidualBlock(ABC):
     depends_on: tuple[str, ...]
 
     def __init__(self, unknowns: Unknowns, motions: list[tuple[int, slice]]) -> None:
-        self.unknowns, self.motions = unknowns, motions
-        self.columns = unknowns.columns(*self.depends_on)
+        self.motions = motions
+        self._lay_out(unknowns)
+
+    def _lay_out(self, unknowns: Unknowns) -> None:
+        self.unknowns, self.columns = unknowns, unknowns.columns(*self.depends_on)
         self.open = [name for name in self.depends_on if name not in INERTIAL and unknowns.estimates(name)]
+
+    def laid_out(self, unknowns: Unknowns, x: FloatArray) -> ResidualBlock:
+        """The same rows at noise levels as they are, by another vector of unknowns of the same robot.
+
+        Args:
+            x: such a vector, at which noise is prepared.
+        """
+        block = copy(self)
+        block._lay_out(unknowns)
+        block.prepare(x)
+        return block
 
     def _by_unknowns(self, x: FloatArray, by: Derivatives) -> FloatArray:
         """(..., len(columns)) derivatives by the unknowns, of those by their values and by "inertial"."""

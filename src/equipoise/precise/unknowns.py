@@ -79,6 +79,10 @@ def _kinds(robot: RobotModel) -> tuple[str, ...]:
 
 ROBOT = Each("robot", lambda robot: ("",))
 JOINT = Each("joint", lambda robot: tuple(robot.joint_names))
+JOINT_PHASE = Each(
+    "joint and phase",
+    lambda robot: tuple(f"{name}, {phase}" for name in robot.joint_names for phase in ("sine", "cosine")),
+)
 LEG = Each("leg", lambda robot: tuple(robot.legs))
 LENGTH = Each(
     "thigh and calf", lambda robot: tuple(f"{leg} {link}" for leg in robot.legs for link in ("thigh", "calf"))
@@ -123,6 +127,9 @@ class Unknown:
         notable: least value that is worth fixing.
         drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
         judged: whether a value far from zero speaks against a result.
+        usual: standard deviation of the prior where the row is not held, as a multiple of its measure.
+        cause: sentence on a robot that the model's value does not fit, in words of a workshop.
+        opened_by: flag that makes the row unknown where it is held; a file of priors can always.
     """
 
     meaning: str
@@ -139,6 +146,9 @@ class Unknown:
     notable: float = math.inf
     drift: float | None = 0.0
     judged: bool = True
+    usual: float = 0.0
+    cause: str = ""
+    opened_by: str = ""
 
     def sentence(self, each: str, value: float, deviation: float) -> str:
         """What is to be said of one of them.
@@ -157,8 +167,10 @@ def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, **mo
     """A row of the table as a field of `Priors`; the arguments are those of `Unknown`.
 
     Args:
-        prior: standard deviation, as a multiple of the row's measure.
+        prior: standard deviation, as a multiple of the row's measure; zero: held unless somebody opens it, and then
+            `usual` says what is plausible.
     """
+    more.setdefault("usual", prior)
     return field(default=prior, metadata={_ROW: Unknown(meaning, unit, each, source, **more)})
 
 
@@ -186,64 +198,91 @@ class Priors:
         0.05, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
         _REALISTIC,
         label="mass of the link that {each} moves",
+        cause="legs weigh what the file does not say, one more than the other",
     )  # fmt: skip
     leg_mass_common: float = unknown(
         0.1, "the same of all leg links in common", "", ROBOT, "assumed: files of the same robot differ by that much",
         label="mass of all leg links",
+        cause="the legs weigh more or less than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     link_com: float = unknown(
         0.011, "CoM of a leg link less the model's, beside the common part: down the link, forward, along the joint's axis",
         "m", LINK_AXIS, "assumed: CAD without cables; 3 mm on an A1", measure=HIP_HEIGHT, label="CoM of the link of {each}",
+        cause="masses in the legs sit elsewhere than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     link_com_common: float = unknown(
         0.015, "the same of all links of one kind in common: down the link, forward", "m", KIND_AXIS,
         "assumed: CAD without cables; 4 mm on an A1", measure=HIP_HEIGHT, label="CoM of all links of one kind, {each}",
+        cause="masses in the legs sit elsewhere than in the file, in all legs alike", opened_by="--legs unknown",
     )  # fmt: skip
     joint_zero: float = unknown(
         5e-3, "encoder reading less joint position", "rad", JOINT, _REALISTIC,
         label="joint zero of {each}", finding="{each} zero", shown=_DEGREES, notable=4e-3,
         advice="{each}: the encoder's zero is off by {value:+.2f} deg (sd {deviation:.2f})",
+        cause="encoders do not read zero where the model has it",
     )  # fmt: skip
     compliance: float = unknown(
         5e-4, "angle by which a link of one kind lags behind its encoder, over the joint's torque", "rad/Nm", JOINT_KIND,
         "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", measure=PER_A1_TORQUE,
         label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, notable=2e-4, judged=False,
         advice="the {each} joints give by {value:.2f} mrad per Nm (sd {deviation:.2f})",
+        cause="joints give under load: springs in gears or shanks",
     )  # fmt: skip
     play: float = unknown(
         2e-3, "angle that a joint of one kind is free to turn in its gear", "rad", JOINT_KIND,
         "data sheets of gears: 0.05 to 0.25 deg", label="play of the {each} joints", finding="{each} play",
         shown=_DEGREES, notable=2e-3, judged=False,
         advice="the {each} joints have a play of {value:.2f} deg (sd {deviation:.2f})",
+        cause="joints have play in their gears",
+    )  # fmt: skip
+    eccentricity: float = unknown(
+        0.0, "encoder's error that goes with the sine and with the cosine of its reading", "rad", JOINT_PHASE,
+        "assumed: a magnet beside its axis", label="eccentricity of {each}", usual=2e-3,
+        cause="encoders err over a turn of their joints: a magnet beside its axis, or an axis askew",
     )  # fmt: skip
     imu_tilt: float = unknown(
         6e-3, "rotation vector of the IMU in the frame where it should be", "rad", _named("roll", "pitch", "yaw"),
         "assumed; the simulation's `realistic` sensors have 5 mrad",
         label="IMU tilt in {each}", finding="IMU {each}ed", shown=_DEGREES, notable=4e-3,
         advice="the IMU is {each}ed by {value:+.2f} deg (sd {deviation:.2f})",
+        cause="the IMU is mounted askew",
     )  # fmt: skip
     accelerometer_bias: float = unknown(
         0.03, "accelerometer reading less specific force, in the IMU frame", "m/s2", AXIS, _REALISTIC,
         label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
         advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
+        cause="the accelerometer reads too much or too little at rest",
     )  # fmt: skip
     accelerometer_gain: float = unknown(
         5e-3, "accelerometer reading less its bias over specific force along each axis, less one", "", AXIS,
         "data sheets of MEMS accelerometers: 0.3 to 1 %",
         label="accelerometer gain {each}", finding="accelerometer gain {each}", notable=0.01, drift=0.1,
         advice="the accelerometer's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
+        cause="the accelerometer's axes have other gains",
+    )  # fmt: skip
+    accelerometer_drift: float = unknown(
+        0.0, "change of the accelerometer's bias from the run's begin to its end", "m/s2", AXIS, "an IMU that warms up",
+        usual=0.03, label="drift of the accelerometer's {each}", drift=None,
+        cause="the accelerometer's bias drifts: an IMU that warms up, wait until it is warm",
+    )  # fmt: skip
+    gyro_drift: float = unknown(
+        0.0, "change of the gyroscope's bias from the run's begin to its end", "rad/s", AXIS, "an IMU that warms up",
+        usual=2e-3, label="drift of the gyroscope's {each}", drift=None,
+        cause="the gyroscope's bias drifts: an IMU that warms up, wait until it is warm",
     )  # fmt: skip
     gyro_gain: float = unknown(
         0.01, "angular velocity read less the true one along each axis, over what is read", "", AXIS,
         "data sheets of MEMS gyroscopes: 1 to 3 % as they come, 0.3 to 1 % calibrated",
         label="gyroscope gain {each}", finding="gyroscope gain {each}", notable=0.02, drift=0.1,
         advice="the gyroscope's {each} axis reads {value:+.2%} too much (sd {deviation:.2%})",
+        cause="the gyroscope's axes have other gains",
     )  # fmt: skip
     gyro_misalignment: float = unknown(
         6e-3, "angular velocity about one axis that another axis reads, over itself", "rad",
         _named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
         "assumed; data sheets: 2 mrad between the axes, 5 mrad against the accelerometer",
         label="gyroscope misalignment, {each}", drift=0.1,
+        cause="the gyroscope's axes are not where the accelerometer's are",
     )  # fmt: skip
     clock_offset: float = unknown(
         2e-3, "time by which an IMU sample is younger than a joint sample of the same stamp", "s", ROBOT,
@@ -251,80 +290,96 @@ class Priors:
         label="clock offset", finding="clock offset", shown=1000.0, notable=1e-3, drift=None,
         advice="IMU samples are {size:.2f} ms younger than joint samples of the same stamp",
         advice_below="IMU samples are {size:.2f} ms older than joint samples of the same stamp",
+        cause="samples of IMU and joints are not as old as each other: a filter or a bus delays one",
     )  # fmt: skip
     foot_radius: float = unknown(
         0.02, "radius of all feet over the model's, less one", "", ROBOT, "assumed; rubber wears and gives",
         label="foot radius", finding="foot radius", notable=0.03,
         advice="the feet roll as if their radius were {value:+.1%} off the model's",
+        cause="the feet are larger or smaller than in the file, or soft",
     )  # fmt: skip
     rolling: float = unknown(
         4e-3, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
         "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
         judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
+        cause="the feet resist rolling: soft rubber or a soft floor",
     )  # fmt: skip
     foot_radius_each: float = unknown(
         0.05, "the same of each foot, beside the common part", "", LEG, "assumed: 1 mm on an A1; worn feet",
         label="foot radius of {each}",
+        cause="some feet are larger or smaller than in the file: worn, or soft", opened_by="--legs unknown",
     )  # fmt: skip
     link_length: float = unknown(
         0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,
         "0.7 mm on an A1: tolerances",
         measure=HIP_HEIGHT, label="length of {each}",
+        cause="thighs or calves are longer or shorter than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     link_length_common: float = unknown(
         0.0037, "the same of all thighs, and of all calves, in common", "m", LENGTH_KIND, "assumed: 1 mm on an A1; worn feet",
         measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0, notable=2e-3,
         advice="the {each} are longer than the model's by {value:+.1f} mm (sd {deviation:.1f})",
+        cause="thighs or calves are longer or shorter than in the file, in all legs alike", opened_by="--legs unknown",
     )  # fmt: skip
     hip_position: float = unknown(
         0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
         "0.7 mm on an A1: tolerances",
         measure=HIP_HEIGHT, label="hip position {each}",
+        cause="hips sit elsewhere than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     pull: float = unknown(
         0.2, "constant horizontal force on the base, forward and to its left: a cable", "N", _named("forward", "left"),
         "half a metre of Ethernet cable; none is known without one", measure=A1_TORQUE, label="pull {each}", drift=None,
+        cause="it pulls to one side: a cable or a hand?", opened_by="--cable light",
     )  # fmt: skip
     floor_slope: float = unknown(
         5e-3, "floor's normal less up, in base axes at the nominal stance", "rad", _named("x", "y"), _REALISTIC,
         label="floor slope along {each}", finding="floor slope {each}", shown=_DEGREES, notable=8e-3, drift=None,
         advice="the floor leans along {each} by {value:+.2f} deg (sd {deviation:.2f})",
+        cause="the floor leans",
     )  # fmt: skip
     floor_warp: float = unknown(
         1e-3, "height of two diagonal footholds above the mean of all four", "m", ROBOT, "assumed; an indoor floor",
         measure=HIP_HEIGHT, label="floor warp", drift=None, judged=False,
+        cause="the four footholds are in no plane",
     )  # fmt: skip
     torque_gain_common: float = unknown(
         0.2, "true over reported torque of all joints, less one", "", ROBOT,
         "one motor type, one torque constant; a vendor's bench: the true one is 1/1.3 to 1/1.5 of what is reported",
         label="torque gain of all joints", finding="torque gain", notable=0.05, drift=0.1,
         advice="true joint torques are {value:+.1%} off the reported ones (sd {deviation:.1%})",
+        cause="the reported torques are not those at the joints",
     )  # fmt: skip
     torque_gain: float = unknown(
         0.03, "the same of each joint, beside the common part", "", JOINT, _REALISTIC,
         label="torque gain of {each}", finding="{each} torque gain", notable=0.05, drift=0.1,
         advice="{each}: the true torque is {value:+.1%} off the reported one (sd {deviation:.1%})",
+        cause="the reported torques are not those at the joints, in some more than in others",
     )  # fmt: skip
     coulomb: float = unknown(
         0.5, "Coulomb friction of every joint", "Nm", ROBOT, "wide: the simulation's `realistic` joints have 0.3",
         measure=A1_TORQUE, label="Coulomb friction", finding="coulomb of the joints", drift=0.2, judged=False,
         advice="coulomb of the joints: {value:.3f} Nm",
+        cause="the joints have friction",
     )  # fmt: skip
     rotor_spin: float = unknown(
         1.5e-3, "angular momentum of a joint's rotor over the joint's velocity: its inertia times the gear ratio", "kg m2",
         ROBOT, "assumed: 0.01 kg m2 at the joint, over gear ratios of 6 to 10", measure=A1_TORQUE,
         label="spin of the rotors",
+        cause="the motors' rotors spin",
     )  # fmt: skip
     viscous: float = unknown(
         0.1, "viscous friction of every joint", "Nm s/rad", ROBOT, "wide: the simulation's `realistic` joints have 0.05",
         measure=A1_TORQUE, label="viscous friction", finding="viscous of the joints", drift=0.2, judged=False,
         advice="viscous of the joints: {value:.3f} Nm s/rad",
+        cause="the joints have friction that grows with speed",
     )  # fmt: skip
     armature: float = unknown(
         0.02, "rotor inertia seen at every joint", "kg m2", ROBOT, "wide: the simulation's `realistic` joints have 0.01",
         measure=A1_TORQUE, label="armature", finding="armature of the joints", judged=False,
         advice="armature of the joints: {value:.3f} kg m2",
+        cause="the rotors have inertia",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -338,6 +393,12 @@ class Priors:
     def holding(self, *names: str) -> Priors:
         """The same, with some rows held at the model's values."""
         return replace(self, **dict.fromkeys(names, 0.0))
+
+    @property
+    def all_open(self) -> Priors:
+        """The same, with no row held."""
+        held = (row for row in self.rows() if getattr(self, row.name) == 0)
+        return replace(self, **{row.name: row.usual for row in held})
 
     @classmethod
     def read(cls, path: Path) -> Priors:

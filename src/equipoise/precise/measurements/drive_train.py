@@ -20,7 +20,7 @@ from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.traced import Traced, contract
 from equipoise.precise.unknowns import TracedValues
 
-DRIVE_TRAIN = ("joint_zero", "compliance", "play")
+DRIVE_TRAIN = ("joint_zero", "compliance", "play", "eccentricity")
 _TURNED_OVER = 0.01  # [m] times the legs' weight: torque at which play is all but on one side, 0.7 Nm on an A1
 
 
@@ -79,13 +79,17 @@ class JointReadings:
         """(nj, n) joint positions of the links [rad]."""
         side = np.tanh(self.torque / self.small)
         given = self._of_joints(values["compliance"]) * self.torque + 0.5 * self._of_joints(values["play"]) * side
-        return self.position - values["joint_zero"] - given
+        sine, cosine = values["eccentricity"][::2], values["eccentricity"][1::2]
+        turned = sine * np.sin(self.position) + cosine * np.cos(self.position)
+        return self.position - values["joint_zero"] - given - turned
 
     def link_velocity(self, values: TracedValues) -> Traced:
         """(nj, n) joint velocities of the links [rad/s]."""
         side_rate = (1 - np.tanh(self.torque / self.small) ** 2) * self.torque_rate / self.small
         given = self._of_joints(values["compliance"]) * self.torque_rate
-        return Traced(self.velocity) - given - 0.5 * self._of_joints(values["play"]) * side_rate
+        sine, cosine = values["eccentricity"][::2], values["eccentricity"][1::2]
+        turning = (sine * np.cos(self.position) - cosine * np.sin(self.position)) * self.velocity
+        return Traced(self.velocity) - given - 0.5 * self._of_joints(values["play"]) * side_rate - turning
 
     def _of_joints(self, of_kinds: Traced) -> Traced:
         return contract("jk,k...->j...", self.by_kind, of_kinds)

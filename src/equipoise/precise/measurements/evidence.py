@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -69,13 +69,24 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
         [recording.phase(Phase.REST).imu.angular_velocity_in_imu.mean(axis=0) for recording in rested], axis=0
     )
     legs = LegChains(robot)
+    ends = np.cumsum([recording.duration for recording in recordings])
+    when = (ends - ends[-1] / 2) / ends[-1]
     return RunEvidence(
-        tuple(_read(robot, stance, legs, index, recording, bias) for index, recording in enumerate(recordings))
+        tuple(
+            _read(robot, stance, legs, index, recording, bias, float(when[index]))
+            for index, recording in enumerate(recordings)
+        )
     )
 
 
 def _read(
-    robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray
+    robot: RobotModel,
+    stance: Stance,
+    legs: LegChains,
+    index: int,
+    recording: Recording,
+    gyro_bias: FloatArray,
+    when: float,
 ) -> MotionReading:
     alive()
     trial = recording.trial
@@ -88,13 +99,14 @@ def _read(
             torques.append(rest)
         if isinstance(trial, LiftTrial) and recording.complete:
             read = read_lift(robot, legs, recording, trial.diagonal, stance, gyro_bias)
-            lift, left_out = (None, read) if isinstance(read, str) else (read, None)
+            lift, left_out = (None, read) if isinstance(read, str) else (replace(read, when=when), None)
         elif isinstance(trial, LiftTrial):
             refused = "not lifted: out of reach, or the robot could have tipped over"
             left_out = refused if recording.refused else "interrupted"
         elif isinstance(trial, PostureTrial) and recording.complete:
             moving = recording.phase(Phase.MOVE, until=Phase.REST)
             move = read_move(robot, legs, recording.phase(Phase.BEFORE), moving, recording.phase(Phase.REST), gyro_bias)
+            move = replace(move, when=when)
             samples = TorqueSamples.of_motion(moving, gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
         elif isinstance(trial, SwayTrial) and recording.complete:

@@ -3,7 +3,9 @@
 The true angular velocity is (1 - E) times the one that is read: E has the gains' errors in its diagonal and the misalignment
 beside it. An attitude R to that at rest, which was integrated from readings w, is off by the small rotation phi:
 
-    R_true = exp(-phi x) R,    phi(t) = integral of R E w.
+    R_true = exp(-phi x) R,    phi(t) = integral of R (E w + b),
+
+with b what the gyroscope's bias differs by from that of the whole run.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ from equipoise.precise.measurements.leg_motion import cross_matrix
 from equipoise.precise.measurements.traced import Traced, contract
 from equipoise.precise.unknowns import TracedValues
 
-GYRO = ("gyro_gain", "gyro_misalignment")
-ACCELEROMETER = ("accelerometer_bias", "accelerometer_gain")
+GYRO = ("gyro_drift", "gyro_gain", "gyro_misalignment")
+ACCELEROMETER = ("accelerometer_bias", "accelerometer_drift", "accelerometer_gain")
 _GAINS = np.eye(3)[:, :, None] * np.eye(3)
 _MISALIGNMENT = np.zeros((3, 3, 6))
 for _number, _place in enumerate(((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))):
@@ -44,9 +46,14 @@ def traced_mounting(rotation_imu_to_base: FloatArray, imu_tilt: Traced) -> Trace
     return Traced(whole, (imu_tilt, lambda g: np.einsum("ijn,kij->kn", g, by_tilt)))
 
 
-def specific_force(values: TracedValues, read: FloatArray) -> Traced:
-    """(3, n) specific force, of what the accelerometer reads [m/s2]."""
-    return (read - values["accelerometer_bias"]) / (1.0 + values["accelerometer_gain"])
+def specific_force(values: TracedValues, read: FloatArray, when: FloatArray | float = 0.0) -> Traced:
+    """(3, n) specific force, of what the accelerometer reads [m/s2].
+
+    Args:
+        when: time since the middle of the run over the run's duration.
+    """
+    bias = values["accelerometer_bias"] + values["accelerometer_drift"] * when
+    return (read - bias) / (1.0 + values["accelerometer_gain"])
 
 
 def gyro_error(values: TracedValues) -> Traced:
@@ -68,6 +75,11 @@ def turns_of(rotation: Rotation) -> FloatArray:
     """(3, 3, 3) integral of R_ij w_k of a turn about one axis, of the whole turn."""
     vector = rotation.as_rotvec()
     return left_jacobian(vector)[:, :, None] * vector
+
+
+def mean_rotation(rotation: Rotation) -> FloatArray:
+    """(3, 3) mean over time of a turn about one axis at a constant rate."""
+    return left_jacobian(rotation.as_rotvec())
 
 
 def left_jacobian(vector: FloatArray) -> FloatArray:

@@ -54,6 +54,7 @@ class LiftSamples:
         velocity_noise: (n, n) covariance of any joint's smoothed velocity [rad2/s2].
         angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
         acceleration_noise: (n, n) covariance of any axis' smoothed specific force [m2/s4].
+        when: time since the middle of the run over the run's duration.
     """
 
     diagonal: str
@@ -69,6 +70,7 @@ class LiftSamples:
     velocity_noise: FloatArray
     angular_velocity_noise: FloatArray
     acceleration_noise: FloatArray
+    when: float = 0.0
 
     @property
     def stance_feet(self) -> tuple[int, int]:

@@ -18,6 +18,7 @@ from equipoise.precise.measurements.imu_frame import (
     ACCELEROMETER,
     GYRO,
     gyro_error,
+    mean_rotation,
     specific_force,
     traced_mounting,
     turned_by,
@@ -67,12 +68,16 @@ class PlantedMove:
         before, after: rests on either side of the move.
         rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
         rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
+        duration: time between the rests [s].
+        when: time since the middle of the run over the run's duration.
     """
 
     before: RestReading
     after: RestReading
     rotation_to_before: FloatArray
     rolled: FloatArray
+    duration: float = 0.0
+    when: float = 0.0
 
 
 def read_move(
@@ -94,7 +99,7 @@ def read_move(
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
     rolled = np.trapezoid(np.einsum("nij,nlj->nli", to_before, rolling), joints.time, axis=0)
-    return PlantedMove(first, last, attitude.as_matrix()[-1], rolled)
+    return PlantedMove(first, last, attitude.as_matrix()[-1], rolled, float(moving.imu.time[-1] - moving.imu.time[0]))
 
 
 class PlantedRows:
@@ -120,8 +125,13 @@ class PlantedRows:
         self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
         self._to_before = np.array([move.rotation_to_before for move in moves]).transpose(1, 2, 0)
         # Moves go straight from posture to posture: a turn about one axis, near enough for errors of the gyroscope.
-        turns = [turns_of(Rotation.from_matrix(move.rotation_to_before)) for move in moves]
-        self._turns = np.moveaxis(np.array(turns), 0, -1)
+        rotations = [Rotation.from_matrix(move.rotation_to_before) for move in moves]
+        self._turns = np.moveaxis(np.array([turns_of(rotation) for rotation in rotations]), 0, -1)
+        self._when = np.array([move.when for move in moves])
+        drifts = [
+            mean_rotation(rotation) * move.duration * move.when for rotation, move in zip(rotations, moves, strict=True)
+        ]
+        self._drifts = np.moveaxis(np.array(drifts), 0, -1)
         self._rolled = np.array([move.rolled for move in moves]).T
 
     def residuals(self, values: Values) -> FloatArray:
@@ -160,11 +170,13 @@ class PlantedRows:
         for rest in (0, 1):
             joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
             feet.append(self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot)
-            gravity = turned(rotation, specific_force(values, np.tile(self._acceleration[rest], copies)))
+            felt = specific_force(values, np.tile(self._acceleration[rest], copies), np.tile(self._when, copies))
+            gravity = turned(rotation, felt)
             above = contract("il...,i...->l...", feet[rest], gravity / length(gravity))
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
-        off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)))
+        drifted = turned(np.tile(self._drifts, copies), values["gyro_drift"])
+        off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)) + drifted)
         after = contract("ij...,jl...->il...", turn, feet[1])
         moved = (
             after

@@ -178,6 +178,7 @@ class _Samples:
     Attributes:
         imu_in_base: (3,) place of the IMU [m].
         feet: (n,) indices of the left stance foot, and of the right one.
+        when: (n,) time since the middle of the run over the run's duration.
     """
 
     legs: LegChains
@@ -189,6 +190,7 @@ class _Samples:
     acceleration_in_imu: FloatArray
     up_in_imu: FloatArray
     feet: Feet
+    when: FloatArray
 
     @classmethod
     def of(cls, robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> _Samples:
@@ -213,6 +215,7 @@ class _Samples:
             joined("acceleration_in_imu"),
             joined("up_in_imu"),
             tuple(np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T),
+            np.repeat([lift.when for lift in lifts], counts),
         )
 
     @property
@@ -229,6 +232,7 @@ class _Samples:
             acceleration_in_imu=self.acceleration_in_imu[:, places],
             up_in_imu=self.up_in_imu[:, places],
             feet=[foot[places] for foot in self.feet],
+            when=self.when[places],
         )
 
     def one_by_one(self, places: Sequence[int]) -> _Samples:
@@ -300,12 +304,12 @@ class _Samples:
         """What the IMU says, in base axes."""
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
         read = self.angular_velocity_in_imu
-        turning = turned(rotation, read - turned(gyro_error(values), read))
+        turning = turned(rotation, read - turned(gyro_error(values), read) - values["gyro_drift"] * self.when)
         return _Sensed(rotation, turned(rotation, self.up_in_imu), turning)
 
     def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
         """(3, n) specific force at the base's origin, in base axes [m/s2]."""
-        force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu))
+        force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu, self.when))
         arm = np.broadcast_to(self.imu_in_base[:, None], (3, self.count))
         swept = cross(turned(imu.rotation, self.angular_acceleration_in_imu), arm)
         return force - swept - cross(imu.turning, cross(imu.turning, arm))

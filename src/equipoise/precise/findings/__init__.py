@@ -1,0 +1,1 @@
+"""What an estimate says of the robot's sensors, and of what it takes for the model's."""
