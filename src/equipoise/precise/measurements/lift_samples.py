@@ -48,6 +48,7 @@ class LiftSamples:
         velocity_noise: (n, n) covariance of any joint's smoothed velocity [rad2/s2].
         angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
         acceleration_noise: (n, n) covariance of any axis' smoothed specific force [m2/s4].
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
     """
 
     diagonal: str
@@ -63,6 +64,7 @@ class LiftSamples:
     velocity_noise: FloatArray
     angular_velocity_noise: FloatArray
     acceleration_noise: FloatArray
+    heading: float = 0.0
 
     @property
     def stance_feet(self) -> tuple[int, int]:

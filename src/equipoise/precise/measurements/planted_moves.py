@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
+from equipoise.precise.measurements.heading import facing
 from equipoise.precise.measurements.imu_frame import (
     ACCELEROMETER,
     GYRO,
@@ -67,12 +68,15 @@ class PlantedMove:
         before, after: rests on either side of the move.
         rotation_to_before: (3, 3) rotation from the IMU frame after the move to that before, by the gyroscope.
         rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad]; where it is not
+            zero, its feet were planted anew.
     """
 
     before: RestReading
     after: RestReading
     rotation_to_before: FloatArray
     rolled: FloatArray
+    heading: float = 0.0
 
 
 def read_move(
@@ -107,7 +111,7 @@ class PlantedRows:
 
     DEPENDS_ON = (
         *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "floor_slope",
-        "floor_warp",
+        "floor_warp", "foothold_change",
     )  # fmt: skip
 
     def __init__(
@@ -123,6 +127,7 @@ class PlantedRows:
         turns = [turns_of(Rotation.from_matrix(move.rotation_to_before)) for move in moves]
         self._turns = np.moveaxis(np.array(turns), 0, -1)
         self._rolled = np.array([move.rolled for move in moves]).T
+        self._heading = np.array([move.heading for move in moves])
 
     def residuals(self, values: Values) -> FloatArray:
         """(moves, 5, 4) what should be zero at the right values, of every foot [m].
@@ -153,8 +158,11 @@ class PlantedRows:
     def _rows(self, values: TracedValues, copies: int) -> Traced:
         """(5, 4, n) rows of the moves, one copy of all of them after the other."""
         to_before, rolled = np.tile(self._to_before, copies), np.tile(self._rolled, copies)
+        heading = np.tile(self._heading, copies)
         rotation = traced_mounting(self._rotation, values["imu_tilt"])
-        floor = contract("li,i...->l...", -self.footholds[:, :2], values["floor_slope"]) + _WARP * values["floor_warp"]
+        slope = facing(values["floor_slope"], heading)
+        floor = contract("li,i...->l...", -self.footholds[:, :2], slope) + _WARP * values["floor_warp"]
+        floor = floor + contract("lm,m...->l...", _CENTRED, values["foothold_change"] * (heading != 0.0))
         feet: list[Traced] = []
         heights: list[Traced] = []
         for rest in (0, 1):
