@@ -47,7 +47,8 @@ class CommandChecks:
     def _check_position(self, command: JointCommand, known: Known) -> None:
         """Numbers, within the limits or as far beyond as the joint is by itself, and no jump from the targets before."""
         robot, target = self._robot, command.position
-        before, here = known.sent.position, known.state.joint_position
+        here = known.state.joint_position
+        before = here if known.sent.limp else known.sent.position  # limp joints are wherever they were moved to
         self._check_shape(target)
         beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         # Of what is no number nothing is true: it is refused because it is not known to be within the limits.

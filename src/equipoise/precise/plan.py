@@ -174,7 +174,7 @@ def make_plan(
         known: (size, size) information that there is already; default: the priors, a mass, and a search to come.
         used: lifts that were done already; they are done again only if there are few.
         searched: whether the search was done (and is part of `known`).
-        turn: whether the robot is turned half-way, and everything is done again after that.
+        turn: whether the robot is turned half-way; what is done before that may be done again after it.
 
     Raises:
         SettingsError: the budget allows no lift.

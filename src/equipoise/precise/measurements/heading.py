@@ -26,9 +26,9 @@ def angle_turned(robot: RobotModel, recording: Recording) -> float:
     rest, rotation = recording.phase(Phase.BEFORE).imu, np.array(robot.imu_in_base.rotation)
     imu = recording.between(rest.time[0], np.inf).imu
     angular_velocity = imu.angular_velocity_in_imu - rest.angular_velocity_in_imu.mean(axis=0)
-    forward = attitudes(imu.time, angular_velocity @ rotation.T)[-1].apply([1.0, 0.0, 0.0])
-    up = rotation @ rest.acceleration_in_imu.mean(axis=0)
-    up /= np.linalg.norm(up)
+    forward: FloatArray = attitudes(imu.time, angular_velocity @ rotation.T).as_matrix()[-1, :, 0]
+    up: FloatArray = rotation @ rest.acceleration_in_imu.mean(axis=0)
+    up = up / np.linalg.norm(up)
     ahead = np.cross([0.0, 1.0, 0.0], up)
     return float(np.arctan2(forward @ np.cross(up, ahead), forward @ ahead))
 
