@@ -98,8 +98,8 @@ class PreciseTrials:
         angle = abs(angle_turned(planted.robot, whole))
         if angle < np.pi - _TURNED_WELL:
             raise MotionError(
-                f"the robot was turned by {np.degrees(angle):.0f} deg, by its gyroscope; it must be 150 to 210. Put it back as it "
-                "stood at the run's beginning, and resume the run",
+                f"by its gyroscope the robot was turned by {np.degrees(angle):.0f} deg; it must be 150 to 210. Put it back as "
+                "it stood at the run's beginning, and resume the run",
                 (whole,),
             )
         rise(planted, self.stance)
