@@ -64,8 +64,8 @@ def test_a_robot_that_somebody_turned_stands_up_again(a1, degrees):
     limp = [command.limp for command in robot.commands]
     first = limp.index(True)
     last = limp.index(False, first)
-    assert last - first > WHILE
-    assert np.abs(robot.commands[last].position - robot.joints[last]).max() < 0.02
+    assert last - first >= WHILE
+    assert np.abs(robot.commands[last].position - robot.joints[last]).max() < 0.05
     assert recording.phase("rest").duration > 0.1
     stands = np.array([command.position for command in robot.commands[last:] if not command.limp])
     assert (np.abs(np.diff(stands, axis=0)) <= a1.velocity_limit * SLOW + 1e-9).all()

@@ -92,6 +92,7 @@ class PreciseTrials:
             FallError: it does not stand upright.
         """
         planted, level = self.planted, feet_in_posture(self.stance, self.com, BodyPosture())
+        self._lifted = True  # the angle counts from where the body does not yaw over its feet
         rested = self._get_ready(TurnTrial(), "before a turn")
         lain = lie_down(planted, self.stance)
         whole = Recording.concatenate([rested, lain, be_turned(planted, self.stance)])
@@ -103,7 +104,6 @@ class PreciseTrials:
                 (whole,),
             )
         rise(planted, self.stance)
-        self._lifted = False
         return self._move_over(level, BodyPosture(), "after a turn")
 
     def _get_ready(self, trial: RecordedTrial, when: str) -> Recording:
