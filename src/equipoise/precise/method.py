@@ -41,7 +41,6 @@ _OF_LEGS = (
     "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
 )  # fmt: skip
 _TRUSTED_MASS = 0.03
-_NEW_FOOTHOLDS = 0.0037  # over the hip height: 1 mm on an A1
 
 
 @dataclass(frozen=True)
@@ -97,8 +96,8 @@ class Precise(Method):
     def beliefs(self) -> Priors:
         """The priors, with what was said of cable, turn and legs."""
         priors = replace(self.priors, pull=_CABLES[self.cable] * self.priors.pull)
-        if self.turn:
-            priors = replace(priors, foothold_change=priors.foothold_change or _NEW_FOOTHOLDS)
+        if not self.turn:
+            priors = priors.holding("foothold_change")
         if self.legs == "unknown":
             return priors
         return replace(priors.holding(*_OF_LEGS), leg_mass=min(_TRUSTED_MASS, priors.leg_mass))

@@ -298,8 +298,8 @@ class Priors:
         measure=HIP_HEIGHT, label="floor warp", drift=None, judged=False,
     )  # fmt: skip
     foothold_change: float = unknown(
-        0.0, "height of a foothold after the robot was turned above what slope and warp make it", "m", LEG,
-        "held where nobody turns the robot; after a turn 0.0037, which is 1 mm on an A1: an indoor floor", measure=HIP_HEIGHT,
+        0.0037, "height of a foothold after the robot was turned above what slope and warp make it", "m", LEG,
+        "assumed: 1 mm on an A1, an indoor floor; held where nobody turns the robot", measure=HIP_HEIGHT,
         label="height of the new foothold of {each}", drift=None, judged=False,
     )  # fmt: skip
     torque_gain_common: float = unknown(
