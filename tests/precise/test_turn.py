@@ -10,6 +10,7 @@ from test_plan import candidates_of
 from equipoise import Precise, RunFolder, calibrate, estimate, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import ReachError, SettingsError
+from equipoise.experiments.stand import stand_up
 from equipoise.platform.logged import Logged
 from equipoise.platform.platform import TURNS
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
@@ -23,8 +24,13 @@ from equipoise.precise.measurements.planted_moves import PlantedRows
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.measurements.traced import Traced
 from equipoise.precise.plan import make_plan
+from equipoise.precise.trials import PreciseTrials
 from equipoise.precise.unknowns import Priors, by_the_model
 from equipoise.recording.trials import DesignedLift, TurnTrial, read_trial
+from equipoise.robot.inertial import composite_parameters
+from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.mujoco_contacts import foothold_heights
+from equipoise.simulation.sensors import DrawnErrors
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
@@ -212,6 +218,29 @@ def test_a_robot_without_anybody_is_not_turned(a1):
 def test_the_angle_is_what_the_gyroscope_says(a1, run):
     turned = next(recording for recording in run.recordings if isinstance(recording.trial, TurnTrial))
     assert abs(angle_turned(a1, turned)) == pytest.approx(np.pi, abs=np.radians(2))
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "dart"])
+def test_a_simulator_turns_the_robot_in_its_room(a1, engine):
+    """And its gyroscope feels it; what it stands on stays where it is."""
+    if engine == "dart":
+        pytest.importorskip("dartpy")
+    stance = nominal_stance(a1)
+    with simulate(a1, "realistic", engine=engine) as simulation:
+        planted, _ = stand_up(simulation.platform, a1, stance)
+        recording = PreciseTrials(planted, stance, composite_parameters(a1, stance.joint_position).com).turn()
+        feet = simulation.witness.look().feet
+    ahead = (feet[:2] - feet[2:]).sum(axis=0)
+    heading = np.arctan2(ahead[1], ahead[0])
+    off = (angle_turned(a1, recording) - heading + np.pi) % (2 * np.pi) - np.pi
+    assert abs(heading) > np.radians(175)
+    assert abs(off) < np.radians(2)
+
+
+def test_footholds_stay_in_the_room(a1):
+    errors = DrawnErrors.draw(SensorErrors(foothold_height=1e-3), 12, 3)
+    fl, fr, rl, rr = foothold_heights(errors, 0.0)
+    assert np.allclose(foothold_heights(errors, np.pi), [rr, rl, fr, fl])
 
 
 @pytest.mark.parametrize("method", ["paper", "static"])

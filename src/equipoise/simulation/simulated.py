@@ -238,7 +238,8 @@ class SimulatedPlatform(ABC):
         self._run(delayed[: len(control)], history[past:])
         if turn:
             self._turn_by(turn)
-            up_in_imu = history[past:, -3:] / np.linalg.norm(history[past:, -3:], axis=1)[:, None]
+            force_in_imu = history[past:, -3:].mean(axis=0)  # gravity alone, near enough
+            up_in_imu = force_in_imu / np.linalg.norm(force_in_imu)
             history[past:, -6:-3] += turn / (len(control) * self._timestep) * up_in_imu
         history[past:] = self._samples.filtered(history[past:])
         self._late_control = delayed[len(control) :]
