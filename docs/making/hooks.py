@@ -63,7 +63,6 @@ def unknowns() -> str:
     for row in Priors.rows():
         prior = f"{row.usual:g} {row.unit}".strip()
         prior += f" times {row.measure.name}" if row.measure.name else ""
-        prior = prior if getattr(Priors, row.name) else f"held and tested; if open, {prior}"
         enters = ", ".join(name for name, block in _EVIDENCE.items() if row.name in block.depends_on)
         lines.append(f"| `{row.name}`: {row.meaning} | {row.each.name} | {prior} | {row.source} | {enters} |")
     return "\n".join(lines)

@@ -151,11 +151,9 @@ OF_THE_BASE = [field.name for field in dataclasses.fields(Priors) if field.name 
 
 
 def test_all_rows_are_open_at_first():
-    """What a robot may have is not held unless somebody says so, but for what is only watched."""
-    watched = {"eccentricity", "accelerometer_drift", "gyro_drift"}
-    assert [row.name for row in Priors().estimated] == [name for name in ROWS if name not in watched]
-    assert [row.name for row in Priors().all_open.estimated] == ROWS
-    assert all(getattr(Priors().all_open, name) == Priors.row(name).usual > 0 for name in ROWS)
+    """What a robot may have is not held unless somebody says so."""
+    assert [row.name for row in Priors().estimated] == ROWS
+    assert Priors().holding("play", "pull").all_open == Priors()
     assert OF_THE_BASE == ["mass", "first_moment", "inertia"]
 
 

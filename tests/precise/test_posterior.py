@@ -226,7 +226,7 @@ def test_the_estimate_is_good(precise_run):
     off = components(precise_run.result.composite.parameters()) - components(precise_run.truth.composite)
     assert np.abs(off[1:3]).max() < 2e-3
     assert abs(off[3]) < 5e-3
-    assert abs(off[0]) < 0.05 * precise_run.truth.composite.mass
+    assert abs(off[0]) < 0.1 * precise_run.truth.composite.mass  # without a scale
 
 
 def test_sensors_are_calibrated_on_the_way(posterior, drawn, precise_run):

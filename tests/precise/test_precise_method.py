@@ -90,17 +90,18 @@ def test_a_failed_check_is_told_before_any_number(precise_run, a1, capsys):
 
 @pytest.mark.parametrize(("cable", "factor"), [("none", 0.0), ("light", 1.0), ("heavy", 5.0)])
 def test_a_cable_pulls_as_hard_as_is_said(cable, factor):
-    assert Precise(cable=cable).beliefs == Priors(pull=factor * Priors().pull)
-    assert Precise(cable=cable, priors=Priors(pull=0.3, play=0.1)).beliefs == Priors(pull=factor * 0.3, play=0.1)
+    assert Precise(cable=cable, turn=True).beliefs == Priors(pull=factor * Priors().pull)
+    told = Precise(cable=cable, turn=True, priors=Priors(pull=0.3, play=0.1)).beliefs
+    assert told == Priors(pull=factor * 0.3, play=0.1)
 
 
 def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
     held = ("leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position",
-            "foot_radius_each")  # fmt: skip
+            "foot_radius_each", "foothold_change")  # fmt: skip
     assert Precise(legs="trusted").beliefs == Priors(leg_mass=0.03).holding(*held)
     for surer in (0.01, 0.0):
         assert Precise(legs="trusted", priors=Priors(leg_mass=surer)).beliefs.leg_mass == surer
-    assert Precise(priors=Priors(leg_mass=0.2)).beliefs == Priors(leg_mass=0.2)
+    assert Precise(priors=Priors(leg_mass=0.2), turn=True).beliefs == Priors(leg_mass=0.2)
 
 
 def test_what_was_said_is_told_in_words():

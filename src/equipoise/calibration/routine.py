@@ -21,6 +21,7 @@ def calibrate(
     method: Method | None = None,
     keep: Callable[[Recording], None] | None = None,
     report: Callable[[Progress], None] | None = None,
+    told: Callable[[], bool] | None = None,
 ) -> Calibration:
     """Run a calibration on a robot and estimate from what it felt.
 
@@ -33,6 +34,8 @@ def calibrate(
         keep: function that gets every recording as soon as it is complete, and the last, broken one if the routine ends
             early.
         report: function that is called before every trial.
+        told: function that says whether somebody at the robot has said that what was asked is done, as turning it; it must not
+            wait. None: nobody is there.
 
     Raises:
         MotionError: the robot could not do, or did not do, what was asked.
@@ -48,7 +51,7 @@ def calibrate(
 
     method.check(robot, stance)
     planted, feet_at_end = stand_up(platform, robot, stance)
-    planted.keep = store
+    planted.keep, planted.told = store, told
     try:
         method.run(planted, stance, recordings, report)
         move_to(planted, feet_at_end)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from equipoise.cli.flags import interruption_told
+from equipoise.cli.told import EnterPressed
 from equipoise.errors import MotionError, ResumeError, SettingsError
 
 if TYPE_CHECKING:
@@ -145,7 +146,8 @@ class Session:
             if self._simulation is not None:
                 folder.save_truth(self._simulation.truth)
             with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
-                result = calibrate(platform, self.robot, method, folder.keep, progress.update)
+                told = EnterPressed() if self._simulation is None else None
+                result = calibrate(platform, self.robot, method, folder.keep, progress.update, told)
         result = result.with_provenance(**folder.provenance, **ending)
         return result if self._simulation is None else result.with_truth(self._simulation.truth)
 

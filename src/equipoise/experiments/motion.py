@@ -75,6 +75,12 @@ class Motion:
         self._torques: list[FloatArray] = []
         self._events: list[Event] = []
         self._periods = 0
+        self._limp = False
+
+    @property
+    def count(self) -> int:
+        """Number of control periods planned so far."""
+        return self._periods
 
     @property
     def time(self) -> float:
@@ -104,6 +110,11 @@ class Motion:
         count = self._count(duration)
         self._append(np.repeat(self.target.joint_position[None], count, axis=0), self.target.torque[None])
         return self
+
+    def hold_limp(self, duration: float) -> Motion:
+        """Let the joints only resist being moved, all through this motion, which is nothing else."""
+        self.target, self._limp = replace(self.target, torque=np.zeros_like(self.target.torque)), True
+        return self.hold(duration)
 
     def shift_load(self, legs: tuple[str, ...], duration: float) -> Motion:
         """Keep the posture, and shift the load to some of the legs by their torques."""
@@ -158,7 +169,8 @@ class Motion:
         """
         position = np.concatenate(self._positions)
         self._check_speed(position)
-        return Trajectory(position, torque=np.concatenate(self._torques), events=tuple(self._events))
+        torque = np.concatenate(self._torques)
+        return Trajectory(position, torque=torque, events=tuple(self._events), limp=self._limp)
 
     def _move_along_lines(self, feet_in_base: FloatArray, parameter: FloatArray) -> Motion:
         start, end = self.target.feet_in_base, np.array(feet_in_base, dtype=float)

@@ -25,11 +25,13 @@ class PlantedRobot:
 
     Attributes:
         keep: function called with every recording as soon as its motion is complete, before anybody judges it.
+        told: function that says whether somebody at the robot has said that what was asked is done; None: nobody is there.
     """
 
     def __init__(self, platform: Platform, robot: RobotModel, target: Target, home: FloatArray) -> None:
         self.platform, self.robot, self.target, self.home = platform, robot, target, home
         self.keep: Callable[[Recording], None] = lambda recording: None
+        self.told: Callable[[], bool] | None = None
         self._recorded: list[Recording] = []
 
     def motion(self) -> Motion:

@@ -1,4 +1,4 @@
-"""How a routine begins and ends: up from wherever the robot is, and gently back."""
+"""How a routine begins and ends: up from wherever the robot is, and gently back; and how it lies down in between."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.platform.platform import Platform
 from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
@@ -37,18 +38,20 @@ def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[Pla
             f"the platform's joints {', '.join(platform.joint_names)} are not the leg joints of {robot.name!r}: "
             f"{', '.join(robot.joint_names)}"
         )
-    here = _before_stops(robot, platform.read().joint_position)
+    here = before_stops(robot, platform.read().joint_position)
     feet = foot_positions(robot, here)
     if lies(robot, stance, here):
         planted = PlantedRobot(platform, robot, Target.lying(robot, here), stance.feet_in_base)
-        return planted, _rise(planted, stance)
+        down = rise(planted, stance)
+        planted.take()
+        return planted, down
     planted = PlantedRobot(platform, robot, Target.standing(robot, here), stance.feet_in_base)
     move_to(planted, stance.feet_in_base)
     elsewhere = np.linalg.norm(feet - stance.feet_in_base, axis=1).max() > _ELSEWHERE_RATIO * robot.leg_length
     return planted, feet if elsewhere else stance.feet_in_base
 
 
-def _before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+def before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     """Joint positions that may be commanded.
 
     A robot that lies limp hangs in its joints' stops, and its encoders' zeros are off.
@@ -57,7 +60,16 @@ def _before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     return np.clip(joint_position, robot.lower_limit + inside, robot.upper_limit - inside)
 
 
-def _rise(planted: PlantedRobot, stance: Stance) -> FloatArray:
+def lie_down(planted: PlantedRobot, stance: Stance) -> Recording:
+    """Bring the body down over its feet, until the legs carry nothing. Phase: lie."""
+    robot = planted.robot
+    folded, _ = lying_posture(robot, stance)
+    feet = foot_positions(robot, folded)
+    motion = planted.motion().phase(Phase.LIE).move_feet(feet, _carrying_time(planted, feet))
+    return planted.play(motion.shift_load((), _SHORTEST))
+
+
+def rise(planted: PlantedRobot, stance: Stance) -> FloatArray:
     """Fold the legs under the lying robot, joint by joint; take its weight on them; stand up.
 
     Returns:
@@ -68,13 +80,22 @@ def _rise(planted: PlantedRobot, stance: Stance) -> FloatArray:
     swept = float(np.abs(folded - planted.target.joint_position).max())
     motion = planted.motion().phase(Phase.FOLD).move_joints(folded, max(_SHORTEST, swept / _FOLDING_SPEED))
     planted.play(motion.shift_load(LEG_NAMES, _SHORTEST))
-    move_to(planted, stance.feet_in_base)
+    _move(planted, stance.feet_in_base)
     return foot_positions(robot, folded)
 
 
 def move_to(planted: PlantedRobot, feet_in_base: FloatArray) -> None:
-    """Move the feet in the base frame slowly enough for feet that carry the robot."""
-    distance = float(np.linalg.norm(feet_in_base - planted.target.feet_in_base, axis=1).max())
-    duration = max(_SHORTEST, 2 * distance / (_SPEED_RATIO * planted.robot.leg_length))
-    planted.play(planted.motion().phase(Phase.STAND).move_feet(feet_in_base, duration).hold(_SHORTEST))
+    """Move the feet in the base frame slowly enough for feet that carry the robot; nothing of it is kept."""
+    _move(planted, feet_in_base)
     planted.take()
+
+
+def _move(planted: PlantedRobot, feet_in_base: FloatArray) -> None:
+    duration = _carrying_time(planted, feet_in_base)
+    planted.play(planted.motion().phase(Phase.STAND).move_feet(feet_in_base, duration).hold(_SHORTEST))
+
+
+def _carrying_time(planted: PlantedRobot, feet_in_base: FloatArray) -> float:
+    """[s]."""
+    distance = float(np.linalg.norm(feet_in_base - planted.target.feet_in_base, axis=1).max())
+    return max(_SHORTEST, 2 * distance / (_SPEED_RATIO * planted.robot.leg_length))

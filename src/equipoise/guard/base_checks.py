@@ -49,6 +49,8 @@ class BaseChecks:
         state = known.state
         for sample in (*state.earlier, state):
             known.up.feel(sample)
+        if command.limp:  # somebody may lift and turn the robot
+            return
         lifted, floor = look_at_feet(self._robot, self._stance, command.position)
         if lifted:
             self._lifted = state.time

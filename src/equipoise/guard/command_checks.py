@@ -47,7 +47,8 @@ class CommandChecks:
     def _check_position(self, command: JointCommand, known: Known) -> None:
         """Numbers, within the limits or as far beyond as the joint is by itself, and no jump from the targets before."""
         robot, target = self._robot, command.position
-        before, here = known.sent.position, known.state.joint_position
+        here = known.state.joint_position
+        before = here if known.sent.limp else known.sent.position  # limp joints are where somebody has moved them
         self._check_shape(target)
         beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         # Of what is no number nothing is true: it is refused because it is not known to be within the limits.
@@ -59,7 +60,7 @@ class CommandChecks:
                 f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad"
             )
         speed = np.abs(target - before) / self._period
-        if (speed > robot.velocity_limit).any():
+        if (speed > robot.velocity_limit).any() and not command.limp:
             joint = int(np.argmax(speed / robot.velocity_limit))
             raise LimitError(
                 f"joint {robot.joint_names[joint]!r} was sent a jump of {abs(target[joint] - before[joint]):.3f} rad, which "

@@ -26,7 +26,7 @@ from equipoise.guard.soft_start import soft_start
 from equipoise.guard.watchdog import Watchdog
 from equipoise.platform.interruptions import Interruptions
 from equipoise.platform.piece_log import MotionLog, PieceLog
-from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
+from equipoise.platform.platform import TURNS, JointCommand, MotionInterrupted, Platform, RobotState, Trajectory
 from equipoise.platform.stepping import StepLog, following
 from equipoise.platform.tilt_limit import TiltLimit, TiltTest
 from equipoise.recording.recording import PHASE, Recording
@@ -95,7 +95,7 @@ class Guard:
 
     @property
     def accepts(self) -> frozenset[str]:
-        return self._platform.accepts
+        return self._platform.accepts - {TURNS}  # what is stepped is not told of phases
 
     def read(self) -> RobotState:
         """As a platform's; raises what `step` raises, and the robot has been put down by then."""

@@ -83,7 +83,7 @@ class JointChecks:
             )
 
     def _check_following(self, command: JointCommand, known: Known) -> None:
-        if _limp(command):
+        if command.limp:
             return
         behind = np.abs(command.position - known.state.joint_position)
         joint = self._lasting(self._behind, behind > self._limits.following)
@@ -96,7 +96,7 @@ class JointChecks:
             )
 
     def _check_stuck(self, command: JointCommand, known: Known) -> None:
-        if _limp(command):
+        if command.limp:
             return
         if (stuck := self._stuck.feel(command.position, known.state.joint_position)) is not None:
             joint, sent, moved = stuck
@@ -154,7 +154,7 @@ class JointChecks:
     def _check_held(self, command: JointCommand, known: Known) -> None:
         away = np.abs(known.state.joint_position - command.position)
         joint = int(np.argmax(away))
-        if away[joint] > self._limits.following and not _limp(command):
+        if away[joint] > self._limits.following and not command.limp:
             raise TrackingError(
                 f"joint {self._robot.joint_names[joint]!r} is {away[joint]:.2f} rad from where it was sent to hold: has "
                 "somebody moved the robot, has it sunk?"
@@ -169,10 +169,6 @@ class JointChecks:
         since *= now
         joint = int(np.argmax(since))
         return joint if since[joint] > self._limits.patience else None
-
-
-def _limp(command: JointCommand) -> bool:
-    return command.kp is not None and not command.kp.any()
 
 
 class StuckDetector:

@@ -31,9 +31,17 @@ class JointCommand:
     kp: FloatArray | None = None
     kd: FloatArray | None = None
 
+    @property
+    def limp(self) -> bool:
+        """Whether the joints are to resist being moved, and no more."""
+        return self.kp is not None and not self.kp.any()
+
 
 ACCEPTS_EVERYTHING = frozenset({"velocity", "torque", "gains"})
 """Of a platform that heeds all that a command can hold."""
+
+TURNS = "turn"
+"""In `accepts`: in a motion's phase "turn" the robot is turned to face the other way, and nobody has to do it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +99,14 @@ class Trajectory:
         velocity: (n, nj) feed-forward velocities [rad/s], or None.
         torque: (n, nj) feed-forward torques [Nm], or None.
         events: events to note in the recording; times count from the start of the motion [s].
+        limp: whether the joints are only to resist being moved, where gains can be sent.
     """
 
     position: FloatArray
     velocity: FloatArray | None = None
     torque: FloatArray | None = None
     events: tuple[Event, ...] = ()
+    limp: bool = False
 
     def __post_init__(self) -> None:
         if self.position.ndim != 2 or len(self.position) == 0 or not np.isfinite(self.position).all():
@@ -110,7 +120,8 @@ class Trajectory:
         """The command of one control period."""
         velocity = None if self.velocity is None else self.velocity[index]
         torque = None if self.torque is None else self.torque[index]
-        return JointCommand(self.position[index], velocity, torque)
+        kp = np.zeros(self.position.shape[1]) if self.limp else None
+        return JointCommand(self.position[index], velocity, torque, kp)
 
 
 class Platform(Protocol):
@@ -119,7 +130,8 @@ class Platform(Protocol):
     Attributes:
         control_period: time between commands [s].
         joint_names: names of the joints, in the order of every joint vector.
-        accepts: those of "velocity", "torque" and "gains" that it heeds in commands; the others it leaves aside.
+        accepts: those of "velocity", "torque" and "gains" that it heeds in commands, the others it leaves aside; and "turn" if
+            it is turned by itself in a motion's phase of that name.
     """
 
     @property

@@ -11,6 +11,7 @@ exponentially, whatever the body does meanwhile; where it is held against bounds
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,7 @@ class TiltLimit:
         spin: share of the base's own angular velocity in the rate.
         bounds: limits of lean plus horizon times rate [rad].
         window: time over which the lean is differentiated [s].
+        told: function that says whether somebody has ended the motion by a word; None: nobody is asked.
     """
 
     angle: float
@@ -40,6 +42,7 @@ class TiltLimit:
     spin: float = 1.0
     bounds: tuple[float, float] = (-np.inf, np.inf)
     window: float = 0.0
+    told: Callable[[], bool] | None = None
 
 
 class TiltTest:
@@ -67,6 +70,8 @@ class TiltTest:
         """
         if self._limit is None:
             return False
+        if self._limit.told is not None and self._limit.told():
+            return True
         turning = angular_velocity_in_imu @ self._axis
         lean = self._turned + np.cumsum(turning) * self._period
         self._turned = float(lean[-1])

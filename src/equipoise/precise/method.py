@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
-from equipoise.errors import SettingsError
+from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.experiments.progress import Progress
@@ -33,7 +33,7 @@ from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, Trial, model_facts
 from equipoise.robot.inertial import COMPONENTS, composite_parameters, nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.stance import Stance, lies, lying_posture
 
 _BUDGET = 120.0  # [s] on an A1
 _CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
@@ -54,6 +54,8 @@ class Precise(Method):
         mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
         mass_sd: standard deviation of that [kg]; default 0.5 %.
         sway: the sway about all axes at the end, which tells more about friction and Izz.
+        turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
+            and the accelerometer's bias are told from the planar CoM.
         goals: standard deviations at which a calibration is good enough to stop early.
         cable: what may pull at the robot, an Ethernet cable being light; `none` makes the planar CoM surer.
         legs: whether masses, CoMs and lengths of the legs may be off the file's, as ever, or are `trusted` to be right to 3 %
@@ -73,6 +75,7 @@ class Precise(Method):
     mass: float | None = None
     mass_sd: float | None = None
     sway: bool = True
+    turn: bool = False
     cable: Literal["none", "light", "heavy"] = "light"
     legs: Literal["unknown", "trusted"] = "unknown"
     goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
@@ -91,8 +94,10 @@ class Precise(Method):
 
     @property
     def beliefs(self) -> Priors:
-        """The priors, with what was said of cable and legs."""
+        """The priors, with what was said of cable, turn and legs."""
         priors = replace(self.priors, pull=_CABLES[self.cable] * self.priors.pull)
+        if not self.turn:
+            priors = priors.holding("foothold_change")
         if self.legs == "unknown":
             return priors
         return replace(priors.holding(*_OF_LEGS), leg_mass=min(_TRUSTED_MASS, priors.leg_mass))
@@ -119,7 +124,9 @@ class Precise(Method):
         return replace(self, mass=mass, mass_sd=deviation)
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
-        """Refuse a budget that is too small (SettingsError), and a robot that can do no lift (ReachError)."""
+        """Refuse a budget that is too small (SettingsError), and a robot that can do no lift, or not lie (ReachError)."""
+        if self.turn and not lies(robot, stance, lying_posture(robot, stance)[0]):
+            raise ReachError(f"{robot.name!r} cannot lie down over its feet to be turned; leave the turn out")
         plan_ahead(robot, stance, self)
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Plan:
@@ -146,7 +153,8 @@ class Precise(Method):
             postures += sway_postures(robot, stance, SwaySettings())
         doing = (
             f"moves its body over planted feet through {len(plan.visits)} postures, lifts two diagonal feet "
-            f"{plan.lifts + 4} times{', sways' if self.sway else ''}"
+            f"{plan.lifts + 4} times{', is turned by hand half-way, lying limp' if self.turn else ''}"
+            f"{', sways' if self.sway else ''}"
         )
         return Course(doing, time, tuple(postures))
 

@@ -34,6 +34,9 @@ _LIFT_TIME, _POSTURE_TIME, _REPLANT_TIME = 2.6, 2.1, 1.5
 FEW_LIFTS = 10
 """Fewer different lifts are done more than once: motors too weak for most, or too little known of the robot."""
 _END_TIME = 2.0  # [s] for the way back, on an A1
+_TURN_TIME = (
+    11.0  # [s] to lie down, to stand up and to rest, on an A1: how long somebody takes to turn it does not count
+)
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ class Plan:
         prior_deviation: (10,) standard deviations of these before any motion.
         body: (10,) parameters of the whole robot as it was thought to be, in the order of COMPONENTS.
         left_out: postures and lifts that the robot cannot do, and why.
+        turn_after: number of visits after which the robot is turned to face the other way; None: it is not.
     """
 
     visits: tuple[Visit, ...]
@@ -92,6 +96,7 @@ class Plan:
     prior_deviation: FloatArray
     body: FloatArray
     left_out: tuple[str, ...] = ()
+    turn_after: int | None = None
 
     @property
     def lifts(self) -> int:
@@ -100,16 +105,20 @@ class Plan:
 
     def trials(self) -> list[tuple[str, dict[str, str]]]:
         """Postures in order, and the lifts in each by diagonal, in words."""
-        return [
+        rows = [
             ("search, nominal", dict.fromkeys(DIAGONALS, "passive x 2")),
             *((describe(visit.posture), {name: visit.turns(name) for name in DIAGONALS}) for visit in self.visits),
         ]
+        if self.turn_after is not None:
+            rows.insert(1 + self.turn_after, ("turned by 180 deg", dict.fromkeys(DIAGONALS, "")))
+        return rows
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         return {
             "robot_time": self.robot_time,
             "lifts": self.lifts,
+            "turn_after": self.turn_after,
             "visits": [
                 {
                     "posture": dataclasses.asdict(visit.posture),
@@ -126,21 +135,26 @@ class Plan:
 
 @dataclass(frozen=True)
 class Durations:
-    """Robot time of the parts of a calibration [s]; `replant` comes on top of a posture that follows lifts."""
+    """Robot time of the parts of a calibration [s]; `replant` comes on top of a posture that follows lifts.
+
+    How long somebody takes to turn the robot is not part of `turn`.
+    """
 
     posture: float
     replant: float
     lift: float
     search: float
     end: float
+    turn: float
 
     @classmethod
     def of(cls, stance: Stance) -> Durations:
         """For a robot of a stance's size."""
         clock = stance.scale.time
         return cls(
-            clock * _POSTURE_TIME, clock * _REPLANT_TIME, clock * _LIFT_TIME, clock * 4 * _LIFT_TIME, clock * _END_TIME
-        )
+            clock * _POSTURE_TIME, clock * _REPLANT_TIME, clock * _LIFT_TIME, clock * 4 * _LIFT_TIME, clock * _END_TIME,
+            clock * _TURN_TIME,
+        )  # fmt: skip
 
 
 def make_plan(
@@ -150,6 +164,7 @@ def make_plan(
     known: FloatArray | None = None,
     used: Sequence[LiftDesign] = (),
     searched: bool = False,
+    turn: bool = False,
 ) -> Plan:
     """The best set of trials within a budget of robot time.
 
@@ -159,6 +174,7 @@ def make_plan(
         known: (size, size) information that there is already; default: the priors, a mass, and a search to come.
         used: lifts that were done already; they are done again only if there are few.
         searched: whether the search was done (and is part of `known`).
+        turn: whether the robot is turned half-way; what is done before that may be done again after it.
 
     Raises:
         SettingsError: the budget allows no lift.
@@ -173,69 +189,101 @@ def make_plan(
     body = components(unknowns.robot_body(x))
     weights = to_body / goals.vector(body, candidates.predictor.stance)[:, None]
     information = prior.copy() if known is None else known.copy()
-    left = budget - durations.end
+    left = budget - durations.end - turn * durations.turn
     if not searched:
         left -= durations.search
         for index, lift in enumerate(candidates.lifts):
             if lift.posture == candidates.lifts[0].posture and lift.turn is None:
                 information += 2 * candidates.information(index)
-    visited: dict[BodyPosture, list[LiftDesign]] = {}
-    count = len(candidates.lifts)
-    often = math.ceil(FEW_LIFTS / count)
-    remaining = {index: often - used.count(lift) for index, lift in enumerate(candidates.lifts)}
     total = budget - left
-    steps = Steps(candidates)
+    parts = [_Part(candidates, left, used)]
+    if turn:
+        parts = [_Part(candidates, left / 2, used), _Part(candidates.turned(), left / 2, ())]
     while True:
         alive()
-        possible = [index for index, times in remaining.items() if times > 0]
-        costs = {
-            index: cost
-            for index in [*possible, *range(count, count + len(candidates.postures))]
-            if (cost := _cost(candidates, index, visited, durations)) is not None and cost <= left
-        }
         covariance = np.asarray(np.linalg.inv(information), dtype=float)
-        best = steps.best(costs, visited, covariance, weights)
-        if best is None:
+        choices = [(part.best(covariance, weights), part) for part in parts]
+        best, part = max(choices, key=lambda choice: choice[0][0])
+        if best[1] is None:
             break
-        information = information + sum(candidates.information(part) for part in steps.parts(best, visited))
-        left -= costs[best]
-        total += costs[best]
-        if best < count:
-            visited.setdefault(candidates.lifts[best].posture, []).append(candidates.lifts[best])
-            remaining[best] -= 1
-        else:
-            visited.setdefault(candidates.postures[best - count], [])
-    if not any(visited.values()) and not searched:
+        cost, more = part.take(best[1])
+        information = information + more
+        total += cost
+    if not any(part.lifts for part in parts) and not searched:
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
+        least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
             f"{budget:.0f} s (the sway not counted) allow no lift after the search; it takes {least:.0f} s at least"
         )
     covariance = to_body @ np.linalg.inv(information) @ to_body.T
     before = to_body @ np.linalg.inv(prior) @ to_body.T
+    visits = [part.visits for part in parts]
     return Plan(
-        _in_order(visited), total, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(before)), body,
-        tuple(candidates.left_out),
+        sum(visits, ()), total, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(before)), body,
+        tuple(candidates.left_out), len(visits[0]) if turn else None,
     )  # fmt: skip
 
 
-def _cost(
-    candidates: Candidates, index: int, visited: dict[BodyPosture, list[LiftDesign]], durations: Durations
-) -> float | None:
-    """Robot time of a candidate, the way to its posture included [s]; None if it is done already."""
-    count = len(candidates.lifts)
-    if index >= count:
-        return None if candidates.postures[index - count] in visited else durations.posture
-    posture = candidates.lifts[index].posture
-    if visited.get(posture):
-        return durations.lift
-    way = durations.replant if posture in visited else durations.posture + durations.replant
-    return durations.lift + way
+class _Part:
+    """What is planned for a robot that faces one way.
 
+    Args:
+        left: robot time for it [s].
+        used: lifts that were done already.
+    """
 
-def _in_order(visited: dict[BodyPosture, list[LiftDesign]]) -> tuple[Visit, ...]:
-    """Postures with lifts first, the most telling first, so that a run cut short has done the best part of it."""
-    order = sorted(visited.items(), key=lambda item: len(item[1]) == 0)
-    return tuple(Visit(posture, tuple(lifts)) for posture, lifts in order)
+    def __init__(self, candidates: Candidates, left: float, used: Sequence[LiftDesign]) -> None:
+        self._candidates, self._left, self._steps = candidates, left, Steps(candidates)
+        self._durations = Durations.of(candidates.predictor.stance)
+        self._visited: dict[BodyPosture, list[LiftDesign]] = {}
+        often = math.ceil(FEW_LIFTS / len(candidates.lifts))
+        self._remaining = {index: often - used.count(lift) for index, lift in enumerate(candidates.lifts)}
+
+    @property
+    def lifts(self) -> int:
+        """Number of lifts that are planned."""
+        return sum(map(len, self._visited.values()))
+
+    @property
+    def visits(self) -> tuple[Visit, ...]:
+        """Postures with lifts first, the most telling first, so that a run cut short has done the best part of it."""
+        order = sorted(self._visited.items(), key=lambda item: len(item[1]) == 0)
+        return tuple(Visit(posture, tuple(lifts)) for posture, lifts in order)
+
+    def best(self, covariance: FloatArray, weights: FloatArray) -> tuple[float, int | None]:
+        """As of `Steps.best`, of what there is time for; zero and None if there is nothing."""
+        count = len(self._candidates.lifts)
+        possible = [index for index, times in self._remaining.items() if times > 0]
+        costs = {
+            index: cost
+            for index in [*possible, *range(count, count + len(self._candidates.postures))]
+            if (cost := self._cost(index)) is not None and cost <= self._left
+        }
+        return self._steps.best(costs, self._visited, covariance, weights) or (0.0, None)
+
+    def take(self, index: int) -> tuple[float, FloatArray]:
+        """Plan a candidate; its robot time, the way to its posture included [s], and the information that it adds."""
+        candidates, cost = self._candidates, self._cost(index) or 0.0
+        count = len(candidates.lifts)
+        more = sum(candidates.information(part) for part in self._steps.parts(index, self._visited))
+        self._left -= cost
+        if index < count:
+            self._visited.setdefault(candidates.lifts[index].posture, []).append(candidates.lifts[index])
+            self._remaining[index] -= 1
+        else:
+            self._visited.setdefault(candidates.postures[index - count], [])
+        return cost, np.asarray(more, dtype=float)
+
+    def _cost(self, index: int) -> float | None:
+        """Robot time of a candidate, the way to its posture included [s]; None if it is done already."""
+        durations, count = self._durations, len(self._candidates.lifts)
+        if index >= count:
+            return None if self._candidates.postures[index - count] in self._visited else durations.posture
+        posture = self._candidates.lifts[index].posture
+        if self._visited.get(posture):
+            return durations.lift
+        way = durations.replant if posture in self._visited else durations.posture + durations.replant
+        return durations.lift + way
 
 
 def name_components(values: FloatArray) -> dict[str, float]:

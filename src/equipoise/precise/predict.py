@@ -69,11 +69,13 @@ class Predictor:
         robot: robot as it is thought to be.
         stance: nominal stance.
         com: (3,) CoM in the base frame [m].
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
     """
 
     robot: RobotModel
     stance: Stance
     com: FloatArray
+    heading: float = 0.0
     _stood: dict[LiftDesign, _OnTwoFeet] = field(default_factory=dict[LiftDesign, "_OnTwoFeet"], init=False)
 
     @cached_property
@@ -138,6 +140,7 @@ class Predictor:
             velocity_noise,
             angular_velocity_noise,
             acceleration_noise,
+            heading=self.heading,
         )
 
     def _stands(self, design: LiftDesign) -> _OnTwoFeet:
@@ -161,7 +164,7 @@ class Predictor:
         mounting = np.array(self.robot.imu_in_base.rotation)
         rests = [self._rest(posture, mounting) for posture in (before, after)]
         turned = mounting.T @ before.rotation.T @ after.rotation @ mounting
-        return PlantedMove(rests[0], rests[1], turned, np.zeros((4, 3)))
+        return PlantedMove(rests[0], rests[1], turned, np.zeros((4, 3)), heading=self.heading)
 
     def _rest(self, posture: BodyPosture, mounting: FloatArray) -> RestReading:
         feet = feet_in_posture(self.stance, self.com, posture)

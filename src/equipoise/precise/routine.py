@@ -10,6 +10,7 @@ import numpy as np
 from equipoise.errors import EquipoiseError, MotionError, ReachError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
+from equipoise.experiments.turn import check_turn
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
@@ -20,6 +21,7 @@ from equipoise.precise.posterior import Posterior, estimate_posterior, prior_row
 from equipoise.precise.safe_lift import found_doubt
 from equipoise.precise.sway import sway_all_axes, sway_time
 from equipoise.precise.trials import PreciseTrials
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.robot.inertial import components, composite_parameters
 from equipoise.robot.model import RobotModel
@@ -35,7 +37,8 @@ _FEWEST_LIFTS = 4  # below, no precise result
 
 def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
-    return make_plan(nominal_candidates(robot, settings.beliefs), _budget(stance, settings), settings.goals)
+    candidates = nominal_candidates(robot, settings.beliefs)
+    return make_plan(candidates, _budget(stance, settings), settings.goals, turn=settings.turn)
 
 
 def _budget(stance: Stance, settings: Precise) -> float:
@@ -67,21 +70,28 @@ class PreciseRoutine:
         Raises:
             MotionError: the robot could not do, or did not do, what was asked.
         """
+        if self.settings.turn:
+            check_turn(self.planted)
         self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
         find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
         self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
         candidates = self._candidates()
-        plan = make_plan(candidates, _budget(self.stance, self.settings), self.settings.goals)
-        self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.sway
+        plan = make_plan(candidates, self._budget, self.settings.goals, turn=self.settings.turn)
+        self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.turn + self.settings.sway
         done: list[LiftDesign] = []
         # A robot of which too little is known for most lifts first learns more of itself.
         turning_point = round(_REPLAN_AT * len(plan.visits)) if len(candidates.lifts) >= FEW_LIFTS else 1
+        if plan.turn_after is not None:
+            turning_point = plan.turn_after
         self._visit(plan, 0, turning_point, done)
         posterior = self._posterior()
         if posterior is not None and self._good_enough(posterior):
             self.notes.append(f"stopped after {self._time():.0f} s: every goal is met")
         else:
             self._follow(posterior)
+            if self.settings.turn:
+                self._tell("turn it to face the other way")
+                self.trials.turn()
             rest = self._replan(posterior, done)
             if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
                 rest = plan
@@ -97,7 +107,7 @@ class PreciseRoutine:
 
     def _visit(self, plan: Plan, first: int, last: int, done: list[LiftDesign]) -> None:
         durations = Durations.of(self.stance)
-        budget = _budget(self.stance, self.settings) - durations.end
+        budget = self._budget - durations.end
         for visit in plan.visits[first:last]:
             if self._time() + durations.posture + bool(visit.lifts) * durations.lift > budget:
                 return
@@ -155,11 +165,19 @@ class PreciseRoutine:
             return None
         _, rows = prior_rows(posterior.unknowns, posterior.x, self.settings.scale)
         known = rows.T @ rows + sum(posterior.information.values())
-        left = _budget(self.stance, self.settings) - self._time()
-        return make_plan(self._candidates(), left, self.settings.goals, known, done, searched=True)
+        left, candidates = self._budget - self._time(), self._candidates()
+        if self.settings.turn:
+            return make_plan(candidates.turned(), left, self.settings.goals, known, searched=True)
+        return make_plan(candidates, left, self.settings.goals, known, done, searched=True)
+
+    @property
+    def _budget(self) -> float:
+        return _budget(self.stance, self.settings)
 
     def _time(self) -> float:
-        return sum(recording.duration for recording in self._recordings)
+        """Robot time so far, without that in which somebody turned the robot [s]."""
+        waited = [r.phase(Phase.TURN).duration for r in self._recordings if r.has_phase(Phase.TURN)]
+        return sum(recording.duration for recording in self._recordings) - sum(waited)
 
     def _tell(self, doing: str) -> None:
         if self._report is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import ReachError
+from equipoise.errors import MotionError, ReachError
 from equipoise.experiments.lift import (
     come_to_rest,
     replant,
@@ -19,7 +19,9 @@ from equipoise.experiments.lift import (
 from equipoise.experiments.motion import Motion
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import check_posture, feet_in_posture, stance_line
+from equipoise.experiments.stand import lie_down, rise
 from equipoise.experiments.tipping import Pendulum
+from equipoise.experiments.turn import be_turned
 from equipoise.platform.tilt_limit import TiltLimit
 from equipoise.precise.lift_design import (
     LiftDesign,
@@ -30,10 +32,11 @@ from equipoise.precise.lift_design import (
     turn_angle,
     turned_feet,
 )
+from equipoise.precise.measurements.heading import angle_turned
 from equipoise.precise.safe_lift import safe_stop, unknown_doubt
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import DesignedLift, PostureTrial
+from equipoise.recording.trials import DesignedLift, PostureTrial, RecordedTrial, TurnTrial
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
@@ -42,6 +45,9 @@ from equipoise.robot.stance import Stance
 _STEP_RATIO = 0.5  # height of a replanting step over that of a lift
 _AIMED, _AIMS = 0.003, 3  # [m] that the CoM may miss its place over the line; moves until it is there
 _RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # [rad], times settling, of settling
+_TURNED_WELL = np.radians(
+    30
+)  # off half a turn: a force in the room is then told almost as well, and the angle is known
 _ACCELERATION = 1.2  # [m/s2] of the body over planted feet; turning it moves its CoM less than its feet
 
 
@@ -72,16 +78,49 @@ class PreciseTrials:
         """
         feet = feet_in_posture(self.stance, self.com, posture)
         check_posture(self.planted.robot, self.stance, feet)
-        motion = self.planted.motion().begin(PostureTrial(posture=posture)).phase(Phase.READY)
+        self._get_ready(PostureTrial(posture=posture), "before a move")
+        return self._move_over(feet, posture, "after a move")
+
+    def turn(self) -> Recording:
+        """Lie down, be turned to face the other way, stand up and rest.
+
+        Phases: ready, settle, before, lie, turn, fold, stand, move, settle, rest.
+
+        Raises:
+            MotionError: the robot was not turned, or not by about 180 deg.
+            TrackingError: it did not come to rest.
+            FallError: it does not stand upright.
+        """
+        planted, level = self.planted, feet_in_posture(self.stance, self.com, BodyPosture())
+        self._lifted = True  # the angle counts from where the body does not yaw over its feet
+        rested = self._get_ready(TurnTrial(), "before a turn")
+        lain = lie_down(planted, self.stance)
+        whole = Recording.concatenate([rested, lain, be_turned(planted, self.stance)])
+        angle = abs(angle_turned(planted.robot, whole))
+        if angle < np.pi - _TURNED_WELL:
+            raise MotionError(
+                f"by its gyroscope the robot was turned by {np.degrees(angle):.0f} deg; it must be 150 to 210. Put it back as "
+                "it stood at the run's beginning, and resume the run",
+                (whole,),
+            )
+        rise(planted, self.stance)
+        return self._move_over(level, BodyPosture(), "after a turn")
+
+    def _get_ready(self, trial: RecordedTrial, when: str) -> Recording:
+        """Rest on feet that stand where they should; the rest, and what came before it."""
+        motion = self.planted.motion().begin(trial).phase(Phase.READY)
         if self._lifted:
             level = feet_in_posture(self.stance, self.com, BodyPosture())
             motion.move_feet(level, self._move_time(level, self.times.move))
             replant(motion, level, next(iter(DIAGONALS)), self.settings)
             self._lifted = False
-        come_to_rest(self.planted, motion, self.settings, "before a move", rest_phase=Phase.BEFORE)
+        return come_to_rest(self.planted, motion, self.settings, when, rest_phase=Phase.BEFORE)
+
+    def _move_over(self, feet: FloatArray, posture: BodyPosture, when: str) -> Recording:
+        """Move to where the feet are planted in a posture, rest, and look where the CoM is; the whole trial."""
         motion = self.planted.motion().phase(Phase.MOVE)
         motion.move_feet(feet, self._move_time(feet, self.times.move))
-        rested = come_to_rest(self.planted, motion, self.settings, "after a move")
+        rested = come_to_rest(self.planted, motion, self.settings, when)
         diagonal = next(iter(DIAGONALS))
         tipping = tipping_from(self.planted, rested.phase(Phase.REST), diagonal)
         self._drift = self._drift_of(tipping, diagonal, posture)

@@ -21,6 +21,10 @@ class Phase:
     MOVE: Final = "move"
     SETTLE: Final = "settle"
     REST: Final = "rest"
+    # turned by hand
+    LIE: Final = "lie"
+    TURN: Final = "turn"
+    """The joints only resist being moved, and somebody turns the robot; a simulated one is turned."""
     # a lift
     UNLOAD: Final = "unload"
     LIFT: Final = "lift"

@@ -22,7 +22,7 @@ class RecordedTrial:
     """What all trials have.
 
     Attributes:
-        kind: kind of trial, "lift", "posture", "sway" or "stand".
+        kind: kind of trial, "lift", "posture", "sway", "stand" or "turn".
         starts_with: name of the phase with which the robot does what the trial is for; before it, it may be refused.
         complete_with: name of the phase that begins once the trial has shown what it is for.
         found_at: time in a log in which the trial was found, None if we commanded it [s].
@@ -163,6 +163,15 @@ class StandTrial(RecordedTrial):
     complete_with: ClassVar[str] = Phase.REST
 
 
+@dataclass(frozen=True, kw_only=True)
+class TurnTrial(RecordedTrial):
+    """The robot lies down, somebody turns it to face the other way, and it stands up."""
+
+    kind: ClassVar[str] = "turn"
+    starts_with: ClassVar[str] = Phase.LIE
+    complete_with: ClassVar[str] = Phase.REST
+
+
 def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
     """A trial from the data of its event; None if it is of a kind that is not ours.
 
@@ -182,6 +191,8 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
                 return _read_sway(data, found_at)
             case StandTrial.kind:
                 return StandTrial(found_at=found_at)
+            case TurnTrial.kind:
+                return TurnTrial(found_at=found_at)
             case _:
                 return None
     except (AttributeError, KeyError, TypeError, ValueError) as error:

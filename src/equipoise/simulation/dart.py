@@ -101,6 +101,12 @@ class DartPlatform(SimulatedPlatform):
         at = pose_of(np.eye(3), np.array([0, 0, height]))
         self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
 
+    def _turn_by(self, angle: float) -> None:
+        pose = self._simulated.base.getTransform()
+        turn = np.array(dartpy.math.expMapRot(np.array([0.0, 0.0, angle])))
+        at = pose_of(turn @ pose.rotation(), pose.translation())
+        self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
+
     def _set_clock_to_zero(self) -> None:
         self._world.setTime(0.0)
 

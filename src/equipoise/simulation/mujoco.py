@@ -10,6 +10,7 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.disturbance import Disturbance
+from equipoise.simulation.mujoco_contacts import floors_of_feet, foothold_heights
 from equipoise.simulation.mujoco_drive import ChangingFriction
 from equipoise.simulation.mujoco_model import ACCELEROMETER, IMU_SITE, SimulatedRobot
 from equipoise.simulation.simulated import SimulatedPlatform, Start
@@ -57,6 +58,7 @@ class MujocoPlatform(SimulatedPlatform):
         self._imu_rotation = self._imu_rotation.reshape(3, 3)
         address = self._model.sensor(ACCELEROMETER).adr[0]
         self._accelerometer = slice(address, address + 3)
+        self._floors, self._heading = floors_of_feet(self._model, robot, simulated.errors), 0.0
         self._settle(stance, start)
 
     def close(self) -> None:
@@ -73,6 +75,14 @@ class MujocoPlatform(SimulatedPlatform):
         if deepest < -_PRESSED:  # feet or footholds that the model does not know of
             data.qpos[2] -= deepest
             mujoco.mj_forward(model, data)
+
+    def _turn_by(self, angle: float) -> None:
+        data, turn = self._data, np.zeros(4)
+        mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0, 1]), angle)
+        mujoco.mju_mulQuat(data.qpos[3:7], turn, data.qpos[3:7].copy())
+        mujoco.mju_rotVecQuat(data.qvel[:3], data.qvel[:3].copy(), turn)
+        self._heading += angle
+        self._model.geom_pos[self._floors, 2] = foothold_heights(self._simulated.errors, self._heading)
 
     def _set_clock_to_zero(self) -> None:
         self._data.time = 0.0

@@ -7,6 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.robot.model import Foot, RobotModel
 from equipoise.robot.stance import Stance
@@ -88,6 +89,24 @@ def add_contacts(
         pos=[0, 0, hips_above_base - _BELLY_RATIO * robot.leg_length + thickness],
         **touching,
     )
+
+
+def floors_of_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -> list[int]:
+    """Ids of the geoms that the feet FL FR RL RR stand on."""
+    uneven = errors.drawn["foothold_height"].any()
+    return [model.geom(f"{FLOOR}_{leg}" if uneven else FLOOR).id for leg in robot.legs]
+
+
+def foothold_heights(errors: DrawnErrors, heading: float) -> FloatArray:
+    """(4,) heights of what the feet of a robot stand on that was turned in the room [m].
+
+    After half a turn each foot stands where the one across stood.
+
+    Args:
+        heading: angle that it was turned by [rad].
+    """
+    before, turned = errors.drawn["foothold_height"], (1 - np.cos(heading)) / 2
+    return (1 - turned) * before + turned * before[::-1]
 
 
 def soften_feet(model: mujoco.MjModel, robot: RobotModel, errors: DrawnErrors) -> None:

@@ -10,7 +10,7 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.glimpse import Glimpse
-from equipoise.simulation.mujoco_contacts import foot_name
+from equipoise.simulation.mujoco_contacts import floors_of_feet, foot_name
 from equipoise.simulation.mujoco_model import SWINGING_LOAD, SimulatedRobot
 
 
@@ -66,7 +66,7 @@ class MujocoWitness:
         self._model = simulated.model
         self._data = mujoco.MjData(self._model)
         self._feet = [self._model.geom(foot_name(leg)).id for leg in robot.legs]
-        self._footholds = simulated.errors.drawn["foothold_height"]
+        self._floors = floors_of_feet(self._model, robot, simulated.errors)
         self._base = simulated.base_body
         self._up = -np.array(simulated.errors.gravity_direction)
 
@@ -81,7 +81,7 @@ class MujocoWitness:
         return Glimpse(
             float(self._present.time),
             feet,
-            feet[:, 2] - model.geom_size[self._feet, 0] - self._footholds,
+            feet[:, 2] - model.geom_size[self._feet, 0] - model.geom_pos[self._floors, 2],
             np.array(data.subtree_com[0]),
             self._up,
             float(np.arccos(np.clip(cosine, -1, 1))),

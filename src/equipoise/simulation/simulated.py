@@ -11,13 +11,17 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import FallError, MotionError, SettingsError
 from equipoise.platform.platform import (
     ACCEPTS_EVERYTHING,
+    TURNS,
     JointCommand,
     MotionInterrupted,
     RobotState,
     Trajectory,
 )
+from equipoise.platform.ramp import smooth_step
 from equipoise.platform.stepping import started_events
 from equipoise.platform.tilt_limit import TiltLimit, TiltTest
+from equipoise.recording.event import PHASE
+from equipoise.recording.phases import Phase
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lying_posture
@@ -95,6 +99,10 @@ class SimulatedPlatform(ABC):
         """For those who watch the engine from outside."""
 
     @abstractmethod
+    def _turn_by(self, angle: float) -> None:
+        """Turn the robot about the floor's normal through its base's origin, to its left [rad]; all else stays."""
+
+    @abstractmethod
     def _base_up(self) -> float:
         """Cosine of the angle between the base's z axis and the floor's normal."""
 
@@ -108,7 +116,7 @@ class SimulatedPlatform(ABC):
 
     @property
     def accepts(self) -> frozenset[str]:
-        return ACCEPTS_EVERYTHING
+        return ACCEPTS_EVERYTHING | {TURNS}
 
     def read(self) -> RobotState:
         raw = np.concatenate([self._raw_past, self._samples.filtered(self._raw_now()[None], keep=False)])
@@ -127,20 +135,23 @@ class SimulatedPlatform(ABC):
         return self.read()
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        self._set_gains(None, None)
+        first = trajectory.command(0)
+        self._set_gains(first.kp, first.kd)
         return self._play(trajectory, stop)
 
     def _play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        control = self._control(trajectory)
+        control, turns = self._control(trajectory), _turns(trajectory)
         samples: list[FloatArray] = []
         first = self._periods
         joints = len(self.joint_names)
         test = TiltTest(stop, self.control_period)
         try:
             chunk = _CHUNK if stop is None else PERIODS_BETWEEN_STOP_TESTS
+            chunk = chunk if turns is None else 1
             for begin in range(0, len(trajectory.position), chunk):
                 end = min(begin + chunk, len(trajectory.position))
-                samples.append(self._roll(control[begin * self._substeps : end * self._substeps]))
+                turn = 0.0 if turns is None else float(turns[begin])
+                samples.append(self._roll(control[begin * self._substeps : end * self._substeps], turn))
                 seen = self._samples.shown(samples[-1], self._periods - len(samples[-1]))
                 if test.reached(seen[:, -6:-3], seen[:, :joints]):
                     break
@@ -209,18 +220,27 @@ class SimulatedPlatform(ABC):
             target = target + trajectory.torque / self._kp
         return np.repeat(target, self._substeps, axis=0)
 
-    def _roll(self, control: FloatArray) -> FloatArray:
-        """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start."""
-        first, past = self._periods, len(self._raw_past)
-        return self._samples.sensed(self._advance(control), past, len(control) // self._substeps, first)
+    def _roll(self, control: FloatArray, turn: float = 0.0) -> FloatArray:
+        """Roll the engine forward and return the samples (n, 3 nj + 6) sensed at each control period's start.
 
-    def _advance(self, control: FloatArray) -> FloatArray:
+        Args:
+            turn: angle by which somebody turns the robot meanwhile, which lies [rad].
+        """
+        first, past = self._periods, len(self._raw_past)
+        return self._samples.sensed(self._advance(control, turn), past, len(control) // self._substeps, first)
+
+    def _advance(self, control: FloatArray, turn: float = 0.0) -> FloatArray:
         """Roll the engine forward; returns raw sensor values at every engine step, the kept past first."""
         delayed = np.concatenate([self._late_control, control])
         past = len(self._raw_past)
         history = np.empty((past + len(control), self._raw_width))
         history[:past] = self._raw_past
         self._run(delayed[: len(control)], history[past:])
+        if turn:
+            self._turn_by(turn)
+            force_in_imu = history[past:, -3:].mean(axis=0)  # gravity alone, near enough
+            up_in_imu = force_in_imu / np.linalg.norm(force_in_imu)
+            history[past:, -6:-3] += turn / (len(control) * self._timestep) * up_in_imu
         history[past:] = self._samples.filtered(history[past:])
         self._late_control = delayed[len(control) :]
         self._raw_past = history[len(history) - min(len(history), self._samples.past_steps) :]
@@ -247,6 +267,13 @@ class SimulatedPlatform(ABC):
             CommandStream(time, trajectory.position[:count]),
             started_events(trajectory.events, float(time[0]), float(time[-1])),
         )
+
+
+def _turns(trajectory: Trajectory) -> FloatArray | None:
+    """(n,) angle by which somebody turns the robot in each control period, half a turn in all [rad]; None: nobody does."""
+    if not any(event.name == PHASE and event.data.get("name") == Phase.TURN for event in trajectory.events):
+        return None
+    return np.pi * np.diff(smooth_step(len(trajectory.position)), prepend=0.0)
 
 
 def _whole_steps(control_period: float, timestep: float) -> int:

@@ -10,13 +10,14 @@ import numpy as np
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.precise.measurements.heading import angle_turned
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples, read_lift
 from equipoise.precise.measurements.planted_moves import PlantedMove, read_move
 from equipoise.precise.measurements.torque_balance import TorqueSamples
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, SwayTrial
+from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, SwayTrial, TurnTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -68,26 +69,28 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
     bias = np.median(
         [recording.phase(Phase.REST).imu.angular_velocity_in_imu.mean(axis=0) for recording in rested], axis=0
     )
-    legs = LegChains(robot)
+    legs, headings = LegChains(robot), _headings(robot, recordings)
     ends = np.cumsum([recording.duration for recording in recordings])
     when = (ends - ends[-1] / 2) / ends[-1]
     return RunEvidence(
         tuple(
-            _read(robot, stance, legs, index, recording, bias, float(when[index]))
+            _read(robot, stance, legs, index, recording, bias, float(when[index]), float(headings[index]))
             for index, recording in enumerate(recordings)
         )
     )
 
 
+def _headings(robot: RobotModel, recordings: Sequence[Recording]) -> FloatArray:
+    """(n,) angle by which the robot had been turned in the room when each recording ended, to its left [rad]."""
+    turned = [isinstance(recording.trial, TurnTrial) and recording.complete for recording in recordings]
+    angles = [angle_turned(robot, recording) if was else 0.0 for recording, was in zip(recordings, turned, strict=True)]
+    return np.cumsum(angles)
+
+
 def _read(
-    robot: RobotModel,
-    stance: Stance,
-    legs: LegChains,
-    index: int,
-    recording: Recording,
-    gyro_bias: FloatArray,
-    when: float,
-) -> MotionReading:
+    robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray,
+    when: float, heading: float,
+) -> MotionReading:  # fmt: skip
     alive()
     trial = recording.trial
     lift: LiftSamples | None = None
@@ -99,14 +102,16 @@ def _read(
             torques.append(rest)
         if isinstance(trial, LiftTrial) and recording.complete:
             read = read_lift(robot, legs, recording, trial.diagonal, stance, gyro_bias)
-            lift, left_out = (None, read) if isinstance(read, str) else (replace(read, when=when), None)
+            lift, left_out = (
+                (None, read) if isinstance(read, str) else (replace(read, when=when, heading=heading), None)
+            )
         elif isinstance(trial, LiftTrial):
             refused = "not lifted: out of reach, or the robot could have tipped over"
             left_out = refused if recording.refused else "interrupted"
         elif isinstance(trial, PostureTrial) and recording.complete:
             moving = recording.phase(Phase.MOVE, until=Phase.REST)
             move = read_move(robot, legs, recording.phase(Phase.BEFORE), moving, recording.phase(Phase.REST), gyro_bias)
-            move = replace(move, when=when)
+            move = replace(move, when=when, heading=heading)
             samples = TorqueSamples.of_motion(moving, gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
         elif isinstance(trial, SwayTrial) and recording.complete:

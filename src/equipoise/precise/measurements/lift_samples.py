@@ -55,6 +55,7 @@ class LiftSamples:
         angular_velocity_noise: (n, n) covariance of any axis' smoothed angular velocity [rad2/s2].
         acceleration_noise: (n, n) covariance of any axis' smoothed specific force [m2/s4].
         when: time since the middle of the run over the run's duration.
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad].
     """
 
     diagonal: str
@@ -71,6 +72,7 @@ class LiftSamples:
     angular_velocity_noise: FloatArray
     acceleration_noise: FloatArray
     when: float = 0.0
+    heading: float = 0.0
 
     @property
     def stance_feet(self) -> tuple[int, int]:

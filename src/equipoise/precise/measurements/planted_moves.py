@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
+from equipoise.precise.measurements.heading import facing
 from equipoise.precise.measurements.imu_frame import (
     ACCELEROMETER,
     GYRO,
@@ -70,6 +71,8 @@ class PlantedMove:
         rolled: (4, 3) displacements of the feet's centres by rolling, in base axes before the move [m].
         duration: time between the rests [s].
         when: time since the middle of the run over the run's duration.
+        heading: angle by which the robot was turned in the room since the run began, to its left [rad]; where it is not
+            zero, its feet were planted anew.
     """
 
     before: RestReading
@@ -78,6 +81,7 @@ class PlantedMove:
     rolled: FloatArray
     duration: float = 0.0
     when: float = 0.0
+    heading: float = 0.0
 
 
 def read_move(
@@ -112,7 +116,7 @@ class PlantedRows:
 
     DEPENDS_ON = (
         *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "floor_slope",
-        "floor_warp",
+        "floor_warp", "foothold_change",
     )  # fmt: skip
 
     def __init__(
@@ -133,6 +137,7 @@ class PlantedRows:
         ]
         self._drifts = np.moveaxis(np.array(drifts), 0, -1)
         self._rolled = np.array([move.rolled for move in moves]).T
+        self._heading = np.array([move.heading for move in moves])
 
     def residuals(self, values: Values) -> FloatArray:
         """(moves, 5, 4) what should be zero at the right values, of every foot [m].
@@ -163,8 +168,11 @@ class PlantedRows:
     def _rows(self, values: TracedValues, copies: int) -> Traced:
         """(5, 4, n) rows of the moves, one copy of all of them after the other."""
         to_before, rolled = np.tile(self._to_before, copies), np.tile(self._rolled, copies)
+        heading = np.tile(self._heading, copies)
         rotation = traced_mounting(self._rotation, values["imu_tilt"])
-        floor = contract("li,i...->l...", -self.footholds[:, :2], values["floor_slope"]) + _WARP * values["floor_warp"]
+        slope = facing(values["floor_slope"], heading)
+        floor = contract("li,i...->l...", -self.footholds[:, :2], slope) + _WARP * values["floor_warp"]
+        floor = floor + contract("lm,m...->l...", _CENTRED, values["foothold_change"] * (heading != 0.0))
         feet: list[Traced] = []
         heights: list[Traced] = []
         for rest in (0, 1):

@@ -18,7 +18,7 @@ the encoders of the standing legs; what these do not see, springs, play, soft fe
 The rotors of geared motors turn with a momentum of their own, about the joints' axes: it is added to L_o.
 
 What has a moment about l is added to the right side: feet resist rolling, by a length times the weight that they carry,
-and a cable pulls at the base.
+and a cable pulls at the base. The cable's force and the floor's slope stay in the room when the robot is turned in it.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from scipy.integrate import cumulative_simpson
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
+from equipoise.precise.measurements.heading import facing
 from equipoise.precise.measurements.imu_frame import ACCELEROMETER, GYRO, gyro_error, specific_force, traced_mounting
 from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
 from equipoise.precise.measurements.lift_samples import LiftSamples
@@ -179,6 +180,7 @@ class _Samples:
         imu_in_base: (3,) place of the IMU [m].
         feet: (n,) indices of the left stance foot, and of the right one.
         when: (n,) time since the middle of the run over the run's duration.
+        heading: (n,) angle by which the robot was turned since the run began [rad].
     """
 
     legs: LegChains
@@ -191,6 +193,7 @@ class _Samples:
     up_in_imu: FloatArray
     feet: Feet
     when: FloatArray
+    heading: FloatArray
 
     @classmethod
     def of(cls, robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> _Samples:
@@ -216,6 +219,7 @@ class _Samples:
             joined("up_in_imu"),
             tuple(np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T),
             np.repeat([lift.when for lift in lifts], counts),
+            np.repeat([lift.heading for lift in lifts], counts),
         )
 
     @property
@@ -233,6 +237,7 @@ class _Samples:
             up_in_imu=self.up_in_imu[:, places],
             feet=[foot[places] for foot in self.feet],
             when=self.when[places],
+            heading=self.heading[places],
         )
 
     def one_by_one(self, places: Sequence[int]) -> _Samples:
@@ -264,7 +269,7 @@ class _Samples:
             - dot(line.left, cross(rolling.velocity - rolling.base_velocity, robot.linear))
             + dot(rolling.left_rate, angular)
             - GRAVITY * robot.mass * self._resistance_arm(values, rolling)
-            - dot(line.left, cross(line.point, _pull(values, imu.up))) * (robot.mass * (1 / self.legs.robot_mass))
+            - dot(line.left, cross(line.point, self._pull(values, imu.up))) * (robot.mass * (1 / self.legs.robot_mass))
         )
         return dot(line.left, angular), rate
 
@@ -316,17 +321,17 @@ class _Samples:
 
     def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
-        normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], values["floor_slope"])
+        normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], facing(values["floor_slope"], self.heading))
         normal = normal / length(normal)
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
 
-
-def _pull(values: TracedValues, up: Traced) -> Traced:
-    """(3, n) constant horizontal force on the base's origin, forward and to its left, in base axes [N]."""
-    forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
-    forward = forward / length(forward)
-    return values["pull"][0] * forward + values["pull"][1] * cross(up, forward)
+    def _pull(self, values: TracedValues, up: Traced) -> Traced:
+        """(3, n) constant horizontal force on the base's origin, in base axes [N]."""
+        forward = cross(np.array([[0.0], [1.0], [0.0]]), up)
+        forward = forward / length(forward)
+        pull = facing(values["pull"], self.heading)
+        return pull[0] * forward + pull[1] * cross(up, forward)
 
 
 def _joint_parts(robot: RobotModel, legs: LegChains, lift: LiftSamples) -> tuple[FloatArray, ...]:

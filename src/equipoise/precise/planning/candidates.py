@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -91,6 +91,12 @@ class Candidates:
         if not found.lifts:
             raise ReachError(f"no lift of the precise method is within reach: {found.left_out[0]}")
         found.postures = list(dict.fromkeys([*(lift.posture for lift in found.lifts), *found.postures]))
+        found._inform()
+        return found
+
+    def turned(self) -> Candidates:
+        """The same after the robot was turned to face the other way: what is fixed in the room is the other way round."""
+        found = replace(self, predictor=replace(self.predictor, heading=math.pi), rows=[])
         found._inform()
         return found
 

@@ -43,8 +43,11 @@ class Steps:
         visited: Container[BodyPosture],
         covariance: FloatArray,
         weights: FloatArray,
-    ) -> int | None:
+    ) -> tuple[float, int] | None:
         """The candidate that lowers the sum of the weighted variances most per second; None if there is none.
+
+        Returns:
+            by how much per second, and its index.
 
         Args:
             costs: robot time of those that are possible, by their index [s].
@@ -67,7 +70,7 @@ class Steps:
             )
         gains = {index: lowered[index] / cost for index, cost in costs.items()}
         best = max(gains, key=lambda index: gains[index], default=None)
-        return best if best is not None and gains[best] > 0 else None
+        return (gains[best], best) if best is not None and gains[best] > 0 else None
 
 
 def _lowered(noise: FloatArray, effect: FloatArray) -> list[float]:

@@ -1,0 +1,155 @@
+"""A guarded robot that somebody turns while it lies limp."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from guarded import SLOW, Seen, assert_put_down, simulated
+
+from equipoise import nominal_stance
+from equipoise.cli import told as told_module
+from equipoise.cli.told import EnterPressed
+from equipoise.errors import FallError, MotionError
+from equipoise.experiments import turn as turn_module
+from equipoise.experiments.stand import stand_up
+from equipoise.guard.guard import Guard
+from equipoise.platform.platform import TURNS, MotionInterrupted
+from equipoise.precise.trials import PreciseTrials
+from equipoise.recording.trials import TurnTrial
+from equipoise.robot.inertial import composite_parameters
+
+WHILE = 500  # control periods that somebody takes
+
+
+class Carried(Seen):
+    """A robot that somebody turns by an angle [rad] while it is limp."""
+
+    def __init__(self, platform, angle):
+        super().__init__(platform)
+        self._simulated, self._step, self.carried = platform, angle / WHILE, 0
+        self._rate = 0.0
+
+    def read(self):
+        state = super().read()
+        up = state.acceleration_in_imu / np.linalg.norm(state.acceleration_in_imu)
+        return replace(state, angular_velocity_in_imu=state.angular_velocity_in_imu + self._rate * up)
+
+    def step(self, command):
+        turns = command.limp and self.carried < WHILE
+        self._rate = self._step / SLOW if turns else 0.0
+        if turns:
+            self._simulated._turn_by(self._step)
+            self.carried += 1
+        return super().step(command)
+
+
+def turned(a1, angle, told=None):
+    """The robot, and what the trial recorded."""
+    robot = Carried(simulated(a1, noise="ideal")[0], angle)
+    stance, kept = nominal_stance(a1), []
+    with Guard(robot, a1) as guard:
+        assert TURNS not in guard.accepts
+        planted, _ = stand_up(guard, a1, stance)
+        planted.keep = kept.append
+        planted.told = told or (lambda: robot.carried == WHILE)
+        PreciseTrials(planted, stance, composite_parameters(a1, stance.joint_position).com).turn()
+    return robot, kept[0]
+
+
+@pytest.mark.parametrize("degrees", [180.0, -160.0])
+def test_a_robot_that_somebody_turned_stands_up_again(a1, degrees):
+    robot, recording = turned(a1, np.radians(degrees))
+    assert isinstance(recording.trial, TurnTrial)
+    assert recording.complete
+    limp = [command.limp for command in robot.commands]
+    first = limp.index(True)
+    last = limp.index(False, first)
+    assert last - first >= WHILE
+    assert np.abs(robot.commands[last].position - robot.joints[last]).max() < 0.05
+    assert recording.phase("rest").duration > 0.1
+    stands = np.array([command.position for command in robot.commands[last:] if not command.limp])
+    assert (np.abs(np.diff(stands, axis=0)) <= a1.velocity_limit * SLOW + 1e-9).all()
+    assert robot.closed == 1
+
+
+@pytest.mark.parametrize("degrees", [0.0, 140.0])
+def test_a_robot_that_was_hardly_turned_does_not_stand_up(a1, degrees):
+    with pytest.raises(MotionError) as caught:
+        turned(a1, np.radians(degrees))
+    assert str(caught.value) == (
+        f"by its gyroscope the robot was turned by {degrees:.0f} deg; it must be 150 to 210. Put it back as it stood at the "
+        "run's beginning, and resume the run"
+    )
+    assert caught.value.recordings[0].has_phase("turn")
+
+
+def test_nobody_turns_it(a1, monkeypatch):
+    monkeypatch.setattr(turn_module, "_PATIENCE", 1.0)
+    with pytest.raises(MotionError) as caught:
+        turned(a1, 0.0, told=lambda: False)
+    assert str(caught.value) == (
+        "nobody said within 1 s that the robot was turned; resume the run when somebody is there"
+    )
+
+
+def test_ctrl_c_while_it_waits_lets_it_down(a1):
+    robots = []
+
+    def told():
+        raise KeyboardInterrupt
+
+    class Kept(Carried):
+        def __init__(self, *given):
+            super().__init__(*given)
+            robots.append(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(turned.__globals__, "Carried", Kept)
+        with pytest.raises(MotionInterrupted) as caught:
+            turned(a1, 0.0, told)
+    assert caught.value.recording is not None
+    assert_put_down(robots[0], a1)
+
+
+def test_a_robot_that_was_put_on_its_side_does_not_stand_up(a1):
+    class Tipped(Carried):
+        def read(self):
+            state = super().read()
+            up = state.acceleration_in_imu
+            return replace(state, acceleration_in_imu=up[[0, 2, 1]]) if self.carried == WHILE else state
+
+    asked = []
+
+    def told():
+        asked.append(1)
+        return len(asked) > 2 * WHILE
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(turned.__globals__, "Carried", Tipped)
+        with pytest.raises(FallError, match="the base leans by"):
+            turned(a1, np.pi, told)
+
+
+class Terminal:
+    """Lines that somebody types."""
+
+    def __init__(self, *lines):
+        self.lines = list(lines)
+
+    def isatty(self):
+        return False
+
+    def readline(self):
+        return self.lines.pop(0)
+
+
+def test_enter_is_heard_and_never_waited_for(monkeypatch, capsys):
+    terminal = Terminal("\n", "")
+    ready = [False, False, True, True]
+    monkeypatch.setattr(told_module.sys, "stdin", terminal)
+    monkeypatch.setattr(told_module.select, "select", lambda *given: ([terminal] if ready.pop(0) else [], [], []))
+    told = EnterPressed()
+    assert [told(), told(), told()] == [False, False, True]
+    assert capsys.readouterr().err.count("press Enter") == 1
+    with pytest.raises(MotionError, match="the standard input is closed"):
+        told()
