@@ -13,7 +13,7 @@ ROBOTS_STAMP := $(VENV)/.robots-installed
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report view)
 
-.PHONY: demo test fuzz robots lint types format bench $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
+.PHONY: demo test fuzz robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 --mass 13.4 \
@@ -62,7 +62,8 @@ fuzz: $(DEV_STAMP)
 
 bench: $(BENCHES)
 
-# Two hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
+# Four hours on two cores; interrupted, it goes on where it was. Remove benchmarks/results/accuracy.jsonl to begin anew.
+# A tenth of it: benchmarks/accuracy.py --part 0.1.
 bench-accuracy: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/accuracy.py
 	$(BIN)/python benchmarks/accuracy_paper.py
@@ -130,6 +131,10 @@ bench-stays-up: $(ROBOTS_STAMP)
 # Eight hours on two cores; it goes on like bench-accuracy. The first seeds alone: benchmarks/robustness.py --first 2.
 bench-robustness: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/robustness.py
+
+# Five rows of it at random made again; fails if one moved by more than rounding: a minute.
+bench-check: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/robustness.py --check 5
 
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)

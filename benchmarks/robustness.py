@@ -283,12 +283,13 @@ def moved(case: Case, before: Row) -> str | None:
 
 def check(rows: dict[str, Row], count: int) -> int:
     """Some rows again; the number that moved."""
-    chosen = random.sample(sorted(rows), min(count, len(rows)))
+    chosen = [rows[key] for key in random.sample(sorted(rows), min(count, len(rows)))]
     fields = [field.name for field in dataclasses.fields(Case)]
-    found = {key: moved(Case(**{name: rows[key][name] for name in fields}), rows[key]) for key in chosen}
-    for key, how in found.items():
-        print(key, how or "as before", flush=True)
-    return sum(how is not None for how in found.values())
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        found = list(pool.map(moved, [Case(**{name: row[name] for name in fields}) for row in chosen], chosen))
+    for row, how in zip(chosen, found, strict=True):
+        print(row["key"], how or "as before", flush=True)
+    return sum(how is not None for how in found)
 
 
 def made(missing: Iterable[Case], keep: Path | None, again: bool) -> Iterable[Row]:

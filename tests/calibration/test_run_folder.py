@@ -198,7 +198,15 @@ def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
     [
         Precise(),
         Precise(
-            60.0, 13.4, 0.05, False, "heavy", "trusted", Goals(com_planar=1e-3), Priors(joint_zero=2e-3, compliance=0.0)
+            60.0,
+            13.4,
+            0.05,
+            False,
+            False,
+            "heavy",
+            "trusted",
+            Goals(com_planar=1e-3),
+            Priors(joint_zero=2e-3, compliance=0.0),
         ),
         Paper(
             feet="commanded",

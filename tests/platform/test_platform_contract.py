@@ -135,7 +135,7 @@ def test_feed_forward_torque_folds_into_the_target_with_the_gains_in_force(a1):
 def test_ctrl_c_during_a_motion_without_a_stop_rule_waits_for_a_second_at_most(platform):
     rolled = []
     original = platform._roll
-    platform._roll = lambda control: rolled.append(len(control)) or original(control)
+    platform._roll = lambda control, *turn: rolled.append(len(control)) or original(control, *turn)
     platform.play(wave(platform, 1200))
     assert max(rolled) * platform._model.opt.timestep <= 1.0
     assert len(rolled) > 1

@@ -20,7 +20,7 @@ from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
-_CLOCK_KNOWN = 3e-3  # [s]: closer than the legs can tell, and the estimate finds the rest
+_CLOCK_KNOWN = 5e-3  # [s]: closer than the legs can tell, and the estimate finds the rest
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
 
 
