@@ -205,6 +205,7 @@ def test_a_run_that_ends_early_is_closed_properly(tmp_path, a1, error):
             False,
             "heavy",
             "trusted",
+            "carpet",
             Goals(com_planar=1e-3),
             Priors(joint_zero=2e-3, compliance=0.0),
         ),

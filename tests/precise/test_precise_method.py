@@ -95,6 +95,13 @@ def test_a_cable_pulls_as_hard_as_is_said(cable, factor):
     assert told == Priors(pull=factor * 0.3, play=0.1)
 
 
+def test_a_carpet_may_be_uneven_and_hold_feet_back():
+    usual, soft = Precise(turn=True).beliefs, Precise(turn=True, surface="carpet").beliefs
+    wider = ("rolling", "floor_warp", "foothold_change")
+    assert [getattr(soft, name) / getattr(usual, name) for name in wider] == pytest.approx([3.0, 3.0, 3.0])
+    assert replace(soft, **{name: getattr(usual, name) for name in wider}) == usual
+
+
 def test_legs_that_are_trusted_are_the_files_but_for_a_little_mass():
     held = ("leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position",
             "foot_radius_each", "foothold_change")  # fmt: skip
@@ -114,7 +121,10 @@ def test_what_was_said_is_told_in_words():
     assert Precise(cable="none", legs="trusted").assumptions == cable + legs
 
 
-@pytest.mark.parametrize(("field", "choices"), [("cable", "none or light or heavy"), ("legs", "unknown or trusted")])
+@pytest.mark.parametrize(
+    ("field", "choices"),
+    [("cable", "none or light or heavy"), ("legs", "unknown or trusted"), ("surface", "hard or carpet")],
+)
 def test_nothing_else_can_be_said(field, choices):
     with pytest.raises(SettingsError, match=f"{field} is 'wooden'; it must be {choices}"):
         Precise(**{field: "wooden"})

@@ -37,6 +37,8 @@ from equipoise.robot.stance import Stance, lies, lying_posture
 
 _BUDGET = 120.0  # [s] on an A1
 _CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
+_SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance and unevenness over their priors
+_OF_SURFACE = ("rolling", "floor_warp", "foothold_change")
 _OF_LEGS = (
     "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
 )  # fmt: skip
@@ -56,6 +58,7 @@ class Precise(Method):
         sway: the sway about all axes at the end, which tells more about friction and Izz.
         turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
             and the accelerometer's bias are told from the planar CoM.
+        surface: what the robot stands on; on a `carpet` feet may resist rolling, and footholds be uneven, three times as much.
         goals: standard deviations at which a calibration is good enough to stop early.
         cable: what may pull at the robot, an Ethernet cable being light; `none` makes the planar CoM surer.
         legs: whether masses, CoMs and lengths of the legs may be off the file's, as ever, or are `trusted` to be right to 3 %
@@ -69,7 +72,7 @@ class Precise(Method):
         "centre of mass and inertia with intervals, its sensors calibrated on the way"
     )
     estimates: ClassVar[tuple[str, ...]] = COMPONENTS
-    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd", "cable", "legs", "priors")
+    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd", "cable", "legs", "surface", "priors")
 
     budget: float | None = None
     mass: float | None = None
@@ -78,6 +81,7 @@ class Precise(Method):
     turn: bool = False
     cable: Literal["none", "light", "heavy"] = "light"
     legs: Literal["unknown", "trusted"] = "unknown"
+    surface: Literal["hard", "carpet"] = "hard"
     goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
     priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
 
@@ -88,14 +92,15 @@ class Precise(Method):
                 raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
         if self.mass_sd is not None and self.mass is None:
             raise SettingsError("mass_sd says how sure a scale is; give its mass too")
-        for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted"))):
+        for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted")), ("surface", _SURFACES)):
             if getattr(self, name) not in known:
                 raise SettingsError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(known)}")
 
     @property
     def beliefs(self) -> Priors:
-        """The priors, with what was said of cable, turn and legs."""
-        priors = replace(self.priors, pull=_CABLES[self.cable] * self.priors.pull)
+        """The priors, with what was said of cable, surface, turn and legs."""
+        wider = dict.fromkeys(_OF_SURFACE, _SURFACES[self.surface]) | {"pull": _CABLES[self.cable]}
+        priors = replace(self.priors, **{name: factor * getattr(self.priors, name) for name, factor in wider.items()})
         if not self.turn:
             priors = priors.holding("foothold_change")
         if self.legs == "unknown":
