@@ -303,11 +303,17 @@ def coverage_table(rows: Iterable[Row]) -> list[str]:
 
 
 def source_table(rows: Iterable[Row]) -> list[str]:
+    rows = [row for row in rows if row["source"] in SOURCES]
+    if not rows:
+        return []
     lines = [
+        "## One error source at a time (A1)",
+        "",
+        f"RMS over {SOURCE_SEEDS} seeds. Payloads, contacts and soft legs are in every row, and the scale's error.",
+        "",
         "| source alone | method | CoM x | y | z mm | Ixx | Iyy | Izz % | Ixy | Ixz | Iyz % of Ixx |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    rows = list(rows)
     for source in SOURCES:
         for method in ("precise", "paper"):
             good = [r for r in rows if (r["source"], r["method"]) == (source, method) and "failed" not in r]
@@ -315,7 +321,7 @@ def source_table(rows: Iterable[Row]) -> list[str]:
                 found = rms(np.array([relative(row, row["error"]) for row in good]))[1:]
                 cells = ["-" if np.isnan(value) else f"{value:.2f}" for value in found]
                 lines.append(f"| {source} | {method} | " + " | ".join(cells) + " |")
-    return lines
+    return [*lines, ""]
 
 
 ABOUT = """# Accuracy
@@ -342,12 +348,7 @@ def write_tables() -> str:
             "",
             *coverage_table(rows),
             "",
-            "## One error source at a time (A1)",
-            "",
-            f"RMS over {SOURCE_SEEDS} seeds. Payloads, contacts and soft legs are in every row, and the scale's error.",
-            "",
             *source_table(rows),
-            "",
             "## Computing",
             "",
             f"Estimation from recordings: median {np.median(seconds):.1f} s on one core of a machine that ran two at once.",
