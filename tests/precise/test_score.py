@@ -85,15 +85,13 @@ def planted(a1, recordings):
         calf.translation = calf.translation * (1 + 2e-3 / np.linalg.norm(calf.translation))
     play = np.array([4e-3, 4e-3, 0.0])
     return {
-        "gyro_gain": (with_gyroscope(recordings, np.diag([0.02, -0.02, 0.02])), a1),
         "play": (with_drive_train(recordings, np.zeros(3), play), a1),
         "link_length_common": (recordings, shorter),
-        "accelerometer_drift": (drifting(recordings, 0.0, np.array([0.1, -0.1, 0.0])), a1),
         "gyro_drift": (drifting(recordings, np.array([6e-3, -6e-3, 6e-3]), 0.0), a1),
     }
 
 
-@pytest.mark.parametrize("name", ["gyro_gain", "play", "link_length_common", "accelerometer_drift", "gyro_drift"])
+@pytest.mark.parametrize("name", ["play", "link_length_common", "gyro_drift"])
 def test_what_is_wrong_is_named_first_with_what_to_do(a1, precise_run, name):
     recordings, model = planted(a1, precise_run.recordings)[name]
     found = posterior_of(model, precise_run, recordings, told())
