@@ -212,8 +212,9 @@ def rounded(value: object) -> object:
     return [rounded(item) for item in value] if isinstance(value, list) else value
 
 
-def load_rows() -> dict[str, Row]:
-    text = ROWS.read_text(encoding="utf-8") if ROWS.exists() else ""
+def load_rows(path: Path) -> dict[str, Row]:
+    """Rows by their keys, the latest of each."""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
     return {row["key"]: row for row in map(json.loads, text.splitlines())}
 
 
@@ -334,7 +335,7 @@ which does not know the payload. Bold: target missed. The paper's I is compared 
 
 
 def write_tables() -> str:
-    rows = list(load_rows().values())
+    rows = list(load_rows(ROWS).values())
     failed = [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]
     seconds = [row["estimation_s"] for row in rows if row["method"] == "precise" and "failed" not in row]
     text = "\n".join(
@@ -366,7 +367,7 @@ def main() -> None:
     parser.add_argument("--part", type=float, default=1.0, help="part of the benchmark, from 0 to 1")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     given = parser.parse_args()
-    done = load_rows()
+    done = load_rows(ROWS)
     wanted = cases()[: 0 if given.tables else round(given.part * len(cases()))]
     missing = [case for case in wanted if case.key not in done]
     with ProcessPoolExecutor(given.jobs) as pool, ROWS.open("a", encoding="utf-8") as out:

@@ -34,7 +34,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
     os.environ.setdefault(_name, "1")
 
 import numpy as np
-from accuracy import payload_of, rms, rounded
+from accuracy import Row, judged, load_rows, payload_of, relative, rms, rounded
 from commit import commit
 
 from equipoise import (
@@ -68,8 +68,6 @@ EFFECTS = tuple(
     if row.by_itself not in (row.realistic, row.none) and row.name != "spring_spread"  # nothing without springs
 )
 """Those that `realistic` does not have, or has smaller."""
-
-Row = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -149,14 +147,10 @@ def _kept(platform: object, robot: RobotModel, settings: Precise, truth: RobotIn
 def told(result: Calibration) -> Row:
     """What a user reads of the whole robot, beside the truth; every interval is the one that is printed."""
     body = list(result.composite)
-    return {
+    return judged(result) | {
         "truth": [quantity.truth for quantity in body],
-        "error": [quantity.error for quantity in body],
-        "sd": [quantity.deviation for quantity in body],
-        "holds": [not quantity.missed for quantity in body],
         "verdict": [quantity.verdict for quantity in body],
         "file_error": [quantity.model - quantity.truth for quantity in body],
-        "alarms": [check.name for check in result.checks if not check.passed],
         "robot_time": sum(trial.duration for trial in result.trials),
     }
 
@@ -171,12 +165,6 @@ def is_silent(row: Row) -> bool:
     return not row["alarms"] and bool(np.abs(deviates(row)).max() > SILENT)
 
 
-def in_units(row: Row, name: str) -> np.ndarray:
-    """(7,) errors: mass in %, CoM in mm, moments of inertia in %."""
-    true = np.array(row["truth"])[:7]
-    return np.array(row[name])[:7] * np.concatenate([[100 / true[0]], [1000.0] * 3, 100 / true[4:7]])
-
-
 HEAD = (
     "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | hold | "
     "doubtful | checks | silent |"
@@ -189,7 +177,7 @@ def line(label: str, size: str, rows: Sequence[Row]) -> str:
     runs = f"{len(good)}" if len(good) == len(rows) else f"{len(good)} of {len(rows)}"
     if not good:
         return f"| {label} | {size} | {runs} |" + " - |" * 9
-    ours, file = (rms(np.array([in_units(row, name) for row in good])) for name in ("error", "file_error"))
+    ours, file = (rms(np.array([relative(row, row[name])[:7] for row in good])) for name in ("error", "file_error"))
     doubtful = np.mean([[verdict == "doubtful" for verdict in row["verdict"]] for row in good])
     worse = ours > file
     cells = [
@@ -267,11 +255,6 @@ def page(rows: Sequence[Row]) -> str:
     )
 
 
-def load_rows() -> dict[str, Row]:
-    text = ROWS.read_text(encoding="utf-8") if ROWS.exists() else ""
-    return {row["key"]: row for row in map(json.loads, text.splitlines())}
-
-
 def moved(case: Case, before: Row) -> str | None:
     """By what a row differs from the same made again; None: by rounding."""
     now = rounded(run(case, None, again=False))
@@ -308,7 +291,7 @@ def main() -> None:
     parser.add_argument("--tables", action="store_true", help="the page only")
     parser.add_argument("--check", type=int, metavar="N", help="make N rows again and compare")
     given = parser.parse_args()
-    rows = load_rows()
+    rows = load_rows(ROWS)
     if given.check:
         sys.exit(check(rows, given.check))
     wanted = [] if given.tables else cases(SEEDS[: given.first], given.only)

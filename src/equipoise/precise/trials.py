@@ -45,9 +45,8 @@ from equipoise.robot.stance import Stance
 _STEP_RATIO = 0.5  # height of a replanting step over that of a lift
 _AIMED, _AIMS = 0.003, 3  # [m] that the CoM may miss its place over the line; moves until it is there
 _RECOVERED, _LONGEST_RECOVERY, _RECOVERY_LOOK = 0.06, 8, 0.5  # [rad], times settling, of settling
-_TURNED_WELL = np.radians(
-    30
-)  # off half a turn: a force in the room is then told almost as well, and the angle is known
+# Off half a turn [rad]: a force in the room is then told almost as well, and the angle is known.
+_TURNED_WELL = np.radians(30)
 _ACCELERATION = 1.2  # [m/s2] of the body over planted feet; turning it moves its CoM less than its feet
 
 

@@ -79,7 +79,7 @@ class JointReadings:
         """(nj, n) joint positions of the links [rad]."""
         side = np.tanh(self.torque / self.small)
         given = self._of_joints(values["compliance"]) * self.torque + 0.5 * self._of_joints(values["play"]) * side
-        sine, cosine = values["eccentricity"][::2], values["eccentricity"][1::2]
+        sine, cosine = _eccentricity(values)
         turned = sine * np.sin(self.position) + cosine * np.cos(self.position)
         return self.position - values["joint_zero"] - given - turned
 
@@ -87,9 +87,14 @@ class JointReadings:
         """(nj, n) joint velocities of the links [rad/s]."""
         side_rate = (1 - np.tanh(self.torque / self.small) ** 2) * self.torque_rate / self.small
         given = self._of_joints(values["compliance"]) * self.torque_rate
-        sine, cosine = values["eccentricity"][::2], values["eccentricity"][1::2]
+        sine, cosine = _eccentricity(values)
         turning = (sine * np.cos(self.position) - cosine * np.sin(self.position)) * self.velocity
         return Traced(self.velocity) - given - 0.5 * self._of_joints(values["play"]) * side_rate - turning
 
     def _of_joints(self, of_kinds: Traced) -> Traced:
         return contract("jk,k...->j...", self.by_kind, of_kinds)
+
+
+def _eccentricity(values: TracedValues) -> tuple[Traced, Traced]:
+    """(nj, n) what goes with the sine and with the cosine of a joint's reading [rad]."""
+    return values["eccentricity"][::2], values["eccentricity"][1::2]

@@ -102,9 +102,10 @@ def _read(
             torques.append(rest)
         if isinstance(trial, LiftTrial) and recording.complete:
             read = read_lift(robot, legs, recording, trial.diagonal, stance, gyro_bias)
-            lift, left_out = (
-                (None, read) if isinstance(read, str) else (replace(read, when=when, heading=heading), None)
-            )
+            if isinstance(read, str):
+                left_out = read
+            else:
+                lift = replace(read, when=when, heading=heading)
         elif isinstance(trial, LiftTrial):
             refused = "not lifted: out of reach, or the robot could have tipped over"
             left_out = refused if recording.refused else "interrupted"
