@@ -31,7 +31,7 @@ from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 
 _OFF_THE_FLOOR = 0.12  # of the lift's height: feet that are so high bear nothing, and the robot has hardly tipped since
-_WINDOW = 0.02  # [s] to either side, over which the lean is differentiated
+_WINDOW = 0.035  # [s] to either side, over which the lean is differentiated
 
 
 @dataclass(frozen=True)

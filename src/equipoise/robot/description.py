@@ -37,7 +37,8 @@ class RobotDescription:
         kp: joint position gain [Nm/rad]; default 100 x m g h / 38 Nm.
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
         joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad].
-        held: positions of joints that are no leg's and are held still, by joint name [rad]; default 0.
+        held: positions of joints that are no leg's and are held still, by joint name [rad]; default the
+            file's keyframe "home", else 0.
     """
 
     base_link: str | None = None

@@ -115,7 +115,7 @@ class RobotModel:
             warnings.warn(f"{name}: {repair}", ModelWarning, stacklevel=3)
         full, spheres = read_pinocchio(source)
         chains = leg_chains(full, source.path)
-        model, held = hold_other_joints(full.copy(), chains, description)
+        model, held = hold_other_joints(full.copy(), chains, description, source.home)
         if any(joint.nq != 1 or joint.nv != 1 for joint in model.joints[2:]):
             raise ModelError(f"robot model {str(source.path)!r} has a leg joint with more than one axis")
         legs = add_legs(model, chains, spheres, description, name, source.path)

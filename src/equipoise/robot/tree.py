@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -82,9 +83,15 @@ def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
 
 
 def hold_other_joints(
-    model: pin.Model, chains: list[list[str]], description: RobotDescription
+    model: pin.Model, chains: list[list[str]], description: RobotDescription, home: Mapping[str, float]
 ) -> tuple[pin.Model, dict[str, float]]:
-    """The model with every joint that is no leg's locked, and where each was locked."""
+    """The model with every joint that is no leg's locked, and where each was locked.
+
+    Where the description says, else where they are at home, else at zero or the limit that is nearest to it.
+
+    Raises:
+        SettingsError: the description names another joint, or a place beyond its limits.
+    """
     leg_joints = {joint for chain in chains for joint in chain}
     others = [str(name) for name in model.names[2:] if str(name) not in leg_joints]
     for joint in description.held:
@@ -92,15 +99,34 @@ def hold_other_joints(
             raise SettingsError(f"held names {joint!r}, which is a leg joint or none; others are {', '.join(others)}")
     if not others:
         return model, {}
-    configuration = pin.neutral(model)
-    for joint, position in description.held.items():
-        joint_id = model.getJointId(joint)
-        if model.joints[joint_id].nq != 1:
-            raise SettingsError(f"held joint {joint!r} has more than one axis")
-        configuration[model.joints[joint_id].idx_q] = position
+    configuration, held = pin.neutral(model), dict.fromkeys(others, 0.0)
+    for name in others:
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq == 1:
+            held[name] = configuration[joint.idx_q] = _held_at(model, name, joint.idx_q, description, home)
+        elif name in description.held:
+            raise SettingsError(f"held joint {name!r} has more than one axis")
     to_lock = [model.getJointId(name) for name in others]
     reduced, _ = pin.buildReducedModel(model, [pin.GeometryModel()], to_lock, configuration)
-    return reduced, {name: description.held.get(name, 0.0) for name in others}
+    return reduced, held
+
+
+def _held_at(
+    model: pin.Model, joint: str, index: int, description: RobotDescription, home: Mapping[str, float]
+) -> float:
+    """Where a joint is held [rad]; `index` is its place in the model's positions."""
+    lower, upper = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
+    position = description.held.get(joint)
+    if not lower < upper:
+        return home.get(joint, 0.0) if position is None else position
+    if position is None:
+        return min(max(home.get(joint, 0.0), lower), upper)
+    if not lower <= position <= upper:
+        raise SettingsError(
+            f"held puts joint {joint!r} at {position:.3f} rad, outside its limits {lower:.3f} to {upper:.3f}; give its angle "
+            "in radians, as the joint is while the robot is calibrated"
+        )
+    return position
 
 
 def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
