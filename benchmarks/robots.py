@@ -1,8 +1,9 @@
 """Every robot of the catalogue by both methods: `make bench-robots`.
 
-With perfect sensors (`ideal`) the bare robot; with ordinary ones (`realistic`) a payload, the sensors' errors and a scale of 0.5 %,
-drawn from one seed. The paper's method with no setting touched, the precise one for 60 s of an A1's robot time. Each run appends
-a row to benchmarks/results/robots.jsonl: interrupted, it goes on where it was. benchmarks/results/robots.md is made from the rows.
+With perfect sensors (`ideal`) the bare robot; with ordinary ones (`realistic`) a payload, the sensors' errors and a scale of
+0.5 %, drawn from one seed. The paper's method with no setting touched, the precise one for 60 s of an A1's robot time. Each
+run appends a row to benchmarks/results/robots.jsonl: interrupted, it goes on where it was. benchmarks/results/robots.md is
+made from the rows.
 
     python benchmarks/robots.py                      # what is missing, then the page
     python benchmarks/robots.py --files SPOT.xml     # robots of your own files besides, arms and all
@@ -159,32 +160,33 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
 
 ABOUT = """# Every robot
 
-`make bench-robots`; each row names its commit. With `ideal`, perfect sensors, the bare robot; with `realistic` a payload of 5 to
-30 % of the base's mass, sensor errors and a scale of 0.5 %, drawn from the seed {seed}: one run a row. Errors are of the whole robot,
-estimate less truth. Robots below the catalogue's own are of public model files, which are not part of this repository.
+`make bench-robots`; each row names its commit. With `ideal`, perfect sensors, the bare robot; with `realistic` a payload of
+5 to 30 % of the base's mass, sensor errors and a scale of 0.5 %, drawn from the seed {seed}: one run a row. Errors are of the
+whole robot, estimate less truth. Robots below the catalogue's own are of public model files, which are not part of this
+repository.
 """
+PAPER_ABOUT = """*Allowed* and *met* are of perfect sensors; ordinary joint zeros alone cost more. *Bracket*: the wider of the
+last two.
+"""
+PRECISE_ABOUT = "Error, and half of the 95 % interval; of moments relative to the truth.\n"
 
 
 def page(rows: Sequence[Row]) -> str:
     """The page."""
-    failed = [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]
-    held = {
-        row["robot"]: ", ".join(f"{name} {angle:g}" for name, angle in row["held"].items())
-        for row in rows if row.get("held")
-    }  # fmt: skip
-    return "\n".join(
-        [
-            ABOUT.format(seed=SEED), *verdicts(rows),
-            "", "## The paper's method, no setting touched", "",
-            "*Allowed* and *met* are of perfect sensors; ordinary joint zeros alone cost more. *Bracket*: the wider of the last two.",
-            "", *table("paper", rows),
-            "", f"## The precise method, {BUDGET:.0f} s of an A1's robot time", "",
-            "Error, and half of the 95 % interval; of moments relative to the truth.",
-            "", *table("precise", rows),
-            *(["", "## Joints that were held", ""] if held else []), *(f"- {name}: {where} [rad]" for name, where in held.items()),
-            *(["", "## Ended by name", "", *failed] if failed else []), "",
-        ]
-    )  # fmt: skip
+    sections = [
+        ("The paper's method, no setting touched", [PAPER_ABOUT, *table("paper", rows)]),
+        (f"The precise method, {BUDGET:.0f} s of an A1's robot time", [PRECISE_ABOUT, *table("precise", rows)]),
+        ("Joints that were held", held_joints(rows)),
+        ("Ended by name", [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]),
+    ]
+    shown = [line for title, lines in sections if lines for line in ("", f"## {title}", "", *lines)]
+    return "\n".join([ABOUT.format(seed=SEED), *verdicts(rows), *shown, ""])
+
+
+def held_joints(rows: Sequence[Row]) -> list[str]:
+    """Where each robot's other joints were, as an arm's."""
+    held = {row["robot"]: row["held"] for row in rows if row.get("held")}
+    return [f"- {name}: {', '.join(f'{joint} {q:g}' for joint, q in at.items())} [rad]" for name, at in held.items()]
 
 
 def main() -> None:

@@ -93,6 +93,7 @@ class RunFolder:
                 "repairs": list(robot.source.repairs),
                 "effort_limits": robot.source.effort_limits,
                 "home": robot.source.home,
+                "forward": robot.source.forward,
             },
             "description": dataclasses.asdict(robot.description),
             "settings": method.to_dict(),
@@ -215,6 +216,7 @@ class RunFolder:
                 tuple(model["repairs"]),
                 model["effort_limits"],
                 model.get("home", {}),  # older runs held all else at zero
+                model.get("forward", "+x"),
             )
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)

@@ -9,7 +9,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, tilt_limit, tipping_from
+from equipoise.experiments.lift import LiftSettings, come_to_rest, in_time, replant, tilt_limit, tipping_from
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.tilt import SupportPlane, Tilt, support_plane_of, tilt_of
 from equipoise.paper.bracket import TriedOffset
@@ -44,11 +44,12 @@ def lift_trial(
     tipping = tipping_from(planted, before.phase(Phase.REST), diagonal)
     # The CoM is what is searched: what the model says of it must not end a lift before it shows.
     plain = tipping.from_rest(2 * settings.tilt_threshold)
-    safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
-    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
     stance_legs = DIAGONALS[diagonal]
     lifted = np.array(feet_in_base)
     lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
+    settings = in_time(planted, feet_in_base, lifted, settings)
+    safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
+    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
     up = planted.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
     up.phase(Phase.LIFT).move_feet(lifted, settings.lift_time).phase(Phase.WATCH).hold(settings.watch_time)
     planted.play(up, limit)

@@ -31,6 +31,7 @@ class ModelSource:
         repairs: changes and omissions, one sentence each.
         effort_limits: torque limits by joint name [Nm], where the format keeps them outside the joint (MJCF).
         home: joint positions of the keyframe "home", by joint name [rad]; empty where the file has none.
+        forward: axis of the file's base link that points forward; if not x, the model has a base link above it, turned.
     """
 
     path: Path
@@ -40,6 +41,7 @@ class ModelSource:
     repairs: tuple[str, ...]
     effort_limits: dict[str, float]
     home: dict[str, float] = field(default_factory=dict[str, float])
+    forward: str = "+x"
 
 
 def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSource:

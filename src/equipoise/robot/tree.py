@@ -12,7 +12,9 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, SettingsError
 from equipoise.robot.description import RobotDescription
+from equipoise.robot.forward import legs_by_place
 from equipoise.robot.source import ModelSource
+from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 # Spheres among the collision shapes by the joint that moves them: placement in its frame, and radius [m].
 Spheres = dict[str, list[tuple[pin.SE3, float]]]
@@ -73,6 +75,13 @@ def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
     for chain in chains:
         by_length.setdefault(len(chain), []).append(chain)
     legs = [group for length, group in by_length.items() if len(group) == 4 and length in (2, 3)]
+    wheels = [str(model.names[chain[-1]]) for chain in by_length.get(4, []) if _turns_freely(model, chain[-1])]
+    if not legs and len(wheels) == 4:
+        raise ModelError(
+            f"robot model {str(path)!r} stands on wheels (joints {', '.join(wheels)}), and equipoise on feet that stay where "
+            "they are: it would need wheels that are braked all through, by their motors or by pins. If yours are, make those "
+            "joints fixed in a copy of the file, and give the wheels' radius as foot_radius in a robot description"
+        )
     if len(legs) != 1:
         found = ", ".join(f"{len(group)} of {length} joints" for length, group in sorted(by_length.items())) or "none"
         raise ModelError(
@@ -80,6 +89,15 @@ def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
             f"joints each; limbs found: {found}"
         )
     return [[str(model.names[joint]) for joint in chain] for chain in legs[0]]
+
+
+def _turns_freely(model: pin.Model, joint: int) -> bool:
+    """Whether a joint has no stops, as a wheel."""
+    at = model.joints[joint]
+    if at.nq != 1:  # Pinocchio's own joint without stops has a sine and a cosine
+        return at.nv == 1
+    lower, upper = float(model.lowerPositionLimit[at.idx_q]), float(model.upperPositionLimit[at.idx_q])
+    return not lower < upper or upper - lower >= 2 * UNLIMITED_JOINT_RANGE
 
 
 def hold_other_joints(
@@ -129,15 +147,17 @@ def _held_at(
     return position
 
 
-def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Chains by leg name, told by where the hips are: x forward, y left in the base frame."""
+def hips_of(model: pin.Model, chains: list[list[str]]) -> FloatArray:
+    """(4, 3) where each leg's hip pitch joint is in the base frame, all joints at zero [m]."""
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
-    hips = np.array([np.array(data.oMi[chain[-2]].translation) for chain in chains])
-    side = hips - hips.mean(axis=0)
-    named = {
-        ("F" if x > 0 else "R") + ("L" if y > 0 else "R"): chain for (x, y, _), chain in zip(side, chains, strict=True)
-    }
+    return np.array([np.array(data.oMi[model.getJointId(chain[-2])].translation) for chain in chains])
+
+
+def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
+    """Chains by leg name, told by where the hips are: x forward, y left in the base frame."""
+    hips = hips_of(model, [[str(model.names[joint]) for joint in chain] for chain in chains])
+    named = dict(zip(legs_by_place(hips), chains, strict=True))
     if len(named) != 4:
         positions = "; ".join(f"({x:.3f}, {y:.3f}, {z:.3f})" for x, y, z in hips)
         raise ModelError(
