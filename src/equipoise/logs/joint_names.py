@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError, SettingsError
-from equipoise.robot.leg_names import leg_of, words_of
+from equipoise.robot.forward import leg_of, words_of
 from equipoise.robot.legs import Leg
 from equipoise.robot.model import RobotModel
 

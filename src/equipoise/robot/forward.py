@@ -6,7 +6,9 @@ A file in which it is another one gets a base link of its own above the file's, 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,13 +16,23 @@ from typing import Literal
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError
-from equipoise.robot.leg_names import leg_of, words_of
 from equipoise.robot.source import ModelSource
 
 Forward = Literal["+x", "+y", "-x", "-y"]
 # Angle about z from the file's x axis to the one that points forward [rad].
 _YAW: dict[Forward, float] = {"+x": 0.0, "+y": math.pi / 2, "-x": math.pi, "-y": -math.pi / 2}
 _SUFFIX = "_forward"
+
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_NOISE = {"joint", "j", "motor", "actuator", "link"}
+_SIDES = {"left": "L", "l": "L", "right": "R", "r": "R"}
+_ENDS = {"front": "F", "fore": "F", "f": "F", "rear": "R", "hind": "R", "back": "R", "h": "R", "b": "R"}
+_LEGS = {
+    **dict.fromkeys(("fl", "lf"), "FL"),
+    **dict.fromkeys(("fr", "rf"), "FR"),
+    **dict.fromkeys(("rl", "lr", "hl", "lh", "bl", "lb"), "RL"),
+    **dict.fromkeys(("rr", "hr", "rh", "br", "rb"), "RR"),
+}
 
 
 def forward_axis(chains: Sequence[Sequence[str]], hips_in_base: FloatArray, path: Path) -> Forward:
@@ -36,6 +48,8 @@ def forward_axis(chains: Sequence[Sequence[str]], hips_in_base: FloatArray, path
     """
     named = [_named(chain) for chain in chains]
     if len(set(named) - {None}) != 4:
+        return "+x"
+    if len(set(legs_by_place(hips_in_base))) != 4:  # not in four corners, which is said elsewhere
         return "+x"
     for axis, yaw in _YAW.items():
         if legs_by_place(hips_in_base, yaw) == named:
@@ -103,4 +117,20 @@ def _turn_mjcf(root: ET.Element, base_link: str, yaw: float) -> None:
 def _named(chain: Sequence[str]) -> str | None:
     """The leg that the names of its joints agree on."""
     legs = {leg_of(words_of(joint)) for joint in chain}
+    return legs.pop() if len(legs) == 1 else None
+
+
+def words_of(name: str) -> list[str]:
+    """Lower-case words of a name, without its namespace and what every joint's name has."""
+    own = re.split(r"/|::", name)[-1]
+    return [word for word in (match.lower() for match in _WORDS.findall(own)) if word not in _NOISE]
+
+
+def leg_of(words: Sequence[str]) -> str | None:
+    """The one leg that a name's words name, or None."""
+    legs = {_LEGS[word] for word in words if word in _LEGS}
+    for one, other in itertools.pairwise(words):
+        for end, side in ((one, other), (other, one)):
+            if end in _ENDS and side in _SIDES:
+                legs.add(_ENDS[end] + _SIDES[side])
     return legs.pop() if len(legs) == 1 else None
