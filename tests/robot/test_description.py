@@ -94,7 +94,10 @@ def test_what_a_description_holds_can_be_written_as_json_and_read_back(from_toml
     assert RobotDescription.from_dict(dataclasses.asdict(RobotDescription())) == RobotDescription()
 
 
-KNOWN = "base_link, foot_frames, foot_radius, forward, held, imu_position, imu_rpy, joint_limits, kd, kp, stance, stance_height"
+KNOWN = (
+    "base_link, foot_frames, foot_radius, forward, held, imu_position, imu_rpy, joint_limits, kd, kp, stance, "
+    "stance_height"
+)
 REFUSED = [
     ('colour = "blue"', f"unknown key 'colour'; known are {KNOWN}"),
     ('forward = "up"', "forward is 'up'; it is an axis of the base link: +x, +y, -x or -y"),

@@ -98,7 +98,7 @@ def gain_lines(robot: RobotModel, platform: str) -> list[str]:
         return []
     kp, kd = robot.gains(nominal_stance(robot).hip_height)
     lines = [
-        f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad; {2 * kd:.1f} Nm s/rad alone when it is let down."
+        f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad; up to {2 * kd:.1f} Nm s/rad alone to let it down."
     ]
     if driver.makers_gains is not None and driver.makers_gains != (kp, kd):
         theirs = "{:g} and {:g}; --kp {:g} --kd {:g}".format(*driver.makers_gains, *driver.makers_gains)
