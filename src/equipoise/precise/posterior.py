@@ -32,6 +32,9 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 _ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
+# Misfit that is expected before any is known. Were it one, what the equations leave out would outweigh all priors in the
+# first round: without a scale, robots then lose their mass to motors that have no torque, and never find it again.
+_MISFIT_AT_FIRST = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +132,8 @@ class MapProblem:
         legs = LegChains(robot)
         made = [make(self.unknowns, legs, evidence) for make in BLOCKS]
         self.blocks = [block for block in made if block is not None]
+        for block in self.blocks:
+            block.expect_misfit(_MISFIT_AT_FIRST)
 
     def with_all_open(self, x: FloatArray) -> tuple[MapProblem, FloatArray, NDArray[np.intp]]:
         """The same with no row held, at the noise levels as they are; x in its unknowns; and x's places there."""
