@@ -149,7 +149,7 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
         (2, ["--payload", "heavy"], "MASS,X,Y,Z"),
         (2, ["--spread", "2"], "from 0 to 0.3"),
         (2, ["--scale-error", "5"], "0.005 for 0.5 %"),
-        (2, ["--methods", "precise", "--budget", "soon"], "give it as 60s or 2min"),
+        (2, ["--methods", "precise", "--budget", "soon"], "give it as 60s, 2min or 1h"),
         (2, ["--budget", "60s"], "--budget belongs to --method precise; this is --methods paper"),
         (2, ["--tolerance", "0.9"], "leaves nothing to search"),
     ],
