@@ -1,11 +1,11 @@
 """Against software of the robots' makers, which is not ours to pass on: `python benchmarks/foreign.py --help`.
 
-Checkouts are given by path, and stay where they are. Makes benchmarks/results/foreign.md from what was run, and leaves what
-was not run as it stood: rows are kept in benchmarks/results/foreign.json. Real time wants two cores, or `chrt -r 4 python ...`.
+Checkouts are given by path, and stay where they are. Makes benchmarks/results/foreign.md from what was run; rows are kept in
+benchmarks/results/foreign.json, and what was not run stays as it stood. Real time wants two cores, or `chrt -r 4 python ...`.
 
     git clone https://github.com/unitreerobotics/unitree_mujoco; ... unitree_sdk2_python; ... unitree_legged_sdk
     python benchmarks/foreign.py dds unitree_mujoco unitree_sdk2_python PYTHON   # that has cyclonedds 0.10.2, mujoco, pygame
-    python benchmarks/foreign.py udp unitree_legged_sdk                          # with g++ and unshare
+    unshare -n python benchmarks/foreign.py udp unitree_legged_sdk   # as root, with g++: in a network of its own
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Generator
@@ -35,15 +36,22 @@ from equipoise.drivers.dds.cyclone import VERSION
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.dds import open_link
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
+from equipoise.drivers.unitree.udp import open_link as open_udp
+from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.errors import CommunicationError, EquipoiseError
 from equipoise.guard.guard import Guard
-from equipoise.platform.platform import ACCEPTS_EVERYTHING
+from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "foreign.json"
 PROGRAMS = Path(__file__).parent / "foreign_programs"
 DOMAIN, PAYLOAD = 57, (1.0, (0.05, 0.02, 0.08))  # kg, m
 SCALE = 0.005  # how sure the scale is
+A1_ADDRESS = "192.168.123.10"  # that its SDK speaks to
+SDKS = {  # revision, library, flags
+    "v3.3.1": ("v3.3.1", "lib/libunitree_legged_sdk_amd64.so", ()),
+    "v3.8.6": ("HEAD", "lib/cpp/amd64/libunitree_legged_sdk.a", ("-DGO1",)),
+}
 PLANNED = (
     ("lockstep", 0.002, "hard"),
     ("real time", 0.002, "hard"),
@@ -183,8 +191,84 @@ def dds(given: argparse.Namespace, kept: list[dict[str, object]]) -> Generator[l
         yield list(done.values())
 
 
-def udp(given: argparse.Namespace, kept: list[dict[str, object]]) -> Generator[list[dict[str, object]]]:
-    yield kept
+def udp(given: argparse.Namespace, _: list[dict[str, object]]) -> Generator[list[dict[str, object]]]:
+    """Both directions over loopback, with programs that the makers' libraries are linked into."""
+    for command in ("link set lo up", f"addr add {A1_ADDRESS}/32 dev lo"):
+        subprocess.run(["ip", *command.split()], check=True)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        rows = [
+            {"what": f"{robot} by SDK {sdk}", **commanded(built(given, folder, sdk, "computer"), robot.lower())}
+            for robot, sdk in (("A1", "v3.3.1"), ("Go1", "v3.8.6"))
+        ]
+        rows.append({"what": "driver of A1, form struct", **commanding(built(given, folder, "v3.3.1", "robot"))})
+    print(rows)
+    yield rows
+
+
+def built(given: argparse.Namespace, folder: Path, sdk: str, program: str) -> str:
+    """A program of ours, linked with a version of the SDK."""
+    revision, library, flags = SDKS[sdk]
+    home = folder / sdk
+    home.mkdir(exist_ok=True)
+    archive = subprocess.run(
+        ["git", "-C", given.legged, "archive", revision, "include", library], capture_output=True, check=True
+    )
+    subprocess.run(["tar", "x", "-C", str(home)], input=archive.stdout, check=True)
+    headers, made = home / "include", home / program
+    command = [
+        "g++",
+        "-std=c++14",
+        *flags,
+        f"-I{headers}",
+        f"-I{headers / 'unitree_legged_sdk'}",
+        str(PROGRAMS / f"{program}.cpp"),
+    ]
+    # Its LCM is not here, and not called.
+    linking = [
+        str(home / library),
+        f"-Wl,-rpath,{(home / library).parent}",
+        "-Wl,--unresolved-symbols=ignore-all",
+        "-pthread",
+    ]
+    subprocess.run([*command, *linking, "-o", str(made)], check=True)
+    return str(made)
+
+
+def commanded(computer: str, protocol: str) -> dict[str, object]:
+    """The maker's computer commands our simulated robot."""
+    flags = ["--protocol", protocol, "--address", A1_ADDRESS, "--noise", "ideal"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "equipoise.peers.unitree_udp", *flags], stdout=subprocess.PIPE, text=True
+    ) as robot:
+        while '"ready"' not in robot.stdout.readline():
+            pass
+        told = said(
+            subprocess.run([computer, A1_ADDRESS, "8007"], stdout=subprocess.PIPE, text=True, check=True).stdout
+        )
+        robot.terminate()
+        log = [json.loads(line) for line in robot.stdout]
+    read = next(line for line in log if "damaged" in line)
+    return {**told, "read": read["received"], "damaged": read["damaged"], "published": read["sent"]}
+
+
+def commanding(robot: str) -> dict[str, object]:
+    """Our driver commands a robot that the maker's library makes."""
+    model = load_robot("unitree_a1")
+    with subprocess.Popen([robot, "8007", "3000"], stdout=subprocess.PIPE, text=True) as process:
+        link = open_udp(model, UnitreeUdpSettings("a1", A1_ADDRESS, form="struct"))
+        with HardwarePlatform(link) as platform:
+            here = platform.read().joint_position
+            for _ in range(1000):
+                platform.step(JointCommand(here, kp=np.full(12, 40.0), kd=np.full(12, 2.0)))
+        counts = link.counts
+        told = said(process.stdout.read())
+    return {**told, "samples": counts.samples, "position": here.tolist()[:3]}
+
+
+def said(output: str) -> dict[str, object]:
+    """The last line of JSON: the makers' libraries speak, too."""
+    return json.loads([line for line in output.splitlines() if line.startswith("{")][-1])
 
 
 def sources(given: argparse.Namespace) -> list[str]:
@@ -192,8 +276,65 @@ def sources(given: argparse.Namespace) -> list[str]:
     return [checkout(path) for name, path in vars(given).items() if name in ("mujoco", "sdk2", "legged")]
 
 
-def page(found: dict[str, object]) -> str:
-    return json.dumps(found)
+def page(found: dict[str, dict]) -> str:
+    """The page of what was run; a part that was not is not on it."""
+    return (
+        "\n".join([HEAD, *(line for part, write in PARTS.items() if part in found for line in write(found[part]))])
+        + "\n"
+    )
+
+
+def dds_section(part: dict) -> list[str]:
+    lines = [
+        "## A Go2 over DDS: unitree_mujoco's Python simulator and its bridge",
+        "",
+        f"{', '.join(part['of'])}; equipoise at {part['commit']}, cyclonedds {VERSION} here, 0.10.2 there, as its SDK pins.",
+        "",
+        DDS_TEXT,
+        "",
+        "| world | step ms | `--surface` | mass g | CoM x / y / z mm | Ixx / Iyy / Izz % | worst of 7 sd | simulator lives |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in part["rows"]:
+        head = f"| {row['how']} | {1e3 * row['step']:.0f} | {row['surface']} | "
+        alive = "yes" if row["alive"] else "no"
+        if "failed" in row:
+            lines.append(head + f"{row['failed']} | | | | {alive} |")
+            continue
+        error, truth, sd = (np.array(row[key]) for key in ("error", "truth", "sd"))
+        com = " / ".join(f"{1e3 * value:+.2f}" for value in error[1:4])
+        moments = " / ".join(f"{value:+.1f}" for value in 100 * error[4:7] / truth[4:7])
+        worst = np.abs(error[:7] / sd[:7]).max()
+        lines.append(head + f"{1e3 * error[0]:+.0f} | {com} | {moments} | {worst:.1f} | {alive} |")
+    warned = {warning.split(":")[0]: None for row in part["rows"] for warning in row.get("warnings", [])}
+    return [*lines, "", f"Checks that failed: {', '.join(warned) or 'none'}.", ""]
+
+
+def udp_section(part: dict) -> list[str]:
+    a1, go1, driver = part["rows"]
+    lines = [
+        "## An A1 and a Go1 over UDP: unitree_legged_sdk",
+        "",
+        f"{', '.join(part['of'])}, its tag v3.3.1 for the A1; equipoise at {part['commit']}.",
+        "",
+        UDP_TEXT,
+        "",
+        "| who commands | packets sent | read by the robot | damaged | answers the SDK took | gravity it read m/s2 |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in (a1, go1):
+        lines.append(
+            f"| {row['what']} | {row['sent']} | {row['read']} | {row['damaged']} | {row['received']} | {row['up']:.2f} |"
+        )
+    q, kp, kd = driver["q"], driver["kp"], driver["kd"]
+    return [
+        *lines,
+        "",
+        "The other way round a program made of SDK 3.3.1 was the robot, as a server of its structures (730 and 891 bytes, "
+        f"`form=struct`): of about 1000 commands of our driver it took {driver['received']}, and read a knee at {q:.1f} rad, "
+        f"kp {kp:.0f}, kd {kd:.0f}, mode {driver['mode']}, level {driver['level']}, as they were sent; of its samples the "
+        f"driver took {driver['samples']}, with checksums, and the knee at {driver['position'][2]:.1f} rad.",
+    ]
 
 
 def checkout(path: str) -> str:
@@ -205,6 +346,21 @@ def checkout(path: str) -> str:
         ).stdout.strip()
 
     return f"{Path(path).resolve().name} {git('rev-parse', '--short=10', 'HEAD')}"
+
+
+HEAD = """# Against foreign software
+
+`python benchmarks/foreign.py`, with checkouts of the makers' public repositories, of which nothing is here. No robot was
+tried.
+"""
+DDS_TEXT = f"""The simulator runs as it is, in a Python of its own, without a window (`benchmarks/foreign_programs/bridge.py`).
+The robot is the Go2 of its MJCF with {PAYLOAD[0]:g} kg on its back, and lies limp at first; its feet resist rolling.
+`precise` is given the MJCF without the load, and a scale good to {100 * SCALE:g} %. Errors are estimates less MuJoCo's own
+sums over the loaded MJCF. In lockstep the world waits for commands. In real time it goes by its own clock, and as its
+samples carry no time, they count as taken when they come."""
+UDP_TEXT = """A program of ours that the maker's library is linked into (`benchmarks/foreign_programs/computer.cpp`) commands
+our simulated robot for four seconds: it holds, then turns a knee. On loopback, in a network that has the A1's address."""
+PARTS = {"dds": dds_section, "udp": udp_section}
 
 
 def main() -> None:

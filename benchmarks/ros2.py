@@ -1,9 +1,9 @@
 """Calibrations over the ROS 2 link, against a simulated robot in a process of its own: `python benchmarks/ros2.py`.
 
 What a position controller costs that takes no gains and no torques, and what controllers cost that take them. Same robot,
-payload, noise and truth as in the row `direct`, which is the simulation without a link. All in real time, about an hour for two
-seeds, and it needs two cores for itself: a row says how much slower than ours the robot's time passed. Where others compute
-too: `chrt -r 4 python ...`.
+payload, noise and truth as in the row `direct`, which is the simulation without a link. All in real time, about an hour for
+two seeds, and it needs two cores for itself: a row says how much slower than ours the robot's time passed. Where others
+compute too: `chrt -r 4 python ...`.
 Rows are kept in benchmarks/results/ros2.jsonl, so that an interrupted benchmark goes on where it was; `--tables` only writes
 benchmarks/results/ros2.md.
 """

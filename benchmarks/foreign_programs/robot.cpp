@@ -11,7 +11,7 @@ using namespace UNITREE_LEGGED_SDK;
 
 int main(int, char** given) {
   UDP udp((uint16_t)atoi(given[1]), sizeof(LowState), sizeof(LowCmd), true);
-  LowCmd command = {};
+  LowCmd command = {}, stiff = {};
   LowState state = {};
   state.levelFlag = LOWLEVEL;
   for (int motor = 0; motor < 12; ++motor) {
@@ -24,12 +24,13 @@ int main(int, char** given) {
   for (int period = 0; period < atoi(given[2]); ++period) {
     udp.Recv();
     udp.GetRecv((char*)&command);
+    if (command.motorCmd[2].Kp > 0) stiff = command;
     state.tick += 2;
     udp.SetSend((char*)&state);
     udp.Send();
     usleep(2000);
   }
   printf("{\"sent\": %llu, \"received\": %llu, \"crc_errors\": %llu, \"flag_errors\": %llu, \"level\": %d, \"mode\": %d, \"q\": %.4f, \"kp\": %.3f, \"kd\": %.3f}\n",
-         udp.udpState.SendCount, udp.udpState.RecvCount, udp.udpState.RecvCRCError, udp.udpState.FlagError, command.levelFlag,
-         command.motorCmd[2].mode, command.motorCmd[2].q, command.motorCmd[2].Kp, command.motorCmd[2].Kd);
+         udp.udpState.SendCount, udp.udpState.RecvCount, udp.udpState.RecvCRCError, udp.udpState.FlagError, stiff.levelFlag,
+         stiff.motorCmd[2].mode, stiff.motorCmd[2].q, stiff.motorCmd[2].Kp, stiff.motorCmd[2].Kd);
 }
