@@ -7,32 +7,21 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
-
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, Inbox, raw
 from equipoise.drivers.ros2.controllers import controllers_of
 from equipoise.drivers.ros2.messages import Imu, JointState, dds_topic
+from equipoise.drivers.ros2.outlook import REMEDY, listeners, stiffness
 from equipoise.drivers.ros2.samples import ImuTopic, JointTopic, StampClock, together
 from equipoise.drivers.ros2.settings import Ros2Settings
 from equipoise.errors import CommunicationError
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import nominal_stance
-from equipoise.robot.statics import static_torques
 
 _FRESH = 0.25  # [s] for which a sample says where the joints are
 _PATIENCE = 4.0  # [s] for topics and controllers to be found; less than a platform's, because this knows more
 _LOOK = 5e-3  # [s] between looks for controllers
 _RELEASES = 10  # the last command, so often: some may get lost
-_NOTHING = 0.03  # of the torque that holds the robot up at its stance: less is what a sensor of a limp joint says
-
-_REMEDY = "is the controller loaded and active ('ros2 control list_controllers'), is command_topic its name?"
-_LIMP = (
-    "a position controller that is active holds: is it? Hardware with kp and kd interfaces needs gains: "
-    "stack=quadruped_ros2_control, or command_type=impedance"
-)
 
 
 class Ros2Link:
@@ -107,14 +96,16 @@ class Ros2Link:
         if not self._commanded:
             self._domain.check_company()  # others may have come since
             self._wait_for_controllers()
-        elif unheard := self._unheard():
-            raise self._nobody(unheard)
         self._tell(command)
         self._commanded = True
+        if unheard := self._unheard():  # the others were told all the same: it may be to damp
+            raise self._nobody(unheard)
 
     def foretell(self) -> list[CheckupFinding]:
         """What the first command will meet: who listens, and whether the joints are limp that positions are to move."""
-        return [self._listeners(), *self._stiffness()]
+        torque = None if self._joints.newest is None else self._joints.newest.torque
+        limp_at_first = self._controllers.limp is not None
+        return [listeners(tuple(self._outboxes), self._unheard()), *stiffness(self._robot, torque, limp_at_first)]
 
     def release(self) -> None:
         """No torque; a position controller has none to take away, and lets the robot stay where it is.
@@ -148,33 +139,7 @@ class Ros2Link:
             raise self._nobody(unheard)
 
     def _nobody(self, unheard: list[str]) -> CommunicationError:
-        return CommunicationError(f"nobody listens to {', '.join(unheard)} in {self.name}: {_REMEDY}")
-
-    def _listeners(self) -> CheckupFinding:
-        if unheard := self._unheard():
-            value = f"nobody listens to {', '.join(unheard)}; calibrate will refuse"
-            return CheckupFinding("controllers", value, False, _REMEDY, serious=True)
-        return CheckupFinding(
-            "controllers", f"{len(self._outboxes)} of {len(self._outboxes)} topics are listened to", True
-        )
-
-    def _stiffness(self) -> list[CheckupFinding]:
-        """An active position controller holds the joints; hardware that takes gains is limp until they come."""
-        torque = None if self._joints.newest is None else self._joints.newest.torque
-        if torque is None:
-            return []
-        stance = nominal_stance(self._robot).joint_position
-        held = float(np.abs(static_torques(self._robot, stance, LEG_NAMES)).max())
-        value = f"the joints give {np.abs(torque).max():.1f} Nm at most"
-        if np.abs(torque).max() > _NOTHING * held:
-            return [CheckupFinding("stiffness", value, None)]
-        if self._controllers.limp is not None:
-            return [CheckupFinding("stiffness", f"{value}: limp, until gains are sent", True)]
-        return [
-            CheckupFinding(
-                "stiffness", f"{value}: limp, though positions alone are to move it", False, _LIMP, serious=True
-            )
-        ]
+        return CommunicationError(f"nobody listens to {', '.join(unheard)} in {self.name}: {REMEDY}")
 
     def _look_for_both(self) -> None:
         """Say what is missing, as long as something is."""
