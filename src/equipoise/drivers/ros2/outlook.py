@@ -16,7 +16,7 @@ from equipoise.robot.statics import static_torques
 REMEDY = "is the controller loaded and active ('ros2 control list_controllers'), is command_topic its name?"
 _LIMP = (
     "a position controller that is active holds: is it? Hardware with kp and kd interfaces needs gains: "
-    "stack=quadruped_ros2_control, or command_type=impedance"
+    "stack=quadruped_ros2_control, or command_type=impedance. Hardware that measures no efforts should report none, not zeros"
 )
 _NOTHING = 0.03  # of the largest torque that holds the robot up: less is what a sensor of a limp joint says
 
