@@ -53,10 +53,11 @@ SDKS = {  # revision, library, flags
     "v3.8.6": ("HEAD", "lib/cpp/amd64/libunitree_legged_sdk.a", ("-DGO1",)),
 }
 PLANNED = (
-    ("lockstep", 0.002, "hard"),
-    ("real time", 0.002, "hard"),
-    ("lockstep", 0.002, "carpet"),
-    ("real time", 0.005, "hard"),
+    ("lockstep", 0.002, "hard", SCALE),
+    ("real time", 0.002, "hard", SCALE),
+    ("lockstep", 0.002, "carpet", SCALE),
+    ("lockstep", 0.002, "hard", None),
+    ("real time", 0.005, "hard", SCALE),
 )
 PATIENCE = 5.0  # [s] for a sample
 
@@ -147,7 +148,9 @@ def bridge(given: argparse.Namespace, world: Path, *flags: str) -> Generator[sub
         process.wait()
 
 
-def calibrated(given: argparse.Namespace, how: str, step: float, surface: str) -> dict[str, object]:
+def calibrated(
+    given: argparse.Namespace, how: str, step: float, surface: str, scale: float | None
+) -> dict[str, object]:
     """A row: a calibration over the public simulator's bridge, and its errors."""
     robots = Path(given.mujoco) / "unitree_robots"
     with tempfile.TemporaryDirectory() as folder:
@@ -155,7 +158,10 @@ def calibrated(given: argparse.Namespace, how: str, step: float, surface: str) -
         robot = load_robot(str(own.parent / "go2.xml"))
         stance = nominal_stance(robot).joint_position
         truth = truth_of(loaded, dict(zip(robot.joint_names, stance.tolist(), strict=True)))
-        row: dict[str, object] = {"how": how, "step": step, "surface": surface, "truth": truth.tolist()}
+        row: dict[str, object] = {"how": how, "step": step, "surface": surface, "scale": scale, "commit": commit()}
+        row["truth"] = truth.tolist()
+        method = Precise(surface=surface)
+        method = method.weighed(truth[0], scale * truth[0]) if scale else method
         lockstep = how == "lockstep"
         settings = UnitreeDdsSettings(
             "lo", DOMAIN, release_sport_mode=False, silence=10.0 if lockstep else 0.5, accept_cyclonedds=VERSION
@@ -165,7 +171,7 @@ def calibrated(given: argparse.Namespace, how: str, step: float, surface: str) -
             platform = Lockstep(robot, link) if lockstep else HardwarePlatform(link)
             try:
                 with Guard(platform, robot) as guard:
-                    result = calibrate(guard, robot, Precise(surface=surface).weighed(truth[0], SCALE * truth[0]))
+                    result = calibrate(guard, robot, method)
             except EquipoiseError as error:
                 return {**row, "failed": f"{type(error).__name__}: {error}", "alive": simulator.poll() is None}
             row["alive"] = simulator.poll() is None
@@ -182,11 +188,10 @@ def calibrated(given: argparse.Namespace, how: str, step: float, surface: str) -
 
 def dds(given: argparse.Namespace, kept: list[dict[str, object]]) -> Generator[list[dict[str, object]]]:
     """Calibrations over the public simulator's bridge, those that are not kept."""
-    keys = ("how", "step", "surface")
+    keys = ("how", "step", "surface", "scale")
     done = {tuple(row[key] for key in keys): row for row in kept}
-    for how, step, surface in PLANNED:
-        row = done.get((how, step, surface)) or calibrated(given, how, step, surface)
-        done[how, step, surface] = row
+    for planned in PLANNED:
+        row = done[planned] = done.get(planned) or calibrated(given, *planned)
         print({key: value for key, value in row.items() if key not in ("truth", "sd")}, flush=True)
         yield list(done.values())
 
@@ -198,7 +203,11 @@ def udp(given: argparse.Namespace, _: list[dict[str, object]]) -> Generator[list
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         rows = [
-            {"what": f"{robot} by SDK {sdk}", **commanded(built(given, folder, sdk, "computer"), robot.lower())}
+            {
+                "what": f"{robot} by SDK {sdk}",
+                "commit": commit(),
+                **commanded(built(given, folder, sdk, "computer"), robot.lower()),
+            }
             for robot, sdk in (("A1", "v3.3.1"), ("Go1", "v3.8.6"))
         ]
         rows.append({"what": "driver of A1, form struct", **commanding(built(given, folder, "v3.3.1", "robot"))})
@@ -288,26 +297,27 @@ def dds_section(part: dict) -> list[str]:
     lines = [
         "## A Go2 over DDS: unitree_mujoco's Python simulator and its bridge",
         "",
-        f"{', '.join(part['of'])}; equipoise at {part['commit']}, cyclonedds {VERSION} here, 0.10.2 there, as its SDK pins.",
+        f"{', '.join(part['of'])}; cyclonedds {VERSION} here, 0.10.2 there, as its SDK pins.",
         "",
         DDS_TEXT,
         "",
-        "| world | step ms | `--surface` | mass g | CoM x / y / z mm | Ixx / Iyy / Izz % | worst of 7 sd | simulator lives |",
-        "|---|---|---|---|---|---|---|---|",
+        "| world | step ms | `--surface` | scale | mass g | CoM x / y / z mm | Ixx / Iyy / Izz % | worst of 7 sd | "
+        "checks failed | simulator lives | commit |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in part["rows"]:
-        head = f"| {row['how']} | {1e3 * row['step']:.0f} | {row['surface']} | "
-        alive = "yes" if row["alive"] else "no"
+        head = f"| {row['how']} | {1e3 * row['step']:.0f} | {row['surface']} | {'yes' if row['scale'] else 'no'} | "
+        alive = f"{'yes' if row['alive'] else 'no'} | {row['commit']} |"
         if "failed" in row:
-            lines.append(head + f"{row['failed']} | | | | {alive} |")
+            lines.append(head + f"{row['failed']} | | | | | {alive}")
             continue
         error, truth, sd = (np.array(row[key]) for key in ("error", "truth", "sd"))
         com = " / ".join(f"{1e3 * value:+.2f}" for value in error[1:4])
         moments = " / ".join(f"{value:+.1f}" for value in 100 * error[4:7] / truth[4:7])
+        checks = ", ".join(warning.split(":")[0] for warning in row["warnings"]) or "none"
         worst = np.abs(error[:7] / sd[:7]).max()
-        lines.append(head + f"{1e3 * error[0]:+.0f} | {com} | {moments} | {worst:.1f} | {alive} |")
-    warned = {warning.split(":")[0]: None for row in part["rows"] for warning in row.get("warnings", [])}
-    return [*lines, "", f"Checks that failed: {', '.join(warned) or 'none'}.", ""]
+        lines.append(head + f"{1e3 * error[0]:+.0f} | {com} | {moments} | {worst:.1f} | {checks} | {alive}")
+    return [*lines, ""]
 
 
 def udp_section(part: dict) -> list[str]:
@@ -315,7 +325,7 @@ def udp_section(part: dict) -> list[str]:
     lines = [
         "## An A1 and a Go1 over UDP: unitree_legged_sdk",
         "",
-        f"{', '.join(part['of'])}, its tag v3.3.1 for the A1; equipoise at {part['commit']}.",
+        f"{', '.join(part['of'])}, its tag v3.3.1 for the A1; equipoise at {a1['commit']}.",
         "",
         UDP_TEXT,
         "",
@@ -331,7 +341,7 @@ def udp_section(part: dict) -> list[str]:
         *lines,
         "",
         "The other way round a program made of SDK 3.3.1 was the robot, as a server of its structures (730 and 891 bytes, "
-        f"`form=struct`): of about 1000 commands of our driver it took {driver['received']}, and read a knee at {q:.1f} rad, "
+        f"`form=struct`): of our driver's packets, 1000 of them commands, it took {driver['received']}, and read a knee at {q:.1f} rad, "
         f"kp {kp:.0f}, kd {kd:.0f}, mode {driver['mode']}, level {driver['level']}, as they were sent; of its samples the "
         f"driver took {driver['samples']}, with checksums, and the knee at {driver['position'][2]:.1f} rad.",
     ]
@@ -355,9 +365,9 @@ tried.
 """
 DDS_TEXT = f"""The simulator runs as it is, in a Python of its own, without a window (`benchmarks/foreign_programs/bridge.py`).
 The robot is the Go2 of its MJCF with {PAYLOAD[0]:g} kg on its back, and lies limp at first; its feet resist rolling.
-`precise` is given the MJCF without the load, and a scale good to {100 * SCALE:g} %. Errors are estimates less MuJoCo's own
-sums over the loaded MJCF. In lockstep the world waits for commands. In real time it goes by its own clock, and as its
-samples carry no time, they count as taken when they come."""
+`precise` is given the MJCF without the load, and a scale good to {100 * SCALE:g} %, or none. Errors are estimates less
+MuJoCo's own sums over the loaded MJCF. In lockstep the world waits for commands. In real time it goes by its own clock, and
+as its samples carry no time, they count as taken when they come."""
 UDP_TEXT = """A program of ours that the maker's library is linked into (`benchmarks/foreign_programs/computer.cpp`) commands
 our simulated robot for four seconds: it holds, then turns a knee. On loopback, in a network that has the A1's address."""
 PARTS = {"dds": dds_section, "udp": udp_section}
@@ -375,7 +385,7 @@ def main() -> None:
     given = parser.parse_args()
     found = json.loads(ROWS.read_text(encoding="utf-8")) if ROWS.exists() else {}
     for rows in given.make(given, found.get(given.part, {}).get("rows", [])):
-        found[given.part] = {"of": sources(given), "commit": commit(), "rows": rows}
+        found[given.part] = {"of": sources(given), "rows": rows}
         ROWS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     (RESULTS / "foreign.md").write_text(page(found), encoding="utf-8")
 
