@@ -341,7 +341,8 @@ def udp_section(part: dict) -> list[str]:
         *lines,
         "",
         "The other way round a program made of SDK 3.3.1 was the robot, as a server of its structures (730 and 891 bytes, "
-        f"`form=struct`): of our driver's packets, 1000 of them commands, it took {driver['received']}, and read a knee at {q:.1f} rad, "
+        f"`form=struct`): of our driver's packets, 1000 of them commands, it took {driver['received']}, "
+        f"and read a knee at {q:.1f} rad, "
         f"kp {kp:.0f}, kd {kd:.0f}, mode {driver['mode']}, level {driver['level']}, as they were sent; of its samples the "
         f"driver took {driver['samples']}, with checksums, and the knee at {driver['position'][2]:.1f} rad.",
     ]
