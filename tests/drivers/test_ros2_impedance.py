@@ -156,11 +156,11 @@ def test_gains_that_are_never_taken_end_the_first_motion(a1):
     """A controller that is loaded and inactive listens: only the joints tell."""
     domain = unused_domain()
     with running_peer("ros2", "--domain", domain, *QUICK, "--start", "lying", "--idle", "kp") as robot:
-        time.sleep(2.0)  # limp as it is, it sinks
+        time.sleep(1.2)  # limp as it is, it sinks
         platform, stance = connected(a1, domain), nominal_stance(a1).joint_position
         with stalls_told(platform, robot), Guard(platform, a1) as guard:
             here = np.clip(guard.read().joint_position, a1.lower_limit, a1.upper_limit)
-            motion = Trajectory(here + np.linspace(0, 1, 1000)[:, None] * (stance - here))
+            motion = Trajectory(here + np.linspace(0, 0.5, 500)[:, None] * (stance - here))
             with pytest.raises(TrackingError, match="are its gains those that are sent"):
                 guard.play(motion)
 
