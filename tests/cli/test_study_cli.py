@@ -97,7 +97,7 @@ def test_a_folder_of_another_study(study, capsys):
 
 def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
     folder = tmp_path / "study"
-    assert main([*QUICK, "--payload", "100,0,0,0", "--trials", "2", "--out", str(folder)]) == 0
+    assert main([*QUICK, "--payload", "20,0.5,0,0.3", "--trials", "2", "--out", str(folder)]) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
     assert "failed: 2 FallError" in captured.out
@@ -106,7 +106,7 @@ def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
     assert "- FallError, the first in trial 0: 'unitree_a1' fell over" in page
     assert "nan" not in page
     assert (folder / "errors.png").read_bytes().startswith(PNG)
-    assert main([*QUICK, "--payload", "100,0,0,0", "--trials", "2", "--out", str(folder), "--json"]) == 0
+    assert main([*QUICK, "--payload", "20,0.5,0,0.3", "--trials", "2", "--out", str(folder), "--json"]) == 0
     table = json.loads(capsys.readouterr().out, parse_constant=no_constants)
     assert table["methods"][0]["robot_time"] is None
     assert sorted(path.name for path in (folder / "failures").iterdir()) == [

@@ -13,7 +13,7 @@ from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.parameters import Unknowns
-from equipoise.precise.posterior import body_jacobian, estimate_posterior, prior_rows
+from equipoise.precise.posterior import MapProblem, body_jacobian, estimate_posterior, prior_rows
 from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TiltNoise, TorqueBlock
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import JointStream
@@ -313,6 +313,19 @@ def pushed(lift, size):
     """To and fro along the base's x [m/s2], as no free robot moves that turns like this one."""
     push = size * np.outer(np.sin(np.linspace(0, 9, len(lift.joint_position))), [1, 0, 0])
     return replace(lift, acceleration_in_imu=lift.acceleration_in_imu + push)
+
+
+def test_the_scale_of_all_masses_is_held_while_noise_levels_are_sought(a1, precise_run, evidence):
+    """By the torque constants, or, without torques, by the model's mass."""
+    silent = RunEvidence(tuple(replace(motion, torques=()) for motion in evidence.motions))
+    for read, name in ((evidence, "torque_gain_common"), (silent, "base")):
+        problem = MapProblem(a1, precise_run.stance, read, Priors(), None, True)
+        x = problem.unknowns.start()
+        x[problem.unknowns[name].start] += 0.1
+        cost = problem.normal_equations(x).cost
+        problem.let_go()
+        assert cost > problem.normal_equations(x).cost + 0.5
+    assert not MapProblem(a1, precise_run.stance, evidence, Priors(), (12.0, 0.1), True).anchored
 
 
 @pytest.mark.parametrize("size", [0.5, 2.0])
