@@ -321,6 +321,7 @@ def test_the_scale_of_all_masses_is_held_while_noise_levels_are_sought(a1, preci
     for read, name in ((evidence, "torque_gain_common"), (silent, "base")):
         problem = MapProblem(a1, precise_run.stance, read, Priors(), None, True)
         x = problem.unknowns.start()
+        problem.prepare(x)
         x[problem.unknowns[name].start] += 0.1
         cost = problem.normal_equations(x).cost
         problem.let_go()
