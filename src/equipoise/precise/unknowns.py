@@ -296,7 +296,7 @@ class Priors:
         cause="the feet are larger or smaller than in the file, or soft",
     )  # fmt: skip
     rolling: float = unknown(
-        4e-3, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
+        2e-2, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
         "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
         judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
