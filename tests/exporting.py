@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from equipoise import Precise, RunFolder
 from equipoise.errors import ModelWarning
-from equipoise.exports.subject import body_of, seen_from
+from equipoise.exports.subject import seen_from
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, model_facts
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components, composite_parameters, nominal_inertia
@@ -78,7 +78,7 @@ def make_run(path, robot):
 
 def joined(body, added):
     """Both together; what is added need not be a body that can exist."""
-    return body_of(body.vector + added.vector, "the sum")
+    return InertialParameters.from_vector(body.vector + added.vector)
 
 
 def sure(name, body, model, verdicts):

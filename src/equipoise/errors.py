@@ -6,9 +6,16 @@ returns for the error; the codes are stable and are listed in the README.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """What somebody who mistyped a name may have meant, as a question for a message; empty if nothing is near."""
+    near = get_close_matches(name, [*known], n=1)
+    return f"did you mean {near[0]!r}? " if near else ""
 
 
 class EquipoiseError(Exception):

@@ -12,12 +12,11 @@ import importlib
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from difflib import get_close_matches
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar, cast
 
-from equipoise.errors import EquipoiseError, PluginError, SettingsError
+from equipoise.errors import EquipoiseError, PluginError, SettingsError, did_you_mean
 
 Row = TypeVar("Row")
 
@@ -140,8 +139,7 @@ def import_users(noun: str, path: str) -> Any:
     if hasattr(module, attribute):
         return getattr(module, attribute)
     classes = [key for key, value in vars(module).items() if isinstance(value, type) and value.__module__ == name]
-    near = get_close_matches(attribute, classes, n=1)
-    meant = f"did you mean {near[0]!r}? " if near else ""
+    meant = did_you_mean(attribute, classes)
     raise SettingsError(
         f"{noun} {path!r}: the module {name!r} has no {attribute!r}; {meant}its classes are {', '.join(classes) or 'none'}"
     )

@@ -37,5 +37,5 @@ def test_torques_are_those_of_a_robot_of_its_weight(a1):
 
 
 def test_what_cannot_be_done_is_refused(a1):
-    with pytest.raises(SettingsError, match="allow no lift after the search"):
+    with pytest.raises(SettingsError, match="allows no lift after the search"):
         rehearse(a1, Precise(budget=20))

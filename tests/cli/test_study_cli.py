@@ -97,7 +97,7 @@ def test_a_folder_of_another_study(study, capsys):
 
 def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
     folder = tmp_path / "study"
-    assert main([*QUICK, "--payload", "100,0,0,0", "--trials", "2", "--out", str(folder)]) == 0
+    assert main([*QUICK, "--payload", "20,0.5,0,0.3", "--trials", "2", "--out", str(folder)]) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
     assert "failed: 2 FallError" in captured.out
@@ -106,7 +106,7 @@ def test_a_study_that_fails_throughout_says_why(tmp_path, capsys):
     assert "- FallError, the first in trial 0: 'unitree_a1' fell over" in page
     assert "nan" not in page
     assert (folder / "errors.png").read_bytes().startswith(PNG)
-    assert main([*QUICK, "--payload", "100,0,0,0", "--trials", "2", "--out", str(folder), "--json"]) == 0
+    assert main([*QUICK, "--payload", "20,0.5,0,0.3", "--trials", "2", "--out", str(folder), "--json"]) == 0
     table = json.loads(capsys.readouterr().out, parse_constant=no_constants)
     assert table["methods"][0]["robot_time"] is None
     assert sorted(path.name for path in (folder / "failures").iterdir()) == [
@@ -149,7 +149,7 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
         (2, ["--payload", "heavy"], "MASS,X,Y,Z"),
         (2, ["--spread", "2"], "from 0 to 0.3"),
         (2, ["--scale-error", "5"], "0.005 for 0.5 %"),
-        (2, ["--methods", "precise", "--budget", "soon"], "give it as 60s or 2min"),
+        (2, ["--methods", "precise", "--budget", "soon"], "give it as 60s, 2min or 1h"),
         (2, ["--budget", "60s"], "--budget belongs to --method precise; this is --methods paper"),
         (2, ["--tolerance", "0.9"], "leaves nothing to search"),
     ],

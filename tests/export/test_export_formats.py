@@ -20,7 +20,6 @@ from equipoise import export
 from equipoise.errors import ModelError, NotEstimatedError, NotIdentifiedError, NotPhysicalError, SettingsError
 from equipoise.exports.formats import FORMATS
 from equipoise.exports.randomisation import ENTRIES, pseudo_inertias, spread, stretched
-from equipoise.exports.subject import body_of
 from equipoise.result.body import Body
 from equipoise.result.findings import Check
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, base_parameters, components
@@ -124,7 +123,7 @@ def test_what_a_method_does_not_estimate_is_refused(name, force, result):
 def test_a_base_that_no_body_can_be_is_refused(a1):
     result = found(a1)
     missing = InertialParameters(5.0, np.array([0.0, 0.0, 0.1]), 0.05 * np.eye(3))
-    light = body_of(result.nominal.composite.vector - missing.vector, "the robot")
+    light = InertialParameters.from_vector(result.nominal.composite.vector - missing.vector)
     with pytest.raises(NotPhysicalError) as error:
         export(dataclasses.replace(result, composite=Body.known(light, model=result.nominal.composite)), "xacro")
     assert str(error.value).startswith("base link 'trunk', less the model's legs, would have a mass of -0.286")
@@ -315,7 +314,7 @@ def test_what_was_added_is_a_link_of_an_sdf(result, base, a1, tmp_path):
         link = next(e for e in root.iter("link") if e.get("name") == "equipoise_payload")
         assert link.find("pose").attrib == {"relative_to": "trunk"}
         added = sdf_body(link.find("inertial"))
-        assert_same(body_of(base_parameters(a1).vector + added.vector, "both"), base)
+        assert_same(InertialParameters.from_vector(base_parameters(a1).vector + added.vector), base)
         joint = next(e for e in root.iter("joint") if e.get("name") == "equipoise_payload_joint")
         assert (joint.get("type"), joint.findtext("parent"), joint.findtext("child")) == (
             "fixed",
@@ -359,7 +358,9 @@ def test_entries_and_bodies_are_the_same(result, base):
 def test_robots_with_drawn_bases_have_the_covariance_of_the_composite(result, base, composite):
     drawn = draw(result, 0.01, draws=4000)  # small enough that every body can exist
     legs = composite.vector - base.vector
-    robots = np.array([components(body_of(body_from(row).vector + legs, "robot")) for row in drawn.bodies])
+    robots = np.array(
+        [components(InertialParameters.from_vector(body_from(row).vector + legs)) for row in drawn.bodies]
+    )
     covariance = 0.01 * result.composite.covariance
     deviation = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(robots.std(axis=0), deviation, rtol=0.05)

@@ -294,7 +294,7 @@ def test_a_link_that_no_body_could_be_is_refused(text, tmp_path):
     light = InertialParameters(-5.9, np.array([0.0, 0.0, 0.1]), -0.05 * np.eye(3))
     message = refusal(NotPhysicalError, found(robot, light), robot.source.format)
     assert message.startswith(
-        "link 'trunk' of robot cannot hold what was found, for no body can have what would be left"
+        "link 'trunk' of robot, less what else the file has, is no body: a principal moment of inertia is -3.2"
     )
     assert "equipoise audit" in message
 
@@ -310,7 +310,10 @@ def test_a_difference_that_is_nearly_a_body_is_a_link(a1, tmp_path):
     result = found(a1, InertialParameters(0.5, np.array([0.1, 0.0, 0.1]), np.diag([0.001, 0.002, -0.0005])))
     result = within(result, 0.01)
     written = export(result, "urdf", payload_link=True)
-    assert any(note.startswith("within the intervals: the difference is no body") for note in written.notes)
+    assert any(
+        note.startswith("within the intervals: equipoise_payload, the difference to the model file, is no body")
+        for note in written.notes
+    )
     again = composite_in_equipoise(written.save(tmp_path / "robot.urdf"), result, a1)
     np.testing.assert_allclose(again.com, result.composite.com_in_base.values, rtol=1e-12)
     assert again.mass == pytest.approx(result.composite.mass.value, rel=1e-12)
@@ -323,7 +326,7 @@ def test_a_difference_that_is_no_body_is_no_link_unless_forced(a1, tmp_path):
         NotPhysicalError, result, "urdf", payload_link=True
     )
     forced = export(result, "urdf", payload_link=True, force=True)
-    assert forced.notes[0].startswith("FORCED, beyond the intervals: the difference is no body")
+    assert forced.notes[0].startswith("FORCED, beyond the intervals: equipoise_payload, the difference")
     assert forced.notes[0] in forced.text
     again = composite_in_equipoise(forced.save(tmp_path / "robot.urdf"), result, a1)
     np.testing.assert_allclose(again.com, result.composite.com_in_base.values, rtol=1e-12)

@@ -223,7 +223,7 @@ def test_priors_are_read_and_the_rest_is_as_usual(read):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("complience = 0.001", r"priors.toml: 'complience' is no unknown; did you mean compliance\?$"),
+        ("complience = 0.001", r"priors.toml: 'complience' is no unknown; did you mean 'compliance'\?"),
         ("xyzzy = 0.001", r"'xyzzy' is no unknown; those are mass, first_moment, inertia, leg_mass, .*, armature$"),
         ("play = 'much'", "priors.toml: the prior of play is 'much'; it must be a number"),
         ("play = true", "the prior of play is True; it must be a number"),

@@ -91,7 +91,7 @@ def with_drive_train(recordings, give, play):
 
 
 @pytest.mark.parametrize(
-    ("beliefs", "surer"), [(told("compliance"), 0.7), (Priors(), 0.9)], ids=["all else known", "as usual"]
+    ("beliefs", "surer"), [(told("compliance"), 0.8), (Priors(), 0.95)], ids=["all else known", "as usual"]
 )
 def test_springs_of_the_drive_train(a1, precise_run, beliefs, surer):
     """An A1 has the same joints in every leg, hip, thigh and calf. What is not told of them leaves the body where it is."""

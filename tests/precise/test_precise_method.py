@@ -153,12 +153,14 @@ def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
         assert words in shown
 
 
-@pytest.mark.parametrize(("text", "expected"), [("60", 60), ("60s", 60), ("1.5min", 90), ("2m", 120), (None, None)])
+@pytest.mark.parametrize(
+    ("text", "expected"), [("60", 60), ("60s", 60), ("1.5min", 90), ("2m", 120), ("1h", 3600), (None, None)]
+)
 def test_times_are_read(text, expected):
     assert seconds(text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "soon", "-5s", "1h"])
+@pytest.mark.parametrize("text", ["", "soon", "-5s", "1d"])
 def test_what_is_no_time_is_refused(text):
     with pytest.raises(SettingsError, match="is no time"):
         seconds(text)
@@ -178,7 +180,7 @@ def test_the_plan_is_printed_without_moving_anything(capsys):
     [
         (["--method", "paper", "--budget", "60s"], "--budget belongs to --method precise"),
         (["--tolerance", "0.001"], "--tolerance belongs to --method paper"),
-        (["--budget", "25s"], "allow no lift after the search"),
+        (["--budget", "25s"], "a budget of 25 s allows no lift after the search; give"),
         (["--mass-sd", "0.1"], "give its mass too"),
     ],
 )

@@ -173,7 +173,7 @@ def test_the_planner_knows_what_a_turn_buys(a1):
     assert np.allclose(there[:, unknowns["pull"]], -back[:, unknowns["pull"]], atol=1e-9)
     assert np.allclose(there[:, unknowns["accelerometer_bias"]], back[:, unknowns["accelerometer_bias"]], atol=1e-9)
     once, both = make_plan(candidates, 110.0), make_plan(candidates, 110.0, turn=True)
-    assert both.deviation[2] < 0.7 * once.deviation[2]
+    assert both.deviation[2] < 0.85 * once.deviation[2]
     assert both.deviation[1] < once.deviation[1]
     assert both.robot_time < 110.0
     half = both.visits[: both.turn_after]
@@ -181,9 +181,7 @@ def test_the_planner_knows_what_a_turn_buys(a1):
     assert once.turn_after is None
     assert [what for what, _ in both.trials()].index("turned by 180 deg") == 1 + len(half)
     assert both.to_dict()["turn_after"] == len(half)
-    with pytest.raises(
-        SettingsError, match=r"30 s \(the sway not counted\) allow no lift after the search; it takes 3[5-9] s"
-    ):
+    with pytest.raises(SettingsError, match=r"30 s allows no lift after the search; give (3[5-9]|40) s or more"):
         make_plan(candidates, 30.0, turn=True)
 
 

@@ -159,7 +159,7 @@ def test_the_scale_errs_by_as_much_as_it_is_said_to():
         ({"methods": (Static(), Static())}, ["static, static", "once"]),
         ({"noise": "loud"}, ["'loud'", "ideal, realistic, stress"]),
         ({"effects": {"wind": None}}, ["'wind'", "no effect", "joint_zero"]),
-        ({"without": ("sprngs",)}, ["'sprngs'", "did you mean springs"]),
+        ({"without": ("sprngs",)}, ["'sprngs'", "did you mean 'springs'"]),
         ({"only": ("gremlins",)}, ["'gremlins'", "joint_zero"]),
         ({"only": ("floor_friction",)}, ["'floor_friction'", "floor_slope"]),
         ({"payload": "heavy"}, ["'heavy'", "MASS,X,Y,Z"]),

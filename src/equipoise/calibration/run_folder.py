@@ -117,6 +117,8 @@ class RunFolder:
     def open(cls, path: str | Path) -> RunFolder:
         """A run that exists; raises RecordingError if it is none."""
         path = Path(path)
+        if path.is_file() and (path.parent / HEADER).is_file():
+            raise RecordingError(f"{str(path)!r} is a file of a run; give the run's folder, {str(path.parent)!r}")
         header = _read_json(path / HEADER, f"{str(path)!r} is no run of equipoise")
         schema = header.get("schema")
         if schema not in (SCHEMA, *_READ):

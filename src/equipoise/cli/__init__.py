@@ -14,7 +14,7 @@ from inspect import signature
 from typing import Any
 
 from equipoise import _version
-from equipoise.errors import EquipoiseError, OutputError
+from equipoise.errors import EquipoiseError, OutputError, SettingsError, did_you_mean
 
 INTERRUPTED = 130
 VERBS = {
@@ -88,10 +88,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int | None:
     """Do what the arguments say, importing only the verb that they name; raises SystemExit if they cannot be used."""
+    if arguments[0] not in VERBS and not arguments[0].startswith("-"):
+        raise SettingsError(
+            f"equipoise has no verb {arguments[0]!r}; {did_you_mean(arguments[0], VERBS)}'equipoise --help' lists them"
+        )
     verbs = {name: find_verb(name, arguments[1:]) for name in ([arguments[0]] if arguments[0] in VERBS else VERBS)}
     if arguments[0] in VERBS and (switches := _switches(verbs[arguments[0]], arguments[1:])) is not None:
         return verbs[arguments[0]](**switches)
     import tyro
+
+    from equipoise.cli.numbers import number_rules
 
     app = tyro.extras.SubcommandApp()
     for name, verb in verbs.items():
@@ -101,6 +107,7 @@ def _run(arguments: Sequence[str]) -> int | None:
         prog="equipoise",
         description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
         config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+        registry=number_rules(),
     )
 
 

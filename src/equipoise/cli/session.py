@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+import warnings
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from equipoise.robot.model import RobotModel
     from equipoise.simulation.simulation import Simulation
 
+_ODD_SCALE = 0.03  # of the robot's mass
 _LOOK_TIME = 1.0  # [s] at a robot before anybody is asked to confirm
 
 
@@ -145,6 +147,7 @@ class Session:
         with folder, interruption_told(folder):
             if self._simulation is not None:
                 folder.save_truth(self._simulation.truth)
+                _question_scale(method, self._simulation.truth.composite.mass)
             with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
                 told = EnterPressed() if self._simulation is None else None
                 result = calibrate(platform, self.robot, method, folder.keep, progress.update, told)
@@ -209,6 +212,13 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
     )  # fmt: skip
     if sys.stdin.readline().strip() != robot.name:
         raise SettingsError(f"not confirmed, nothing was moved: type {robot.name}, or give --yes in a script")
+
+
+def _question_scale(method: Method, mass: float) -> None:
+    """Say if a scale's mass contradicts the simulated robot's [kg]."""
+    told = getattr(method, "mass", None)
+    if told is not None and abs(told / mass - 1) > _ODD_SCALE:
+        warnings.warn(f"the scale says {told:g} kg, and the simulated robot weighs {mass:.2f} kg", stacklevel=2)
 
 
 def _tell_ending(report: Any) -> None:

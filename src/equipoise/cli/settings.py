@@ -177,13 +177,13 @@ def _made(kind: type[Any], values: Mapping[tuple[str, ...], Any]) -> Any:
 
 
 def seconds(text: str | None) -> float | None:
-    """[s] from 60, 60s, 1.5min or 2m; raises SettingsError for anything else."""
+    """[s] from 60, 60s, 1.5min, 2m or 1h; raises SettingsError for anything else."""
     if text is None:
         return None
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e[+-]?[0-9]+)?)\s*(s|sec|m|min)?\s*", text)
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e[+-]?[0-9]+)?)\s*(s|sec|m|min|h)?\s*", text)
     if match is None:
-        raise SettingsError(f"{text!r} is no time; give it as 60s or 2min")
-    return float(match[1]) * (60.0 if (match[2] or "s").startswith("m") else 1.0)
+        raise SettingsError(f"{text!r} is no time; give it as 60s, 2min or 1h")
+    return float(match[1]) * {"s": 1.0, "m": 60.0, "h": 3600.0}[(match[2] or "s")[0]]
 
 
 def one_of(names: Iterable[str]) -> Any:

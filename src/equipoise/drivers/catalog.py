@@ -83,8 +83,8 @@ DRIVERS: dict[str, Driver] = {
             "equipoise.drivers.unitree.dds_settings:UnitreeB2Settings", needs=_DDS, makers_gains=(1000.0, 10.0),
         ),
         Driver(
-            "ros2", "Gazebo and ros2_control robots: JointState and Imu in, position commands out; no ROS needed here",
-            "load a position controller, --set interface=eth0 domain=0; topics and joint order are settings",
+            "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",
+            "load controllers that take commands, --set interface=eth0 stack=NAME; topics and joint order are settings",
             "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.settings:Ros2Settings", needs=_DDS,
         ),
         Driver(

@@ -155,6 +155,8 @@ def export(
     notes = judge(result, bodies, force)
     users, about_file = _users_file(result, row, None if file is None else Path(file))
     subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force)
+    if "base" in bodies and row.file != "model":
+        subject = replace(subject, notes=subject.base_notes + subject.notes)
     written = row.write(subject)
     name = Path(users.path.name if users else row.output)
     if payload_link:

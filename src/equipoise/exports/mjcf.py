@@ -41,11 +41,11 @@ def write(subject: Subject) -> Written:
         f"the <inertial> of body {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
         "the composite that was found; nothing else was changed"
     )
-    body = new_inertial(subject, robot, link)
+    body, notes, composite = new_inertial(subject, robot, link)
     edited = base if link.name == robot.base_link else _named(document, base, link.name)
-    content = document.edited(_inertial_edits(document, edited, body, subject.header(about)))
-    require_composite(subject, content, subject.composite.vector)
-    return Written(content, about)
+    content = document.edited(_inertial_edits(document, edited, body, subject.header(about, *notes)))
+    require_composite(subject, content, composite)
+    return Written(content, about, notes)
 
 
 def _base_body(document: Document) -> Element:

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from equipoise.errors import ModelError, ModelWarning, NotPhysicalError, SettingsError
-from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, body_of, seen_from
+from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, seen_from
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import parse_model_source
-from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION, physical_inertia
+from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION
 
 _CLOSE = 1e-9  # how well the file that is written must give the composite that was found, relative
 
@@ -118,25 +118,19 @@ def edited_link(robot: RobotModel) -> EditedLink:
     return max(fixed, key=lambda link: link.vector[0])
 
 
-def new_inertial(subject: Subject, robot: RobotModel, link: EditedLink) -> InertialParameters:
-    """What the edited link gets, in its own frame.
+def new_inertial(
+    subject: Subject, robot: RobotModel, link: EditedLink
+) -> tuple[InertialParameters, tuple[str, ...], FloatArray]:
+    """What the edited link gets, in its own frame; what is to be said of it; the (10,) composite that the robot then has.
 
     Raises:
-        NotPhysicalError: no body can have it.
+        NotPhysicalError: no body near enough can have it, and that is not overridden, or cannot be.
     """
-    what = f"link {link.name!r} of {robot.source.path.name}"
-    vector = link.vector + subject.added_to(composite_of(subject, robot))
-    try:
-        body = body_of(vector, what)
-        defect = body.physical_defect()
-    except NotPhysicalError as error:
-        body, defect = None, str(error)
-    if body is None or defect:
-        raise NotPhysicalError(
-            f"{what} cannot hold what was found, for no body can have what would be left for it ({defect}); what the file "
-            "has besides, legs and links that are fixed or held, takes more than there is: see 'equipoise audit'"
-        )
-    return seen_from(body, link.placement)
+    before = composite_of(subject, robot).vector
+    what = f"link {link.name!r} of {robot.source.path.name}, less what else the file has,"
+    remedy = "legs and links that are fixed or held take more than there is, see 'equipoise audit'"
+    body, notes = subject.nearest_body(link.vector + subject.composite.vector - before, what, remedy)
+    return seen_from(body, link.placement), notes, before + body.vector - link.vector
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:
@@ -147,25 +141,7 @@ def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialPa
     """
     vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference to the model file,"
     remedy = "leave out --add-payload-link, which changes the base link instead"
-    if not vector[0] > 0:
-        raise NotPhysicalError(f"{what} would have a mass of {vector[0]:.6g} kg; {remedy}")
-    body = body_of(vector, what)
-    defect = body.physical_defect()
-    if defect is None:
-        return body, ()
-    nearest = InertialParameters(body.mass, body.com, physical_inertia(body.inertia, body.mass))
-    within = subject.within_intervals(nearest.inertia - body.inertia)
-    if not (within or subject.forced):
-        raise NotPhysicalError(
-            f"{what} is no body: {defect}, and the nearest one that is lies beyond the intervals: {remedy}, or write that one "
-            "with --force"
-        )
-    moments = ", ".join(f"{value:+.3g}" for value in (nearest.inertia - body.inertia).diagonal())
-    how = "within the intervals" if within else "FORCED, beyond the intervals"
-    return nearest, (
-        f"{how}: the difference is no body ({defect}); its inertia is the nearest that one can have, Ixx, Iyy, Izz off by "
-        f"{moments} kg m2; its mass and place are those found",
-    )
+    return subject.nearest_body(vector, what, remedy)
 
 
 def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:

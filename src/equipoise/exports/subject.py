@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,11 @@ from equipoise.errors import NotEstimatedError, NotIdentifiedError, NotPhysicalE
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.urdf import physical_inertia
 
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""
+_FLATTEST = 1e-3  # second moment of mass of a body that is written for one that cannot be, over its largest
 _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -65,14 +68,54 @@ class Subject:
         It is such that the model's own legs make it the composite that was found, which is what a run tells best. The
         calibration's own base goes with legs that were adjusted too, which no file has that gets the base alone.
         """
+        return self._base[0]
+
+    @property
+    def base_notes(self) -> tuple[str, ...]:
+        """What is to be said of that; raises as `base` does."""
+        return self._base[1]
+
+    @cached_property
+    def _base(self) -> tuple[InertialParameters, tuple[str, ...]]:
         nominal = self.result.nominal
         what = f"base link {self.base_link!r}, less the model's legs,"
-        body = body_of(nominal.base.vector + self.added_to(nominal.composite), what)
-        if defect := body.physical_defect():
+        remedy = "do the model's legs weigh what it says? See 'equipoise audit'"
+        return self.nearest_body(nominal.base.vector + self.added_to(nominal.composite), what, remedy)
+
+    def nearest_body(self, vector: FloatArray, what: str, remedy: str) -> tuple[InertialParameters, tuple[str, ...]]:
+        """A body of (10,) parameters, or, where none can have its inertia, the nearest within the run's intervals.
+
+        A flat trunk is as near to what no body can be as the intervals are wide: half of all runs would miss it.
+
+        Args:
+            vector: mass, first moment and inertia about the origin, in Pinocchio's order.
+            what: the body, for messages.
+            remedy: words that say what to do where there is none.
+
+        Returns:
+            the body; and what is to be said of it.
+
+        Raises:
+            NotPhysicalError: its mass is none, or no body near enough can have it and that is not overridden.
+        """
+        if not vector[0] > 0:
+            raise NotPhysicalError(f"{what} would have a mass of {vector[0]:.6g} kg; {remedy}")
+        body = InertialParameters.from_vector(vector)
+        if (defect := body.physical_defect()) is None:
+            return body, ()
+        nearest = InertialParameters(body.mass, body.com, physical_inertia(body.inertia, body.mass, _FLATTEST))
+        change = nearest.inertia - body.inertia
+        if not (within := self.within_intervals(change)) and not self.forced:
             raise NotPhysicalError(
-                f"{what} is no body: {defect}; do the model's legs weigh what it says? 'equipoise audit'"
+                f"{what} is no body: {defect}, and the nearest one that is lies beyond the intervals: {remedy}, or write that "
+                "one with --force"
             )
-        return body
+        how = "within the intervals" if within else "FORCED, beyond the intervals"
+        moments = ", ".join(f"{value:+.3g}" for value in change.diagonal())
+        return nearest, (
+            f"{how}: {what} is no body ({defect}); its inertia is the nearest that one can have, Ixx, Iyy, Izz off by "
+            f"{moments} kg m2; its mass and place are those found",
+        )
 
     def added_to(self, composite: InertialParameters) -> FloatArray:
         """(10,) what the robot that was found has more than one with this composite; Pinocchio's order, about the origin."""
@@ -168,13 +211,6 @@ def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> l
         for quantity in getattr(result, body)
         if quantity.verdict == verdict
     ]
-
-
-def body_of(vector: FloatArray, what: str) -> InertialParameters:
-    """A body from its (10,) vector; raises NotPhysicalError if its mass is no mass, with `what` in the message."""
-    if not vector[0] > 0:
-        raise NotPhysicalError(f"{what} would have a mass of {vector[0]:.6g} kg")
-    return InertialParameters.from_vector(vector)
 
 
 def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:

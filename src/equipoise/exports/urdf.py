@@ -39,10 +39,12 @@ def write(subject: Subject) -> Written:
         f"the <inertial> of link {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
         "the composite that was found; nothing else was changed"
     )
-    body = new_inertial(subject, robot, link)
-    content = document.edited(_inertial_edits(document, _link(document, link.name), body, subject.header(about)))
-    require_composite(subject, content, subject.composite.vector)
-    return Written(content, about)
+    body, notes, composite = new_inertial(subject, robot, link)
+    content = document.edited(
+        _inertial_edits(document, _link(document, link.name), body, subject.header(about, *notes))
+    )
+    require_composite(subject, content, composite)
+    return Written(content, about, notes)
 
 
 def _link(document: Document, name: str) -> Element:

@@ -1,20 +1,22 @@
-"""A simulated robot with ROS 2's topics: a joint state broadcaster, an IMU broadcaster and a position controller.
+"""A simulated robot with ROS 2's topics: a joint state broadcaster, an IMU broadcaster and controllers that take commands.
 
     python -m equipoise.peers.ros2 --robot unitree_a1 --domain 1 --stiffness 100 --imu-rate 200 --permute 3
+    python -m equipoise.peers.ros2 --domain 1 --stack quadruped_ros2_control --start lying
 
 No ROS is needed, and nothing of it runs: the process publishes and listens as those controllers do. Like them it holds the
-last command for ever: position controllers have no watchdog.
+last command for ever: they have no watchdog.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from tyro.conf import OmitArgPrefixes
 
 from equipoise.conventions import FloatArray
@@ -37,6 +39,19 @@ from equipoise.robot.catalog import load_robot
 from equipoise.robot.stance import nominal_stance
 
 _STIFF = 10.0  # times the gain of the robot's own soft legs
+_INTERFACES = ("position", "velocity", "effort", "kp", "kd")
+_TRAJECTORIES_TO_TORQUES: dict[str, Any] = {
+    "trajectory_topic": "/joint_group_effort_controller/joint_trajectory",
+    "stiffness": 100.0, "damping": 1.0, "integral": 0.2, "most_integral": 2.5, "joint_rate": 250.0,
+}  # fmt: skip
+STACKS: dict[str, dict[str, Any]] = {
+    "champ": {**_TRAJECTORIES_TO_TORQUES, "imu_rate": 50.0},
+    "unitree-go2-ros2": {**_TRAJECTORIES_TO_TORQUES, "imu_rate": 100.0},
+    "quadruped_ros2_control": {
+        "impedance_topic": "/{interface}_controller/commands", "imu_topic": "/imu_sensor_broadcaster/imu",
+    },
+}  # fmt: skip
+"""What their simulations do, by their files; of the last the controllers are those of docs/ros2.md, which it has not."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +59,22 @@ class Controllers:
     """What the robot publishes and listens to.
 
     Attributes:
+        stack: software whose simulation it does as: "champ", "unitree-go2-ros2" or "quadruped_ros2_control"; settings that
+            are left as they are, are then that's.
         interface: network interface.
         domain: number of the domain, its ROS_DOMAIN_ID.
         joint_state_topic: topic on which the joints are published.
         imu_topic: topic on which the IMU is published.
         array_topic: topic on which the forwarding controller listens.
         trajectory_topic: topic on which the joint trajectory controller listens.
+        impedance_topic: topics on which impedance controllers listen: "{interface}" or "{joint}" in it stands for what each
+            is for; with it the joints are limp until gains come, and nothing else is heard. Empty: positions are taken.
+        idle: command interfaces whose controllers listen and do nothing, as inactive ones.
+        unloaded: command interfaces without a controller.
         stiffness: stiffness of the joints' position control [Nm/rad]; 0: ten times the robot's own soft legs.
+        damping: damping of the joints' position control [Nm s/rad]; 0: in proportion to the robot's own.
+        integral: integral gain of the joint trajectory controller [Nm/(rad s)].
+        most_integral: largest torque that it makes [Nm].
         joint_rate: rate of JointState messages [Hz]; at most the simulation's 500.
         imu_rate: rate of Imu messages [Hz]; at most the simulation's 500.
         permute: seed of the orders of joints in messages and controllers; 0: as the model lists them.
@@ -60,13 +84,20 @@ class Controllers:
         interpolate_from_desired_state: the joint trajectory controller's parameter of this name.
     """
 
+    stack: Literal["", "champ", "unitree-go2-ros2", "quadruped_ros2_control"] = ""
     interface: str = "lo"
     domain: int = 1
     joint_state_topic: str = "/joint_states"
     imu_topic: str = "/imu/data"
     array_topic: str = "/forward_position_controller/commands"
     trajectory_topic: str = "/joint_trajectory_controller/joint_trajectory"
+    impedance_topic: str = ""
+    idle: tuple[str, ...] = ()
+    unloaded: tuple[str, ...] = ()
     stiffness: float = 0.0
+    damping: float = 0.0
+    integral: float = 0.0
+    most_integral: float = 0.0
     joint_rate: float = 500.0
     imu_rate: float = 500.0
     permute: int = 0
@@ -76,9 +107,14 @@ class Controllers:
     interpolate_from_desired_state: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("stiffness", "joint_rate", "imu_rate"):
+        for name in ("stiffness", "damping", "integral", "most_integral", "joint_rate", "imu_rate"):
             if not getattr(self, name) >= 0:
                 raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
+
+    def as_stack(self) -> Controllers:
+        """With what the stack has where nothing was said."""
+        plain, known = Controllers(), STACKS.get(self.stack, {})
+        return replace(self, **{name: v for name, v in known.items() if getattr(self, name) == getattr(plain, name)})
 
 
 class Interpolation:
@@ -105,8 +141,65 @@ class Interpolation:
         return (1 - part) * self._positions[after - 1] + part * self._positions[after]
 
 
+class Impedance:
+    """Command interfaces of hardware that takes gains: each keeps what a controller wrote last, zero before.
+
+    Args:
+        domain: domain to listen in.
+        controllers: topics, and what is the matter with some.
+        controlled: names of joints, as the controllers list them.
+        order: (nj,) place of each of the model's joints among them.
+        hold: values by interface that another controller left; empty: none.
+    """
+
+    def __init__(
+        self,
+        domain: DdsDomain,
+        controllers: Controllers,
+        controlled: list[str],
+        order: NDArray[np.intp],
+        hold: dict[str, FloatArray],
+    ) -> None:
+        pattern, self._idle, self._order = controllers.impedance_topic, controllers.idle, order
+        self._by_interface = "{interface}" in pattern
+        self._values = {name: hold.get(name, np.zeros(len(controlled))) for name in _INTERFACES}
+        loaded = [name for name in _INTERFACES if name not in controllers.unloaded]
+        self._inboxes = {
+            name: domain.inbox(dds_topic(pattern.replace(mark, name)), Float64MultiArray)
+            for mark, names in (("{interface}", loaded), ("{joint}", controlled))
+            if mark in pattern
+            for name in names
+        }
+        self._controlled = controlled
+
+    def take(self, accept: Callable[[bool], bool]) -> None:
+        """What has arrived; `accept` is told whether each message is of the right size, and returns it."""
+        size = len(self._controlled) if self._by_interface else len(_INTERFACES)
+        for name, inbox in self._inboxes.items():
+            for _, message in inbox.take():
+                if accept(len(message.data) == size):
+                    self._write(name, np.array(message.data))
+
+    def command(self) -> JointCommand:
+        return JointCommand(*(self._values[name] for name in _INTERFACES))
+
+    def _write(self, name: str, values: FloatArray) -> None:
+        if self._by_interface:
+            self._set(name, slice(None), values[self._order])
+        else:
+            joint = int(np.flatnonzero(self._order == self._controlled.index(name))[0])
+            for interface, value in zip(_INTERFACES, values, strict=True):
+                self._set(interface, joint, value)
+
+    def _set(self, interface: str, joints: int | slice, value: Any) -> None:
+        if interface not in self._idle:
+            values = self._values[interface].copy()  # a command may still hold them
+            values[joints] = value
+            self._values[interface] = values
+
+
 class Ros2Wire:
-    """The robot's side: broadcasters and position controllers of a controller manager.
+    """The robot's side: broadcasters and controllers of a controller manager.
 
     Args:
         joint_names: names of the joints, in the model's order.
@@ -139,21 +232,31 @@ class Ros2Wire:
         self._interpolation: Interpolation | None = None
         self.received = self.refused = 0
         domain = self._domain = DdsDomain(controllers.domain, controllers.interface)
-        self._arrays = domain.inbox(dds_topic(controllers.array_topic), Float64MultiArray)
-        self._trajectories = domain.inbox(dds_topic(controllers.trajectory_topic), JointTrajectory)
+        self._pull, self._pulled_at = np.zeros(len(joint_names)), 0.0
+        self._impedance: Impedance | None = None
+        if controllers.impedance_topic:
+            held = {} if hold is None else {"position": hold, "kp": self._kp, "kd": self._kd}
+            order = np.array([controlled.index(name) for name in joint_names])
+            self._impedance = Impedance(domain, controllers, controlled, order, held)
+        else:
+            self._arrays = domain.inbox(dds_topic(controllers.array_topic), Float64MultiArray)
+            self._trajectories = domain.inbox(dds_topic(controllers.trajectory_topic), JointTrajectory)
         self._joint_box = domain.outbox(dds_topic(controllers.joint_state_topic), JointState)
         self._imu_box = domain.outbox(dds_topic(controllers.imu_topic), Imu)
         say(published=published, controlled=controlled, kp=gains[0], kd=gains[1])
 
     def commands(self) -> list[JointCommand]:
         """What the controllers want now: hardware gets it in every period, until another command comes."""
+        if self._impedance is not None:
+            self._impedance.take(self._accept)
+            return [self._impedance.command()]
         for _, array in self._arrays.take():
             self._take_array(array)
         for _, trajectory in self._trajectories.take():
             self._take_trajectory(trajectory)
         if self._interpolation is not None and self._state is not None:
             self._target = self._interpolation.at(self._state.time)
-        return [] if self._target is None else [JointCommand(self._target, kp=self._kp, kd=self._kd)]
+        return [] if self._target is None else [self._towards(self._target)]
 
     def publish(self, state: RobotState, sequence: int) -> None:
         del sequence
@@ -174,6 +277,14 @@ class Ros2Wire:
         if whether and self.received == 1:
             self._say(commanded=True)
         return whether
+
+    def _towards(self, target: FloatArray) -> JointCommand:
+        if self._controllers.integral and self._state is not None:
+            since, self._pulled_at = self._state.time - self._pulled_at, self._state.time
+            grown = self._pull + self._controllers.integral * since * (target - self._state.joint_position)
+            most = self._controllers.most_integral
+            self._pull = np.clip(grown, -most, most)
+        return JointCommand(target, torque=self._pull, kp=self._kp, kd=self._kd)
 
     def _take_array(self, message: Float64MultiArray) -> None:
         if not self._accept(len(message.data) == len(self._controlled)):
@@ -250,12 +361,12 @@ def main() -> None:
     options = tyro.cli(Ros2PeerOptions)
     robot = load_robot(options.robot)
     peer = PeerRobot(robot, options.peer)
-    stance = nominal_stance(robot)
+    stance, controllers = nominal_stance(robot), options.controllers.as_stack()
     kp, kd = robot.gains(stance.hip_height)
-    stiffness = options.controllers.stiffness or _STIFF * kp
-    gains = stiffness, kd * float(np.sqrt(stiffness / kp))  # the same damping ratio
+    stiffness = controllers.stiffness or (kp if controllers.impedance_topic else _STIFF * kp)
+    gains = stiffness, controllers.damping or kd * float(np.sqrt(stiffness / kp))  # the same damping ratio
     hold = stance.joint_position if options.peer.start == "standing" else None
-    peer.serve(Ros2Wire(robot.joint_names, options.controllers, gains, hold, peer.say))
+    peer.serve(Ros2Wire(robot.joint_names, controllers, gains, hold, peer.say))
 
 
 if __name__ == "__main__":

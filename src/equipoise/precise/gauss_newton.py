@@ -59,6 +59,10 @@ class Problem(Protocol):
         """Raise the noise of what does not fit."""
         ...
 
+    def let_go(self) -> None:
+        """Free what was held while noise levels were sought."""
+        ...
+
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Squared residuals and their derivatives."""
         ...
@@ -80,6 +84,7 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
             problem.prepare(x)
             x, _ = _descend(problem, x, _NEAR)
             problem.renew_noise(x)
+        problem.let_go()
         problem.prepare(x)
         x, left = _descend(problem, x, _CONVERGED)
     except np.linalg.LinAlgError as error:

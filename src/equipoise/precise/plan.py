@@ -165,6 +165,7 @@ def make_plan(
     used: Sequence[LiftDesign] = (),
     searched: bool = False,
     turn: bool = False,
+    aside: float = 0.0,
 ) -> Plan:
     """The best set of trials within a budget of robot time.
 
@@ -175,6 +176,7 @@ def make_plan(
         used: lifts that were done already; they are done again only if there are few.
         searched: whether the search was done (and is part of `known`).
         turn: whether the robot is turned half-way; what is done before that may be done again after it.
+        aside: part of the budget that is for what is not planned here [s].
 
     Raises:
         SettingsError: the budget allows no lift.
@@ -189,6 +191,7 @@ def make_plan(
     body = components(unknowns.robot_body(x))
     weights = to_body / goals.vector(body, candidates.predictor.stance)[:, None]
     information = prior.copy() if known is None else known.copy()
+    budget = budget - aside
     left = budget - durations.end - turn * durations.turn
     if not searched:
         left -= durations.search
@@ -213,7 +216,7 @@ def make_plan(
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
         least += turn * (least - durations.search - durations.end + durations.turn)
         raise SettingsError(
-            f"{budget:.0f} s (the sway not counted) allow no lift after the search; it takes {least:.0f} s at least"
+            f"a budget of {budget + aside:.0f} s allows no lift after the search; give {math.ceil(least + aside)} s or more"
         )
     covariance = to_body @ np.linalg.inv(information) @ to_body.T
     before = to_body @ np.linalg.inv(prior) @ to_body.T

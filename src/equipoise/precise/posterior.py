@@ -32,6 +32,12 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 _ROOT_LENGTHS = 1.0  # prior of the logarithms of the base's root lengths: a factor of e
+# Misfit that is expected before any is known. Were it one, what the equations leave out would outweigh all priors in the
+# first round: without a scale, robots then lose their mass to motors that have no torque, and never find it again.
+_MISFIT_AT_FIRST = 4.0
+# How sure a robot that was not weighed is taken to be of its torque constants, or without torques of its mass, until noise
+# levels are known: for the same reason.
+_SCALE_AT_FIRST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +127,7 @@ class MapProblem:
         lifts_needed: bool,
     ) -> None:  # fmt: skip
         self.mass = mass
+        self.anchored = mass is None
         self.unknowns = Unknowns(robot, stance, priors)
         enough = any(motion.lift or (motion.torques and not lifts_needed) for motion in evidence.motions)
         if not enough:
@@ -129,6 +136,8 @@ class MapProblem:
         legs = LegChains(robot)
         made = [make(self.unknowns, legs, evidence) for make in BLOCKS]
         self.blocks = [block for block in made if block is not None]
+        for block in self.blocks:
+            block.expect_misfit(_MISFIT_AT_FIRST)
 
     def with_all_open(self, x: FloatArray) -> tuple[MapProblem, FloatArray, NDArray[np.intp]]:
         """The same with no row held, at the noise levels as they are; x in its unknowns; and x's places there."""
@@ -150,6 +159,20 @@ class MapProblem:
         for block in self.blocks:
             block.renew_noise(x)
 
+    def let_go(self) -> None:
+        """Free the scale of all masses."""
+        self.anchored = False
+
+    def anchor(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residual that holds the scale of all masses where joint torques or else the model have it; its derivative."""
+        if any(isinstance(block, TorqueBlock) and "torque_gain_common" in block.open for block in self.blocks):
+            gain = self.unknowns["torque_gain_common"]
+            tight = self.unknowns.scale[gain] / _SCALE_AT_FIRST
+            return x[gain] * tight, np.eye(self.unknowns.size)[gain] * tight[:, None]
+        total, derivative = total_mass(self.unknowns, x)
+        noise = _SCALE_AT_FIRST * self.unknowns.robot.mass
+        return np.array([total / noise - 1 / _SCALE_AT_FIRST]), derivative[None] / noise
+
     def evidence_equations(self, x: FloatArray) -> NormalEquations:
         """Of all blocks, without priors."""
         size = self.unknowns.size
@@ -163,7 +186,8 @@ class MapProblem:
 
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         """Of all blocks and priors."""
-        return self.evidence_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
+        equations = self.evidence_equations(x) + NormalEquations.of(*prior_rows(self.unknowns, x, self.mass))
+        return equations + NormalEquations.of(*self.anchor(x)) if self.anchored else equations
 
     def posterior(self, x: FloatArray, converged: bool) -> Posterior:
         """The estimate at x, with its covariance."""

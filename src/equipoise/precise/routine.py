@@ -32,17 +32,22 @@ if TYPE_CHECKING:
 
 _REPLAN_AT = 0.55  # of the visits
 _SURE = 2.0  # standard deviations
-_FEWEST_LIFTS = 4  # below, no precise result
+_FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in the robot's way
 
 
 def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
-    candidates = nominal_candidates(robot, settings.beliefs)
-    return make_plan(candidates, _budget(stance, settings), settings.goals, turn=settings.turn)
+    return plan_for(nominal_candidates(robot, settings.beliefs), stance, settings)
 
 
-def _budget(stance: Stance, settings: Precise) -> float:
-    return settings.budget_for(stance) - (sway_time(stance) if settings.sway else 0.0)
+def plan_for(candidates: Candidates, stance: Stance, settings: Precise) -> Plan:
+    """The plan for a robot of which nothing is measured yet; raises SettingsError if the budget allows none."""
+    aside = _sway_time(stance, settings)
+    return make_plan(candidates, settings.budget_for(stance), settings.goals, turn=settings.turn, aside=aside)
+
+
+def _sway_time(stance: Stance, settings: Precise) -> float:
+    return sway_time(stance) if settings.sway else 0.0
 
 
 class PreciseRoutine:
@@ -61,7 +66,7 @@ class PreciseRoutine:
         self._recordings = recordings
         self._report = report
         self.trials = PreciseTrials(planted, stance, composite_parameters(robot, stance.joint_position).com)
-        self.notes: list[str] = []
+        self._obstacles: list[str] = []
         self._expected = 0
 
     def run(self) -> None:
@@ -76,7 +81,7 @@ class PreciseRoutine:
         find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
         self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
         candidates = self._candidates()
-        plan = make_plan(candidates, self._budget, self.settings.goals, turn=self.settings.turn)
+        plan = plan_for(candidates, self.stance, self.settings)
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.turn + self.settings.sway
         done: list[LiftDesign] = []
         # A robot of which too little is known for most lifts first learns more of itself.
@@ -85,9 +90,7 @@ class PreciseRoutine:
             turning_point = plan.turn_after
         self._visit(plan, 0, turning_point, done)
         posterior = self._posterior()
-        if posterior is not None and self._good_enough(posterior):
-            self.notes.append(f"stopped after {self._time():.0f} s: every goal is met")
-        else:
+        if posterior is None or not self._good_enough(posterior):
             self._follow(posterior)
             if self.settings.turn:
                 self._tell("turn it to face the other way")
@@ -96,9 +99,9 @@ class PreciseRoutine:
             if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
                 rest = plan
             self._visit(rest, 0 if rest is not plan else turning_point, len(rest.visits), done)
-        if len(done) < _FEWEST_LIFTS:
+        if len(done) < _FEWEST_LIFTS and self._obstacles:
             raise MotionError(
-                f"only {len(done)} of the planned lifts could be done: {'; '.join(self.notes) or 'no time was left'}",
+                f"only {len(done)} of the planned lifts could be done: {'; '.join(self._obstacles)}",
                 tuple(self._recordings),
             )
         if self.settings.sway:
@@ -127,7 +130,7 @@ class PreciseRoutine:
             motion()
         except ReachError as error:
             self.planted.take()
-            self.notes.append(f"{what}: {error}")
+            self._obstacles.append(f"{what}: {error}")
             return False
         return True
 
@@ -172,7 +175,7 @@ class PreciseRoutine:
 
     @property
     def _budget(self) -> float:
-        return _budget(self.stance, self.settings)
+        return self.settings.budget_for(self.stance) - _sway_time(self.stance, self.settings)
 
     def _time(self) -> float:
         """Robot time so far, without that in which somebody turned the robot [s]."""

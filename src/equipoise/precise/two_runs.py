@@ -109,6 +109,8 @@ class _TwoProblems:
         ]
         self.unknowns = self.problems[0].unknowns
         self._scale = scale
+        for problem, mass in zip(self.problems, scale.masses, strict=True):
+            problem.anchored = mass is None
         size = self.unknowns.size
         kept, drift = np.ones(size), np.zeros(size)
         kept[self.unknowns["base"]], drift[self.unknowns["base"]] = 0.0, 1.0
@@ -134,10 +136,16 @@ class _TwoProblems:
         for problem, run in self._runs(x):
             problem.renew_noise(run)
 
+    def let_go(self) -> None:
+        for problem in self.problems:
+            problem.let_go()
+
     def normal_equations(self, x: FloatArray) -> NormalEquations:
         equations = NormalEquations.of(*self._beliefs(x))
         for (problem, run), to_run in zip(self._runs(x), (self.to_first, self.to_second), strict=True):
             own = problem.evidence_equations(run)
+            if problem.anchored:
+                own += NormalEquations.of(*problem.anchor(run))
             equations += NormalEquations(to_run.T @ own.information @ to_run, to_run.T @ own.gradient, own.cost)
         return equations
 

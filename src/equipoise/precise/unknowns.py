@@ -9,7 +9,6 @@ depends on. Its derivatives follow from the equation (traced.py).
 
 from __future__ import annotations
 
-import difflib
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import SettingsError
+from equipoise.errors import SettingsError, did_you_mean
 from equipoise.precise.measurements.traced import Traced
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
@@ -297,7 +296,7 @@ class Priors:
         cause="the feet are larger or smaller than in the file, or soft",
     )  # fmt: skip
     rolling: float = unknown(
-        4e-3, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
+        2e-2, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
         "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
         judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
@@ -420,9 +419,9 @@ class Priors:
         known = {field.name: field for field in fields(cls)}
         for name, value in table.items():
             if name not in known:
-                near = difflib.get_close_matches(name, known, 1)
-                hint = f"; did you mean {near[0]}?" if near else f"; those are {', '.join(known)}"
-                raise SettingsError(f"{path}: {name!r} is no unknown{hint}")
+                raise SettingsError(
+                    f"{path}: {name!r} is no unknown; {did_you_mean(name, known)}those are {', '.join(known)}"
+                )
             if not isinstance(value, int | float) or isinstance(value, bool):
                 raise SettingsError(f"{path}: the prior of {name} is {value!r}; it must be a number")
         return cls(**{name: float(value) for name, value in table.items()})

@@ -5,12 +5,11 @@ from __future__ import annotations
 import importlib
 import importlib.util
 from dataclasses import dataclass
-from difflib import get_close_matches
 from importlib import metadata, resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from equipoise.errors import MissingDependencyError, ModelError
+from equipoise.errors import MissingDependencyError, ModelError, did_you_mean
 
 if TYPE_CHECKING:
     from equipoise.robot.description import RobotDescription
@@ -118,8 +117,8 @@ def load_robot(name_or_path: str | Path, description: RobotDescription | None = 
         return RobotModel.from_file(_find_robot_description(module), module, description)
     if not Path(name_or_path).exists() and "/" not in name_or_path and "." not in name_or_path:
         raise ModelError(
-            f"no robot is called {name_or_path!r} and no such file exists; {_meant(name_or_path)}known names are "
-            f"{', '.join(CATALOG)}"
+            f"no robot is called {name_or_path!r} and no such file exists; "
+            f"{did_you_mean(name_or_path.lower().replace('-', '_'), CATALOG)}known names are {', '.join(CATALOG)}"
         )
     return RobotModel.from_file(name_or_path, None, description)
 
@@ -154,12 +153,6 @@ def describe_catalog() -> list[CatalogRow]:
                    None if entry.installed else entry.hint)
         for entry in CATALOG.values()
     ]  # fmt: skip
-
-
-def _meant(name: str) -> str:
-    """What somebody who mistyped a name may have meant."""
-    near = get_close_matches(name.lower().replace("-", "_"), CATALOG, n=1)
-    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def _find_robot_description(name: str) -> Path:

@@ -104,7 +104,7 @@ def _read_inertia(element: ET.Element, link: str, path: Path) -> NDArray[np.floa
     return inertia
 
 
-def physical_inertia(inertia: NDArray[np.float64], mass: float) -> NDArray[np.float64]:
+def physical_inertia(inertia: NDArray[np.float64], mass: float, least: float = 1e-6) -> NDArray[np.float64]:
     """The nearest inertia tensor [kg m2] that a rigid body of that mass can have, in the principal frame.
 
     A body's second moments of mass S = tr(I)/2 - I are not negative, which is the triangle inequality of the principal
@@ -114,11 +114,12 @@ def physical_inertia(inertia: NDArray[np.float64], mass: float) -> NDArray[np.fl
     Args:
         inertia: (3, 3) inertia about the centre of mass [kg m2].
         mass: mass [kg].
+        least: second moment that a lifted one has, over the largest.
     """
     values, vectors = np.linalg.eigh(_second_moments(inertia))
     if values.min() >= 1e-9 * values.max() and values.max() > 0:
         return inertia
-    floor = 1e-6 * max(values.max(), 0.0 if _is_physical_but_for_rounding(inertia) else mass)
+    floor = max(least * values.max(), 0.0 if _is_physical_but_for_rounding(inertia) else 1e-6 * mass)
     lifted = (vectors * np.maximum(values, floor)) @ vectors.T
     return np.trace(lifted) * np.eye(3) - lifted
 

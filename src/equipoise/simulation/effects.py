@@ -13,13 +13,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 
-from equipoise.errors import SettingsError
+from equipoise.errors import SettingsError, did_you_mean
 from equipoise.robot.scale import Scale
 from equipoise.simulation.effect import (
     AXIS,
@@ -277,9 +276,9 @@ class SensorErrors:
         """The row of a name; raises SettingsError if there is none."""
         rows = {row.name: row for row in cls.rows()}
         if name not in rows:
-            near = get_close_matches(name, rows, 1)
-            guess = f"; did you mean {near[0]}?" if near else ""
-            raise SettingsError(f"{name!r} is no effect of a simulated robot; those are {', '.join(rows)}{guess}")
+            raise SettingsError(
+                f"{name!r} is no effect of a simulated robot; {did_you_mean(name, rows)}those are {', '.join(rows)}"
+            )
         return rows[name]
 
     def scaled_to(self, scale: Scale) -> SensorErrors:

@@ -8,6 +8,10 @@ import numpy as np
 
 from equipoise.errors import SettingsError
 from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.model import RobotModel
+
+_HEAVIEST = 2.0  # times the robot: no quadruped's motors carry more
+_FARTHEST = 5.0  # times the leg's length
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +29,24 @@ class Payload:
             raise SettingsError(f"a payload's mass must be positive, got {self.parameters.mass:g} kg")
         if self.parameters.inertia.any() and (defect := self.parameters.physical_defect()):
             raise SettingsError(f"no body can have this payload's inertia: {defect}")
+
+    def check(self, robot: RobotModel) -> None:
+        """Refuse what no robot of this size carries, or not there: it is most likely in grams or millimetres.
+
+        Raises:
+            SettingsError: it is too heavy or too far away.
+        """
+        mass, distance = self.parameters.mass, float(np.linalg.norm(self.parameters.com))
+        if mass > _HEAVIEST * robot.mass:
+            raise SettingsError(
+                f"a payload of {mass:g} kg is {mass / robot.mass:.0f} times what {robot.name!r} weighs ({robot.mass:.1f} kg), "
+                "more than it can stand with; masses are in kg"
+            )
+        if distance > _FARTHEST * robot.leg_length:
+            raise SettingsError(
+                f"a payload {distance:.3g} m from the base's origin is not on {robot.name!r}, whose legs are "
+                f"{robot.leg_length:.2f} m long; positions are in metres"
+            )
 
     @classmethod
     def parse(cls, text: str) -> Payload:

@@ -89,8 +89,8 @@ def simulate(
 
     Raises:
         MissingDependencyError: the engine is not installed.
-        SettingsError: a setting means nothing, or the time step is too long; there is no such effect, or the engine cannot
-            have it.
+        SettingsError: a setting means nothing, or the time step is too long; the robot cannot carry the payload; there is no
+            such effect, or the engine cannot have it.
     """
     if start not in ("standing", "lying"):
         raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
@@ -100,6 +100,8 @@ def simulate(
         raise SettingsError(f"contacts {contacts!r} are not known; they are 'own' or those of the model 'file'")
     if isinstance(payload, str):
         payload = Payload.parse(payload)
+    if payload is not None:
+        payload.check(robot)
     stance = nominal_stance(robot)
     sizes = sizes_of(noise, stance.scale, effects or {}, without)
     sizes.refuse_what_lacks(engine)

@@ -112,10 +112,10 @@ ROWS = (
 
 def _print_precise(console: Console, result: Calibration) -> None:
     title = f"{result.robot}: method {result.method}; the whole robot at its stance"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if result.truth else []), "model"]
     for column in columns:
-        table.add_column(column, justify="left" if column in ("parameter", "") else "right")
+        table.add_column(column, justify="left" if column in ("parameter", "") else "right", no_wrap=True)
     for quantity, (_, label, factor, form) in zip(result.composite, ROWS, strict=True):
         table.add_row(
             escape(label),
@@ -123,6 +123,12 @@ def _print_precise(console: Console, result: Calibration) -> None:
             number(quantity.model, factor, form),
         )
     console.print(table)
+    console.print(
+        f"CoM from the origin of base link {escape(result.model['base_link'])!r}, x forward, z up; inertia about the CoM, in "
+        "the same axes."
+    )
+    if any(quantity.missed for quantity in result.composite):
+        console.print("(!): the truth is outside the interval; of twenty intervals one is expected to miss.")
     base = result.base
     if base.mass.value is not None and np.isfinite(base.com_in_base.values).all():
         com = " ".join(f"{1000 * value:.2f}" for value in base.com_in_base.values)

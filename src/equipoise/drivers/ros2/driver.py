@@ -1,4 +1,4 @@
-"""ROS 2 robots and Gazebo, without a ROS installation: JointState and Imu in, position commands out, over DDS.
+"""ROS 2 robots and Gazebo, without a ROS installation: JointState and Imu in, commands of joints out, over DDS.
 
 What the controllers on the other side must be is in docs/ros2.md.
 """
@@ -7,29 +7,21 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
-from numpy.typing import NDArray
-
+from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, Inbox, raw
-from equipoise.drivers.ros2.messages import (
-    Duration,
-    Float64MultiArray,
-    Header,
-    Imu,
-    JointState,
-    JointTrajectory,
-    JointTrajectoryPoint,
-    dds_topic,
-)
-from equipoise.drivers.ros2.samples import ImuTopic, JointTopic, StampClock, listed, together
+from equipoise.drivers.ros2.controllers import controllers_of
+from equipoise.drivers.ros2.messages import Imu, JointState, dds_topic
+from equipoise.drivers.ros2.outlook import REMEDY, listeners, stiffness
+from equipoise.drivers.ros2.samples import ImuTopic, JointTopic, StampClock, together
 from equipoise.drivers.ros2.settings import Ros2Settings
-from equipoise.errors import CommunicationError, SettingsError
+from equipoise.errors import CommunicationError
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.model import RobotModel
 
-_MESSAGES = {"float64_multi_array": Float64MultiArray, "joint_trajectory": JointTrajectory}
 _FRESH = 0.25  # [s] for which a sample says where the joints are
-_PATIENCE = 4.0  # [s] for both topics and the controller to be found; less than a platform's, because this knows more
+_PATIENCE = 4.0  # [s] for topics and controllers to be found; less than a platform's, because this knows more
+_LOOK = 5e-3  # [s] between looks for controllers
+_RELEASES = 10  # the last command, so often: some may get lost
 
 
 class Ros2Link:
@@ -40,9 +32,9 @@ class Ros2Link:
     """
 
     def __init__(self, robot: RobotModel, settings: Ros2Settings) -> None:
-        self._settings = settings
+        self._robot, self._settings = robot, settings
         self._joint_names = robot.joint_names
-        self._order = _controller_order(robot.joint_names, settings.joint_order or robot.joint_names)
+        self._controllers = controllers_of(robot, settings)
         self._clock = StampClock(settings.stamps == "header")
         self._joints = JointTopic(settings.joint_state_topic, self._clock, robot.joint_names)
         self._imu = ImuTopic(settings.imu_topic, self._clock)
@@ -50,7 +42,9 @@ class Ros2Link:
         self._domain = DdsDomain(settings.domain, settings.interface, settings.peers, settings.accept_cyclonedds)
         self._joint_inbox = self._domain.inbox(dds_topic(settings.joint_state_topic), raw(JointState))
         self._imu_inbox = self._domain.inbox(dds_topic(settings.imu_topic), raw(Imu))
-        self._outbox = self._domain.outbox(dds_topic(settings.commands_to), _MESSAGES[settings.command_type])
+        self._outboxes = {
+            topic: self._domain.outbox(dds_topic(topic), kind) for topic, kind in self._controllers.messages.items()
+        }
         self._opened = time.monotonic()
 
     @property
@@ -63,7 +57,7 @@ class Ros2Link:
 
     @property
     def accepts(self) -> frozenset[str]:
-        return frozenset({"torque"}) if self._settings.stiffness else frozenset()
+        return self._controllers.accepts
 
     @property
     def control_period(self) -> float:
@@ -96,41 +90,56 @@ class Ros2Link:
         """As a link's.
 
         Raises:
-            CommunicationError: no controller listens.
+            CommunicationError: a topic of commands has no controller that listens.
             SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
         """
-        if not self._outbox.heard and time.monotonic() - self._opened > _PATIENCE:
-            raise CommunicationError(
-                f"nobody listens to {self._settings.commands_to} in {self.name}: is the controller loaded and active "
-                "('ros2 control list_controllers'), is command_topic its name?"
-            )
         if not self._commanded:
             self._domain.check_company()  # others may have come since
-        target = command.position
-        if command.torque is not None and self._settings.stiffness:
-            target = target + command.torque / self._settings.stiffness
-        self._outbox.send(self._message(target[self._order].tolist()))
+            self._wait_for_controllers()
+        self._tell(command)
         self._commanded = True
+        if unheard := self._unheard():  # the others were told all the same: it may be to damp
+            raise self._nobody(unheard)
+
+    def foretell(self) -> list[CheckupFinding]:
+        """What the first command will meet: who listens, and whether the joints are limp that positions are to move."""
+        torque = None if self._joints.newest is None else self._joints.newest.torque
+        limp_at_first = self._controllers.limp is not None
+        return [listeners(tuple(self._outboxes), self._unheard()), *stiffness(self._robot, torque, limp_at_first)]
 
     def release(self) -> None:
-        """Let the robot stay where it is: a position controller has no torque to take away.
+        """No torque; a position controller has none to take away, and lets the robot stay where it is.
 
         Nothing is sent if nothing was before, or if it is not known where the joints are: they are held where they were sent.
         """
-        here = self._joints.newest
-        if self._commanded and here is not None and time.monotonic() - here.received < _FRESH:
-            self._outbox.send(self._message(here.position[self._order].tolist()))
+        here, limp = self._joints.newest, self._controllers.limp
+        if self._commanded and limp is not None:
+            for _ in range(_RELEASES):
+                self._tell(limp)
+                time.sleep(self.control_period)
+        elif self._commanded and here is not None and time.monotonic() - here.received < _FRESH:
+            self._tell(JointCommand(here.position))
         self._commanded = False
 
     def close(self) -> None:
         self._domain.close()
 
-    def _message(self, positions: list[float]) -> Float64MultiArray | JointTrajectory:
-        if self._settings.command_type == "float64_multi_array":
-            return Float64MultiArray(data=positions)
-        nanoseconds = round(1e9 * self._settings.time_from_start)
-        point = JointTrajectoryPoint(positions, time_from_start=Duration(*divmod(nanoseconds, 10**9)))
-        return JointTrajectory(Header(), [self._joint_names[joint] for joint in self._order], [point])
+    def _tell(self, command: JointCommand) -> None:
+        for topic, message in self._controllers.told(command).items():
+            self._outboxes[topic].send(message)
+
+    def _unheard(self) -> list[str]:
+        return [topic for topic, outbox in self._outboxes.items() if not outbox.heard]
+
+    def _wait_for_controllers(self) -> None:
+        """All of them: half of an impedance is none, or one without damping."""
+        while (unheard := self._unheard()) and time.monotonic() - self._opened < _PATIENCE:
+            time.sleep(_LOOK)
+        if unheard:
+            raise self._nobody(unheard)
+
+    def _nobody(self, unheard: list[str]) -> CommunicationError:
+        return CommunicationError(f"nobody listens to {', '.join(unheard)} in {self.name}: {REMEDY}")
 
     def _look_for_both(self) -> None:
         """Say what is missing, as long as something is."""
@@ -155,17 +164,6 @@ def open_link(robot: RobotModel, settings: Ros2Settings) -> Ros2Link:
         CommunicationError: the domain cannot be opened.
     """
     return Ros2Link(robot, settings)
-
-
-def _controller_order(joint_names: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.intp]:
-    """Which of the model's joints the controller has in each place."""
-    wrong = tuple(sorted(set(names) ^ set(joint_names)))
-    if wrong or len(set(names)) != len(names):
-        told = f"{listed(wrong)} in only one of them" if wrong else "a joint is there twice"
-        raise SettingsError(
-            f"joint_order must hold each joint of the model once: {told}; the model has {listed(joint_names)}"
-        )
-    return np.array([joint_names.index(name) for name in names])
 
 
 def _silent(kind: str, topic: str, inbox: Inbox) -> str:

@@ -7,12 +7,27 @@ from dataclasses import dataclass
 
 from equipoise.errors import SettingsError
 
+IMPEDANCE = ("position", "velocity", "effort", "kp", "kd")
+"""Command interfaces of a joint under impedance control, as ros2_control names them, in the order of the messages."""
 # What the topic of each type of command is usually called, and how often it is sent [Hz]: a trajectory costs its
 # controller more.
 _USUAL = {
     "float64_multi_array": ("/forward_position_controller/commands", 500.0),
     "joint_trajectory": ("/joint_trajectory_controller/joint_trajectory", 100.0),
+    "impedance": ("/{interface}_controller/commands", 500.0),
 }
+_TRAJECTORIES_TO_TORQUES = {
+    "command_type": "joint_trajectory",
+    "command_topic": "/joint_group_effort_controller/joint_trajectory",
+    "stiffness": 100.0,
+}
+STACKS: dict[str, dict[str, str | float]] = {
+    "champ": _TRAJECTORIES_TO_TORQUES,
+    "unitree-go2-ros2": _TRAJECTORIES_TO_TORQUES,
+    "quadruped_ros2_control": {"command_type": "impedance", "imu_topic": "/imu_sensor_broadcaster/imu"},
+}
+"""What known software for quadrupeds has where a setting is left out: of their files, in 2026."""
+_ELSE: dict[str, str | float] = {"command_type": "float64_multi_array", "imu_topic": "/imu/data"}
 _STAMPS = ("header", "arrival")
 
 
@@ -25,12 +40,17 @@ class Ros2Settings:
         domain: number of the robot's domain, its ROS_DOMAIN_ID.
         peers: addresses at which to look for the robot, besides what multicast finds.
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
+        stack: name of the software that controls the robot, "champ", "unitree-go2-ros2" or "quadruped_ros2_control"; what
+            is left empty or zero below is then as its files have it.
         joint_state_topic: topic of sensor_msgs/JointState.
-        imu_topic: topic of sensor_msgs/Imu; with Gazebo often "/imu".
-        command_type: kind of command, "float64_multi_array" or "joint_trajectory".
-        command_topic: topic of commands; empty: the usual name of a controller that takes such commands.
-        joint_order: names of joints as the position controller lists them; empty: as the model does. A trajectory names
-            its joints.
+        imu_topic: topic of sensor_msgs/Imu, with Gazebo often "/imu"; empty: "/imu/data".
+        command_type: kind of command, "float64_multi_array" (positions), "joint_trajectory" or "impedance" (positions,
+            velocities, efforts, kp and kd); empty: positions.
+        command_topic: topic of commands; empty: the usual name of a controller that takes such commands. Of impedance
+            the topics: "{interface}" in it stands for the command interface of a controller for all joints, "{joint}"
+            for the joint of a controller for all of its interfaces.
+        joint_order: names of joints as the controllers list them; empty: as the model does. A trajectory names its
+            joints.
         command_rate: rate of commands [Hz]; 0: 500 a second, or 100 trajectories.
         time_from_start: time of the one point of a trajectory [s]; 0: at once, as a forwarding controller.
         stiffness: stiffness of a soft position controller [Nm/rad], into whose targets the feed-forward torque is
@@ -42,9 +62,10 @@ class Ros2Settings:
     domain: int = 0
     peers: tuple[str, ...] = ()
     accept_cyclonedds: str = ""
+    stack: str = ""
     joint_state_topic: str = "/joint_states"
-    imu_topic: str = "/imu/data"
-    command_type: str = "float64_multi_array"
+    imu_topic: str = ""
+    command_type: str = ""
     command_topic: str = ""
     joint_order: tuple[str, ...] = ()
     command_rate: float = 0.0
@@ -53,6 +74,7 @@ class Ros2Settings:
     stamps: str = "header"
 
     def __post_init__(self) -> None:
+        self._fill_in()
         for name, known in (("command_type", tuple(_USUAL)), ("stamps", _STAMPS)):
             if getattr(self, name) not in known:
                 raise SettingsError(f"{name} is {getattr(self, name)!r}; it is one of {', '.join(known)}")
@@ -63,13 +85,25 @@ class Ros2Settings:
             topic = getattr(self, name)
             if not topic.startswith("/") and (topic or name != "command_topic"):
                 raise SettingsError(f"{name} is {topic!r}; ROS topics begin with '/', as in '/joint_states'")
+        if self.command_type == "impedance" and ("{interface}" in self.commands_to) == ("{joint}" in self.commands_to):
+            raise SettingsError(
+                f"command_topic is {self.command_topic!r}; of impedance it names topics by one of '{{interface}}' and "
+                "'{joint}', as in '/{interface}_controller/commands'"
+            )
 
     @property
     def commands_to(self) -> str:
-        """The topic of the commands."""
+        """The topic of the commands; of impedance the pattern of its topics."""
         return self.command_topic or _USUAL[self.command_type][0]
 
     @property
     def rate(self) -> float:
         """Commands a second."""
         return self.command_rate or _USUAL[self.command_type][1]
+
+    def _fill_in(self) -> None:
+        """What was left out, as the stack has it."""
+        if self.stack and self.stack not in STACKS:
+            raise SettingsError(f"stack is {self.stack!r}; it is one of {', '.join(STACKS)}, or empty")
+        for name, value in {**_ELSE, **STACKS.get(self.stack, {})}.items():
+            object.__setattr__(self, name, getattr(self, name) or value)

@@ -1,0 +1,108 @@
+"""What ros2_control's controllers are told: the topics that take a command, and the message that goes to each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from equipoise.drivers.dds.domain import RawSample
+from equipoise.drivers.ros2.messages import (
+    ENCODED_ARRAY,
+    Duration,
+    Header,
+    JointTrajectory,
+    JointTrajectoryPoint,
+    encoded_array,
+)
+from equipoise.drivers.ros2.samples import listed
+from equipoise.drivers.ros2.settings import IMPEDANCE, Ros2Settings
+from equipoise.errors import SettingsError
+from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
+
+Message = RawSample | JointTrajectory
+
+
+@dataclass(frozen=True)
+class Controllers:
+    """The controllers that together take a command.
+
+    Attributes:
+        messages: types of messages, by topic.
+        told: what a command is to them: messages by topic, in the order of sending.
+        accepts: what they heed of a command besides positions, as a platform's.
+        limp: command that leaves the joints without torque; None: position controllers hold where they were sent last.
+    """
+
+    messages: Mapping[str, type[Message]]
+    told: Callable[[JointCommand], dict[str, Message]]
+    accepts: frozenset[str]
+    limp: JointCommand | None = None
+
+
+def controllers_of(robot: RobotModel, settings: Ros2Settings) -> Controllers:
+    """Those that the settings name; raises SettingsError if `joint_order` is not the model's joints."""
+    names = settings.joint_order or robot.joint_names
+    order = _order(robot.joint_names, names)
+    if settings.command_type == "impedance":
+        return _impedance(robot, names, order, settings.commands_to)
+    return _positions(names, order, settings)
+
+
+def _positions(names: tuple[str, ...], order: NDArray[np.intp], settings: Ros2Settings) -> Controllers:
+    """One controller of positions; the torques that hold a soft one up are folded into them."""
+    topic, stiffness = settings.commands_to, settings.stiffness
+    time = Duration(*divmod(round(1e9 * settings.time_from_start), 10**9))
+
+    def target(command: JointCommand) -> list[float]:
+        torque = 0.0 if command.torque is None or not stiffness else command.torque / stiffness
+        return (command.position + torque)[order].tolist()
+
+    def array(command: JointCommand) -> dict[str, Message]:
+        return {topic: encoded_array(target(command))}
+
+    def trajectory(command: JointCommand) -> dict[str, Message]:
+        point = JointTrajectoryPoint(target(command), time_from_start=time)
+        return {topic: JointTrajectory(Header(), list(names), [point])}
+
+    arrays, accepts = settings.command_type == "float64_multi_array", frozenset({"torque"} if stiffness else ())
+    return Controllers({topic: ENCODED_ARRAY if arrays else JointTrajectory}, array if arrays else trajectory, accepts)
+
+
+def _impedance(robot: RobotModel, names: tuple[str, ...], order: NDArray[np.intp], pattern: str) -> Controllers:
+    """A controller for each interface of all joints, or for each joint with all interfaces.
+
+    Topics may overtake each other. So positions go before stiffness, and a limp joint keeps the position that it was sent
+    last: whatever comes first, stiffness never meets a position that is not its own.
+    """
+    kp, kd = (np.full(len(names), gain) for gain in robot.gains(nominal_stance(robot).hip_height))
+    zeros = np.zeros(len(names))
+    by_interface = "{interface}" in pattern
+    mark, marked = ("{interface}", IMPEDANCE) if by_interface else ("{joint}", names)
+    topics = [pattern.replace(mark, name) for name in marked]
+
+    def told(command: JointCommand) -> dict[str, Message]:
+        given = (command.position, command.velocity, command.torque, command.kp, command.kd)
+        values = [own if one is None else one for one, own in zip(given, (zeros, zeros, zeros, kp, kd), strict=True)]
+        table = np.array(values)[:, order]
+        rows = zip(topics, (table if by_interface else table.T).tolist(), strict=True)
+        skipped = int(by_interface and command.limp)
+        return {topic: encoded_array(row) for topic, row in list(rows)[skipped:]}
+
+    limp = JointCommand(zeros, kp=zeros, kd=zeros)
+    return Controllers(dict.fromkeys(topics, ENCODED_ARRAY), told, ACCEPTS_EVERYTHING, limp)
+
+
+def _order(joint_names: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.intp]:
+    """Which of the model's joints the controllers have in each place."""
+    wrong = tuple(sorted(set(names) ^ set(joint_names)))
+    if wrong or len(set(names)) != len(names):
+        told = f"{listed(wrong)} in only one of them" if wrong else "a joint is there twice"
+        raise SettingsError(
+            f"joint_order must hold each joint of the model once: {told}; the model has {listed(joint_names)}"
+        )
+    return np.array([joint_names.index(name) for name in names])
