@@ -1,0 +1,135 @@
+"""Which shapes of a robot are held apart, two by two, and how far.
+
+Left out are links that are neighbours, and those that touch where the robot stands: there shapes are larger than links. Those
+that touch where it lies may come as near as they are there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.clearance.shapes import link_of, robot_shapes
+from equipoise.conventions import FloatArray
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import lying_posture, nominal_stance
+
+_MARGIN = 0.005  # [m] between two shapes, on an A1, whose feet are that far from where they are sent at times
+ROUNDING = 1e-4
+"""By which what is nearer than it should be already may come nearer [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of shapes that are held apart.
+
+    Attributes:
+        shapes: shapes with the pairs, on the joints of the robot's model.
+        links: names of the two links of each pair.
+        margin: distance that is kept where nothing is nearer by itself [m].
+        least: (pairs,) distances that are kept [m]; less than the margin, or negative, for what is nearer where it lies.
+        route: (pairs,) number of the two joints that the shapes of each pair hang at, a column of `reach`, ascending.
+        first: (routes,) number of the first pair of each route.
+        reach: (nj, routes) how much nearer the shapes of a route can come while a joint turns [m/rad].
+        left_out: names of the links that touch where the robot stands, two by two.
+    """
+
+    shapes: pin.GeometryModel
+    links: tuple[tuple[str, str], ...]
+    margin: float
+    least: FloatArray
+    route: NDArray[np.intp]
+    first: NDArray[np.intp]
+    reach: FloatArray
+    left_out: tuple[tuple[str, str], ...]
+
+
+class Distances:
+    """Distances between the shapes of pairs; owns the memory that they are computed in, as `Kinematics` does."""
+
+    def __init__(self, robot: RobotModel, shapes: pin.GeometryModel) -> None:
+        self._robot, self._shapes = robot, shapes
+        self._data, self._placed = robot.create_data(), shapes.createData()
+
+    def take(self, joint_position: FloatArray) -> None:
+        """Put the shapes where (nj,) joint positions put them [rad]."""
+        model, configuration = self._robot.pinocchio, self._robot.configuration(joint_position)
+        pin.updateGeometryPlacements(model, self._data, self._shapes, self._placed, configuration)
+
+    def of(self, pair: int) -> float:
+        """Between the two shapes of a pair [m]; negative: they are in each other."""
+        return float(pin.computeDistance(self._shapes, self._placed, pair).min_distance)
+
+    def all(self, joint_position: FloatArray) -> FloatArray:
+        """(pairs,) at (nj,) joint positions [rad]."""
+        self.take(joint_position)
+        return np.array([self.of(pair) for pair in range(len(self._shapes.collisionPairs))])
+
+
+@lru_cache(maxsize=16)
+def pairs_of(robot: RobotModel) -> Pairs:
+    """The pairs of a robot; raises what `nominal_stance` raises."""
+    shapes, stance = robot_shapes(robot), nominal_stance(robot)
+    margin = _MARGIN * stance.scale.length
+    _pair_up(robot, shapes)
+    touch = Distances(robot, shapes).all(stance.joint_position) < margin
+    names, pairs = _links(shapes), list(shapes.collisionPairs)
+    shapes.removeAllCollisionPairs()
+    for index in np.flatnonzero(~touch):
+        shapes.addCollisionPair(pairs[index])
+    lying = Distances(robot, shapes).all(lying_posture(robot, stance)[0])
+    left_out = tuple(dict.fromkeys(names[index] for index in np.flatnonzero(touch)))
+    return Pairs(
+        shapes, _links(shapes), margin, np.minimum(margin, lying - ROUNDING), *_routes(robot, shapes), left_out
+    )
+
+
+def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:
+    """All shapes on links that are neither one nor neighbours, route by route."""
+    parents, found = robot.pinocchio.parents, shapes.geometryObjects
+    by_joints = sorted(range(len(found)), key=lambda index: found[index].parentJoint)
+    routes = sorted((found[a].parentJoint, found[b].parentJoint, a, b) for a, b in combinations(by_joints, 2))
+    for upper, lower, first, second in routes:
+        if upper != lower and parents[lower] != upper:
+            shapes.addCollisionPair(pin.CollisionPair(first, second))
+
+
+def _links(shapes: pin.GeometryModel) -> tuple[tuple[str, str], ...]:
+    names = [link_of(shape) for shape in shapes.geometryObjects]
+    return tuple((names[pair.first], names[pair.second]) for pair in shapes.collisionPairs)
+
+
+def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
+    """`route`, `first` and `reach` of pairs."""
+    found, reaches = shapes.geometryObjects, _joint_reaches(robot, shapes)
+    joints = np.array([[found[p.first].parentJoint, found[p.second].parentJoint] for p in shapes.collisionPairs])
+    routes, first, route = np.unique(joints, axis=0, return_index=True, return_inverse=True)
+    return route.reshape(-1), first, np.array([reaches[a] + reaches[b] for a, b in routes]).T
+
+
+def _joint_reaches(robot: RobotModel, shapes: pin.GeometryModel) -> dict[int, FloatArray]:
+    """By joint, (nj,) how far what hangs at it moves at most while each joint above it, and itself, turns [m/rad]."""
+    reaches = {joint: np.zeros(len(robot.joint_names)) for joint in range(robot.pinocchio.njoints)}
+    for shape in shapes.geometryObjects:
+        shape.geometry.computeLocalAABB()
+        middle = shape.placement.rotation @ shape.geometry.aabb_center + shape.placement.translation
+        extent = float(np.linalg.norm(middle)) + float(shape.geometry.aabb_radius)
+        for joint, above in _above(robot, shape.parentJoint):
+            row = reaches[shape.parentJoint]
+            row[joint - 2] = max(row[joint - 2], above + extent)
+    return reaches
+
+
+def _above(robot: RobotModel, joint: int) -> Iterator[tuple[int, float]]:
+    """A joint and those above it in its leg, and how far from each the first one is [m]."""
+    model, distance = robot.pinocchio, 0.0
+    while joint > 1:
+        yield joint, distance
+        distance += float(np.linalg.norm(model.jointPlacements[joint].translation))
+        joint = model.parents[joint]
