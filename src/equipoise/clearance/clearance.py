@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equipoise.clearance.pairs import ROUNDING, Distances, pairs_of
+from equipoise.clearance.pairs import Distances, pairs_of
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 
+_ROUNDING = 1e-4  # [m] by which shapes that are too near already may come nearer
 _PART = 60  # postures that are gone through at once
 
 
@@ -64,8 +65,8 @@ class Clearance:
         """Begin anew, somewhere else."""
         distance, pairs = self._distances.all(joint_position), self._pairs
         self._here, self._travelled = joint_position, np.zeros(len(pairs.first))  # [m] along each route
-        self._allowed = np.minimum(distance - ROUNDING, pairs.least)  # [m] of each pair
-        self._due = np.maximum(distance, pairs.margin)  # [m] travelled by when to look at each pair again
+        self._allowed = np.minimum(distance - _ROUNDING, pairs.least)  # [m] of each pair
+        self._due = np.maximum(distance, pairs.least)  # [m] travelled by when to look at each pair again
 
     def first_contact(self, joint_positions: FloatArray) -> Contact | None:
         """Go through (n, nj) postures [rad]; the first contact ends the way.
@@ -95,11 +96,11 @@ class Clearance:
         """Look at the pairs that are due."""
         self._here, self._travelled = joint_position, travelled
         self._distances.take(joint_position)
-        least, margin, along = self._pairs.least, self._pairs.margin, travelled[self._pairs.route]
+        least, along = self._pairs.least, travelled[self._pairs.route]
         for pair in np.flatnonzero(self._due < along):
             distance = self._distances.of(int(pair))
             if distance < self._allowed[pair]:
                 return Contact(self._pairs.links[pair], distance)
-            self._allowed[pair] = min(max(self._allowed[pair], distance - ROUNDING), least[pair])
-            self._due[pair] = along[pair] + max(distance, margin)
+            self._allowed[pair] = min(max(self._allowed[pair], distance - _ROUNDING), least)
+            self._due[pair] = along[pair] + max(distance, least)
         return None

@@ -1,7 +1,7 @@
-"""Which shapes of a robot are held apart, two by two, and how far.
+"""Which shapes of a robot are held apart, two by two.
 
-Left out are links that are neighbours, and those that touch where the robot stands: there shapes are larger than links. Those
-that touch where it lies may come as near as they are there.
+Left out are links that are neighbours, and those that touch where the robot stands or lies: there shapes are larger than the
+links, or it rests on itself.
 """
 
 from __future__ import annotations
@@ -20,9 +20,7 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lying_posture, nominal_stance
 
-_MARGIN = 0.005  # [m] between two shapes, on an A1, whose feet are that far from where they are sent at times
-ROUNDING = 1e-4
-"""By which what is nearer than it should be already may come nearer [m]."""
+_LEAST = 0.005  # [m] between two shapes, on an A1, whose feet are that far from where they are sent at times
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,18 +30,16 @@ class Pairs:
     Attributes:
         shapes: shapes with the pairs, on the joints of the robot's model.
         links: names of the two links of each pair.
-        margin: distance that is kept where nothing is nearer by itself [m].
-        least: (pairs,) distances that are kept [m]; less than the margin, or negative, for what is nearer where it lies.
+        least: distance that is kept between the shapes of a pair [m].
         route: (pairs,) number of the two joints that the shapes of each pair hang at, a column of `reach`, ascending.
         first: (routes,) number of the first pair of each route.
         reach: (nj, routes) how much nearer the shapes of a route can come while a joint turns [m/rad].
-        left_out: names of the links that touch where the robot stands, two by two.
+        left_out: names of the links that touch where the robot stands or lies, two by two.
     """
 
     shapes: pin.GeometryModel
     links: tuple[tuple[str, str], ...]
-    margin: float
-    least: FloatArray
+    least: float
     route: NDArray[np.intp]
     first: NDArray[np.intp]
     reach: FloatArray
@@ -76,18 +72,16 @@ class Distances:
 def pairs_of(robot: RobotModel) -> Pairs:
     """The pairs of a robot; raises what `nominal_stance` raises."""
     shapes, stance = robot_shapes(robot), nominal_stance(robot)
-    margin = _MARGIN * stance.scale.length
+    least = _LEAST * stance.scale.length
     _pair_up(robot, shapes)
-    touch = Distances(robot, shapes).all(stance.joint_position) < margin
-    names, pairs = _links(shapes), list(shapes.collisionPairs)
+    usual, postures = Distances(robot, shapes), (stance.joint_position, lying_posture(robot, stance)[0])
+    touch = np.min([usual.all(position) for position in postures], axis=0) < least
+    links, pairs = _links(shapes), list(shapes.collisionPairs)
     shapes.removeAllCollisionPairs()
     for index in np.flatnonzero(~touch):
         shapes.addCollisionPair(pairs[index])
-    lying = Distances(robot, shapes).all(lying_posture(robot, stance)[0])
-    left_out = tuple(dict.fromkeys(names[index] for index in np.flatnonzero(touch)))
-    return Pairs(
-        shapes, _links(shapes), margin, np.minimum(margin, lying - ROUNDING), *_routes(robot, shapes), left_out
-    )
+    left_out = tuple(dict.fromkeys(links[index] for index in np.flatnonzero(touch)))
+    return Pairs(shapes, _links(shapes), least, *_routes(robot, shapes), left_out)
 
 
 def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:

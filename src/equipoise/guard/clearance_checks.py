@@ -7,6 +7,7 @@ from equipoise.errors import LimitError
 from equipoise.guard.known import Check, Known
 from equipoise.platform.platform import JointCommand, Trajectory
 from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
 
 
 class ClearanceChecks:
@@ -19,24 +20,24 @@ class ClearanceChecks:
         in_motion: checks of a command before it is sent; they raise LimitError.
     """
 
-    def __init__(self, robot: RobotModel) -> None:
+    def __init__(self, robot: RobotModel, stance: Stance) -> None:
         self._robot = robot
-        self._clearance: Clearance | None = None
+        self._clearance = Clearance(robot, stance.joint_position)
         self.at_rest: tuple[Check, ...] = (self._begin,)
         self.in_motion: tuple[Check, ...] = (self._check_command,)
 
     def check_ahead(self, trajectory: Trajectory) -> None:
-        """Refuse a whole motion before it begins (LimitError); its first posture is where the robot is, and allowed."""
+        """Refuse a whole motion before it begins (LimitError); where it begins the robot is already."""
         ahead = Clearance(self._robot, trajectory.position[0])
         _refuse(ahead.first_contact(trajectory.position))
 
     def _begin(self, command: JointCommand, known: Known) -> None:
-        self._clearance = Clearance(self._robot, known.state.joint_position)
+        self._clearance.begin(known.state.joint_position)
 
     def _check_command(self, command: JointCommand, known: Known) -> None:
-        if self._clearance is None or known.sent.limp:  # limp joints are where somebody has moved them
+        if known.sent.limp:  # limp joints are where somebody has moved them
             self._begin(command, known)
-        elif not command.limp:
+        if not command.limp:
             _refuse(self._clearance.first_contact(command.position[None]))
 
 

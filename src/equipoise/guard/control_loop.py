@@ -43,10 +43,10 @@ class ControlLoop:
         self._report = GuardReport(self._samples.counts)
         self.known: Known | None = None
 
-        commands = CommandChecks(limits, robot, gains, platform.control_period)
+        commands = self._commands = CommandChecks(limits, robot, gains, platform.control_period)
         joints = JointChecks(limits, robot, stance.hip_height, platform.control_period, self.own_gains is not None)
         base = BaseChecks(limits, robot, stance)
-        self._clear = ClearanceChecks(robot)
+        self._clear = ClearanceChecks(robot, stance)
         self._at_rest: tuple[Check, ...] = (*commands.at_rest, *joints.at_rest, *base.at_rest, *self._clear.at_rest)
         self._before: tuple[Check, ...] = (*commands.in_motion, *self._clear.in_motion)
         self._after: tuple[Check, ...] = (*joints.in_motion, *base.in_motion)
@@ -67,7 +67,8 @@ class ControlLoop:
         self.known = Known(state, here, here, self._up)
 
     def look_ahead(self, trajectory: Trajectory) -> None:
-        """Before a motion's first command; raises LimitError if it must not be made."""
+        """Before a motion's first command; raises LimitError, or SettingsError, if it must not be made."""
+        self._commands.check_shape(trajectory.position[0])
         self._clear.check_ahead(trajectory)
 
     def read(self) -> RobotState:
