@@ -53,6 +53,14 @@ class CheckupFinding:
     serious: bool = False
 
 
+# No sensor tells a pull from a centre of mass that is off: 0.15 N shift an A1's by 0.4 mm.
+_CABLE = CheckupFinding(
+    "cable", "is one attached? No sensor feels it, and its pull looks like a shifted centre of mass", None,
+    "tell calibrate: --cable none if there is none, light (the default) for an Ethernet cable that hangs slack, heavy for "
+    "more; --turn tells its pull from the centre of mass",
+)  # fmt: skip
+
+
 @runtime_checkable
 class Foretelling(Protocol):
     """A platform, or a driver's link, that can say what its first command will meet."""
@@ -150,7 +158,7 @@ def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> lis
         findings += _battery(health.battery_voltage, health.battery_charge)
         if health.fault is not None:
             findings.append(CheckupFinding("fault", health.fault, False, "see the robot's manual", serious=True))
-    return findings
+    return [*findings, _CABLE]
 
 
 def joint_table(robot: RobotModel, position: FloatArray) -> list[tuple[str, str, float, float, float]]:
