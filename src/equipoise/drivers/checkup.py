@@ -28,6 +28,7 @@ _JITTER = 5e-3  # [s]
 # Between the floor by the encoders and up by the accelerometer: floors, zeros and mountings do less.
 _LEAN = np.radians(6)
 _ASKEW = np.radians(35)  # also for a robot that lies on whatever it lies on
+_BEYOND = 0.1  # [rad] that an encoder may read beyond its joint's limits
 _BIAS = 0.05  # [rad/s] of a gyroscope at rest
 _STILL = 0.06  # [rad/s]
 _MASS_RANGE = (0.6, 1.7)  # carried, over the model's
@@ -202,7 +203,7 @@ def _limits(robot: RobotModel, position: FloatArray) -> list[CheckupFinding]:
     worst = int(np.argmax(beyond))
     if beyond[worst] <= 0:
         return [CheckupFinding("joint positions", "within the model's limits", True)]
-    fine = bool(beyond[worst] < 0.1)
+    fine = bool(beyond[worst] < _BEYOND)
     return [
         CheckupFinding(
             "joint positions", f"{robot.joint_names[worst]} is {beyond[worst]:.2f} rad beyond its limit", fine,
