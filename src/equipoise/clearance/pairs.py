@@ -1,7 +1,7 @@
 """Which shapes of a robot are held apart, two by two.
 
-Left out are links that are neighbours, and those that touch where the robot stands or lies: there shapes are larger than the
-links, or it rests on itself.
+Left out are links that are neighbours; the trunk and what is above the knees, which joint limits keep apart; and what touches
+where the robot stands or lies: there shapes are larger than the links, or it rests on itself.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.clearance.shapes import link_of, robot_shapes
+from equipoise.clearance.shapes import held_links, link_of, robot_shapes
+from equipoise.clearance.stand_ins import BASE_JOINT
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lying_posture, nominal_stance
@@ -85,13 +86,19 @@ def pairs_of(robot: RobotModel) -> Pairs:
 
 
 def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:
-    """All shapes on links that are neither one nor neighbours, route by route."""
-    parents, found = robot.pinocchio.parents, shapes.geometryObjects
+    """All shapes that nothing else keeps apart, route by route."""
+    found, near, arms = shapes.geometryObjects, _near(robot), held_links(robot)
     by_joints = sorted(range(len(found)), key=lambda index: found[index].parentJoint)
     routes = sorted((found[a].parentJoint, found[b].parentJoint, a, b) for a, b in combinations(by_joints, 2))
     for upper, lower, first, second in routes:
-        if upper != lower and parents[lower] != upper:
+        if upper != lower and ((upper, lower) not in near or link_of(found[first]) in arms):
             shapes.addCollisionPair(pin.CollisionPair(first, second))
+
+
+def _near(robot: RobotModel) -> set[tuple[int, int]]:
+    """Pairs of joints, the upper first, whose links are neighbours, or the trunk and a part of a leg above its knee."""
+    neighbours = {(int(robot.pinocchio.parents[joint]), joint) for joint in range(2, robot.pinocchio.njoints)}
+    return neighbours | {(BASE_JOINT, joint) for leg in robot.legs.values() for joint in leg.joint_ids[:-1]}
 
 
 def _links(shapes: pin.GeometryModel) -> tuple[tuple[str, str], ...]:

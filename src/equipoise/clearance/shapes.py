@@ -35,6 +35,13 @@ def link_of(shape: pin.GeometryObject) -> str:
     return shape.name.rpartition(" ")[0]
 
 
+def held_links(robot: RobotModel) -> set[str]:
+    """Names of the links that held joints move, as an arm's: they are on the base's joint, and no part of the trunk."""
+    model = robot.full_pinocchio
+    joints = {model.getJointId(name) for name in robot.held}
+    return {str(f.name) for f in model.frames if f.parentJoint in joints and f.type == pin.FrameType.BODY}
+
+
 Named = tuple[str, pin.GeometryObject]
 
 

@@ -57,10 +57,14 @@ def leg_limbs(robot: RobotModel, shown: Container[int]) -> Iterator[Limb]:
                 yield Limb(joint, np.zeros(3), end, radius * (_SHANK_SHARE if joint == leg.joint_ids[-1] else 1.0))
 
 
-def trunk_box(robot: RobotModel) -> tuple[tuple[float, float, float], FloatArray]:
-    """Edges of a box around the hips, and its (3,) centre in the base frame [m]."""
+def trunk_box(robot: RobotModel, around: float = 0.0) -> tuple[tuple[float, float, float], FloatArray]:
+    """Edges of a box that holds the hips, and its (3,) centre in the base frame [m].
+
+    Args:
+        around: how much larger it is on each side, over a limb's radius.
+    """
     hips, radius = hip_positions(robot), LIMB_RADIUS_RATIO * robot.leg_length
-    x, y, z = (np.ptp(hips, axis=0) + [2 * radius, 2 * radius, 4 * radius]).tolist()
+    x, y, z = (np.ptp(hips, axis=0) + 2 * radius * np.array([around, around, 1 + around])).tolist()
     return (x, y, z), hips.mean(axis=0)
 
 

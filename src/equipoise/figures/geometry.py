@@ -272,7 +272,7 @@ def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
     """Shapes for links that have none, or only a foot's sphere."""
     shown = {shape.joint for shape in found if shape.kind != "sphere"}
     if BASE_JOINT not in shown:
-        edges, middle = trunk_box(robot)
+        edges, middle = trunk_box(robot, around=1.0)
         yield Shape(BASE_JOINT, "base", "box", edges, np.eye(3), middle, stands_in=True)
     for limb in leg_limbs(robot, shown):
         place, size = limb.placement, (limb.radius, limb.length)
