@@ -142,10 +142,10 @@ def _failing(tests: tuple[str, ...], source: Path) -> str | None:
         return "they did not end"
     if done.returncode == 0:
         return None
-    failed = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", done.stdout, re.MULTILINE)
+    failed = re.search(r"^(?:FAILED|ERROR) tests/([^\s\[]+)", done.stdout, re.MULTILINE)
     if failed is None:
         raise SystemExit(done.stdout + done.stderr)
-    return failed[1].rpartition("::")[2] if "::" in failed[1] else failed[1]
+    return failed[1].rpartition("::")[2]
 
 
 def main() -> None:
@@ -154,6 +154,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="modules and limits in whose names this is")
     only = parser.parse_args().only
     rows: list[tuple[Mutant, str | None]] = []
+    made_at = commit()
     with tempfile.TemporaryDirectory() as folder:
         package = Path(shutil.copytree(ROOT / "src", Path(folder) / "src")) / "equipoise"
         every = [test for tests, _, _ in LIMITS.values() for test in tests.split()]
@@ -165,7 +166,7 @@ def main() -> None:
                 rows.append((mutant, killer(mutant, package)))
                 print(*line(*rows[-1]), flush=True)
     if not only:
-        (RESULTS / "mutants.md").write_text(page(rows), encoding="utf-8")
+        (RESULTS / "mutants.md").write_text(page(rows, made_at), encoding="utf-8")
     sys.exit(any(test is None for _, test in rows))
 
 
@@ -174,14 +175,14 @@ def line(mutant: Mutant, test: str | None) -> tuple[str, str, str]:
     return mutant.module, mutant.limit, "**survived**" if test is None else test
 
 
-def page(rows: list[tuple[Mutant, str | None]]) -> str:
+def page(rows: list[tuple[Mutant, str | None]], made_at: str) -> str:
     """As Markdown."""
     noticed = sum(test is not None for _, test in rows)
     return "\n".join(
         [
             "# Limits that are looser than they should be",
             "",
-            f"`make mutants`, at {commit()}. Each limit of the guard, its ending, the watchdog and the doctor is loosened by "
+            f"`make mutants`, at {made_at}. Each limit of the guard, its ending, the watchdog and the doctor is loosened by "
             "half, times 1.5 or over it, and the tests that concern it are run: a test that fails has noticed. "
             f"{noticed} of {len(rows)} are noticed.",
             "",
