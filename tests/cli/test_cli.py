@@ -14,6 +14,7 @@ import pytest
 from commands import fails
 
 from equipoise import RunFolder
+from equipoise import __main__ as entry
 from equipoise.cli import VERBS, main
 
 QUICK = [
@@ -402,3 +403,12 @@ def test_a_log_is_recorded_in_json(tmp_path, capsys):
     table = json.loads(capsys.readouterr().out)
     assert table["file"] == str(out)
     assert table["joint_samples"] > 200
+
+
+def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch, ctrl_c_raises):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(entry, "main", interrupted)
+    assert entry.run() == 130
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
