@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view)
+  guard report view robots)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -131,6 +131,11 @@ bench-guard: $(ROBOTS_STAMP)
 bench-stays-up: $(ROBOTS_STAMP)
 	$(PIP) pybullet
 	$(BIN)/python benchmarks/stays_up.py
+
+# Forty minutes on one core; it goes on like bench-accuracy.
+bench-robots: $(ROBOTS_STAMP)
+	$(PIP) pybullet
+	$(BIN)/python benchmarks/robots.py
 
 # Eight hours on two cores; it goes on like bench-accuracy. The first seeds alone: benchmarks/robustness.py --first 2.
 bench-robustness: $(ROBOTS_STAMP)

@@ -70,8 +70,32 @@ def test_a_foot_out_of_reach_is_refused_with_the_leg_and_the_miss(motion):
         motion.move_feet(motion.target.feet_in_base - [0, 0, 0.2], 1.0)
 
 
-def test_a_motion_faster_than_a_joint_may_turn_is_refused(motion):
-    motion.move_feet(motion.target.feet_in_base + [0, 0, 0.1], 0.02)
+def test_a_motion_faster_than_a_joint_may_turn_takes_longer_on_the_same_path(a1, motion):
+    up = motion.target.feet_in_base + [0, 0, 0.05]
+    usual = motion.move_feet(up, 0.5).build().position
+    fast = Motion(a1, PERIOD, Target.standing(a1, nominal_stance(a1).joint_position)).phase("move").move_feet(up, 0.03)
+    fast.phase("there")
+    position, events = fast.build().position, fast.build().events
+    speed = np.abs(np.diff(position, axis=0)).max() / PERIOD
+    assert 0.7 * 21 < speed <= 0.8 * 21
+    assert events[1].time == pytest.approx(len(position) * PERIOD)
+    assert fast.slowed == pytest.approx(len(position) * PERIOD / 0.03)
+    np.testing.assert_allclose(position[-1], usual[-1], atol=1e-5)
+    farthest = np.abs(position[:, None] - usual[None]).max(axis=2).min(axis=1).max()
+    assert farthest < 0.01  # rad: every posture of the one is nearly one of the other
+
+
+def test_times_within_a_path_that_was_slowed_are_slowed_too(motion):
+    begin = motion.hold(0.1).time
+    feet = motion.target.feet_in_base
+    motion.follow(lambda share: feet + [0, 0, 0.05 * share], 5, smooth_step(15)).phase_at("half", begin + 0.015)
+    assert motion.slowed > 1
+    (half,) = motion.build().events
+    assert half.time == pytest.approx((begin + motion.time) / 2)
+
+
+def test_a_motion_much_faster_than_a_joint_may_turn_is_refused(motion):
+    motion.move_feet(motion.target.feet_in_base + [0, 0, 0.1], 0.004)
     with pytest.raises(
         ReachError, match=r"would have to turn at .* rad/s; it is planned with 80% of its limit of 21.00"
     ):

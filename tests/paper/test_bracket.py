@@ -1,7 +1,9 @@
 """The bracket of Algorithm 1, without a robot: one whose balance is known tips forward behind it and backward ahead of it."""
 
+import numpy as np
 import pytest
 
+from equipoise.experiments.tilt import SupportPlane
 from equipoise.paper.bracket import Bracket, TriedOffset, done, next_offset, step
 
 START = Bracket(-0.06, 0.06, tolerance=0.005, highest_lift=0.04)
@@ -73,3 +75,12 @@ def test_ends_that_tip_towards_each_other_are_no_bracket():
     crossed = step(step(START, tried(0.004, "forward")), tried(0.001, "backward"))
     assert not done(crossed)
     assert not done(step(step(START, tried(0.0, "forward")), tried(0.0, "backward")))
+
+
+@pytest.mark.parametrize(("ahead", "behind", "at"), [(0.001, -0.003, 0.001), (0.003, -0.001, 0.003), (0.0, 0.0, 0.002)])
+def test_the_plane_lies_nearer_to_the_end_at_which_the_robot_tipped_more_slowly(ahead, behind, at):
+    ends = [SupportPlane(np.array([x, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])) for x in (0.0, 0.004)]
+    bracket = step(START, TriedOffset(0.0, 0.04, "forward", ends[0], ahead))
+    assert bracket.plane is None  # the other end is only assumed
+    bracket = step(bracket, TriedOffset(0.004, 0.04, "backward", ends[1], behind))
+    assert bracket.plane.point[0] == pytest.approx(at)

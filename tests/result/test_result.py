@@ -182,6 +182,7 @@ def test_a_file_of_the_schema_before_tells_the_same(method, path):
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15)
     del before["uncertainty"], before["schema"], now["schema"]
     assert now.pop("assumptions") == []  # nobody could say any
+    assert now["stance"].pop("held") == {}  # nothing was
     assert now == before
 
 

@@ -13,6 +13,7 @@ from equipoise.robot.description import RobotDescription
 
 COMPLETE = """
 base_link = "trunk"
+forward = "-y"
 foot_radius = 0.02
 imu_position = [0.1, 0, -0.02]
 imu_rpy = [0.0, 0.0, 3.14]
@@ -63,6 +64,7 @@ def test_every_field_can_be_written_in_toml(from_toml):
     assert from_toml(COMPLETE) == RobotDescription(
         base_link="trunk",
         foot_frames={"FL": "LF_FOOT", "RR": "RH_FOOT"},
+        forward="-y",
         foot_radius=0.02,
         imu_position=(0.1, 0.0, -0.02),
         imu_rpy=(0.0, 0.0, 3.14),
@@ -92,9 +94,13 @@ def test_what_a_description_holds_can_be_written_as_json_and_read_back(from_toml
     assert RobotDescription.from_dict(dataclasses.asdict(RobotDescription())) == RobotDescription()
 
 
-KNOWN = "base_link, foot_frames, foot_radius, held, imu_position, imu_rpy, joint_limits, kd, kp, stance, stance_height"
+KNOWN = (
+    "base_link, foot_frames, foot_radius, forward, held, imu_position, imu_rpy, joint_limits, kd, kp, stance, "
+    "stance_height"
+)
 REFUSED = [
     ('colour = "blue"', f"unknown key 'colour'; known are {KNOWN}"),
+    ('forward = "up"', "forward is 'up'; it is an axis of the base link: +x, +y, -x or -y"),
     ("base_link = 3", "base_link is 3; it must be a name"),
     ('kp = "stiff"', "kp is 'stiff'; it must be a number"),
     ('kp = "80"', "kp is '80'; it must be a number"),

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.errors import ModelError
 from equipoise.robot.inertial import base_parameters
 from equipoise.robot.mjcf_poses import AngleConvention, orientation
+from equipoise.robot.model import RobotModel
 from equipoise.robot.source import read_model_source
 from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
@@ -461,3 +462,15 @@ def test_a_leg_may_hang_in_a_frame(robot, tmp_path):
 def test_all_four_feet_are_where_the_urdf_of_the_same_robot_has_them(robot):
     assert list(robot().feet) == list(FOUR_LEGS)
     assert {foot.position_in_body for foot in robot().feet.values()} == {(0.0, 0.0, -0.2)}
+
+
+# --- where joints are at home
+
+
+def test_joints_are_held_where_the_keyframe_called_home_has_them(read):
+    legs = " ".join(["0.1 0.2 0.3"] * 4)
+    keys = f'<keyframe><key qpos="{"9 " * 21}"/><key name="home" qpos="0 0 1 1 0 0 0 {legs} 0.4 -0.5"/></keyframe>'
+    robot = RobotModel.from_source(read(quadruped_mjcf(arm=True, tail=keys)))
+    assert list(robot.held.values()) == [0.4, -0.5]
+    short = RobotModel.from_source(read(quadruped_mjcf(arm=True, tail=keys.replace(" -0.5", ""))))
+    assert list(short.held.values()) == [0.0, 0.0]  # another robot's

@@ -24,7 +24,7 @@ NAMINGS = {
     "ANYmal": lambda leg, joint: f"{leg.replace('R', 'H', 1) if leg[0] == 'R' else leg}_{('HAA', 'HFE', 'KFE')[joint]}",
     "LF": lambda leg, joint: f"{leg[::-1]}_{('HAA', 'HFE', 'KFE')[joint]}",
     "numbers": lambda leg, joint: str(10 - 3 * FOUR_LEGS.index(leg) + joint + 10),
-    "lying": lambda leg, joint: f"{FOUR_LEGS[::-1][FOUR_LEGS.index(leg)]}_{('knee', 'ankle', 'hip')[joint]}",
+    "lying of joints": lambda leg, joint: f"{leg}_{('knee', 'ankle', 'hip')[joint]}",
     "other letters": lambda leg, joint: f"Gelenk_{joint}_für_{leg}",
     "as their links": lambda leg, joint: f"{leg}_link_{joint}",
 }
@@ -193,6 +193,13 @@ def test_only_joints_that_are_no_legs_can_be_held(refusal):
     held = RobotDescription(held={"FL_0": 0.1})
     assert refusal(quadruped_urdf(arm_joints=2), held, SettingsError) == (
         "held names 'FL_0', which is a leg joint or none; others are arm_0, arm_1"
+    )
+
+
+def test_a_joint_is_held_within_its_limits(refusal):
+    assert refusal(quadruped_urdf(arm_joints=2), RobotDescription(held={"arm_1": -1.6}), SettingsError) == (
+        "held puts joint 'arm_1' at -1.600 rad, outside its limits -1.500 to 1.500; give its angle in radians, as the joint "
+        "is while the robot is calibrated"
     )
 
 

@@ -92,6 +92,8 @@ class RunFolder:
                 "xml_sha256": _sha256(robot.source.xml),
                 "repairs": list(robot.source.repairs),
                 "effort_limits": robot.source.effort_limits,
+                "home": robot.source.home,
+                "forward": robot.source.forward,
             },
             "description": dataclasses.asdict(robot.description),
             "settings": method.to_dict(),
@@ -215,6 +217,8 @@ class RunFolder:
                 model["sha256"],
                 tuple(model["repairs"]),
                 model["effort_limits"],
+                model.get("home", {}),  # older runs held all else at zero
+                model.get("forward", "+x"),
             )
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast
 
-from tyro.conf import arg
+from tyro.conf import UseAppendAction, arg
 
 from equipoise.errors import SettingsError
 
@@ -43,6 +43,11 @@ class SettingFlag:
     read: Callable[[Path], Any] | None = None
 
     @property
+    def is_by_name(self) -> bool:
+        """Whether it is given as NAME=NUMBER, and may be given again."""
+        return self.kind == dict[str, float]
+
+    @property
     def is_time(self) -> bool:
         """Whether it is given as 60s or 2min."""
         return _plain(self.kind) is float and _unit(self.words) == "s"
@@ -58,6 +63,9 @@ class SettingFlag:
             return Annotated[
                 bool, arg(help=f"Leave out {self.words}" if self.default else words, help_behavior_hint="")
             ]
+        if self.is_by_name:
+            given = Annotated[tuple[str, ...], arg(help=words, metavar="NAME=ANGLE", help_behavior_hint="")]
+            return UseAppendAction[given]
         hint = "" if self.default is None or self.default in ((), {}) else None
         kind = (str | None) if self.is_time else self.kind
         metavar = "FILE" if self.read is not None else _metavar(plain, self.words)
@@ -115,6 +123,7 @@ def flags_class(
     rows: dict[str, Any] = {name: (name, kind, dataclasses.field(default=default)) for name, kind, default in others}
     for setting in settings:
         value = f"{setting.default:g}s" if setting.is_time and setting.default is not None else setting.default
+        value = () if setting.is_by_name else value
         default: Any = dataclasses.field(default_factory=lambda value=value: copy(value))
         rows.setdefault(setting.name, (setting.name, setting.annotated(), default))
     made = dataclasses.make_dataclass(title, rows.values(), frozen=True, namespace={"SETTINGS": tuple(settings)})
@@ -140,7 +149,23 @@ def _value_of(setting: SettingFlag, flags: Any) -> Any:
     value = getattr(flags, setting.name)
     if setting.read is not None:
         return None if value is None else setting.read(Path(value))
+    if setting.is_by_name:
+        return numbers_by_name(value, setting.name)
     return seconds(value) if setting.is_time else value
+
+
+def numbers_by_name(given: Iterable[str], flag: str) -> dict[str, float]:
+    """Numbers from NAME=NUMBER; raises SettingsError for anything else."""
+    found: dict[str, float] = {}
+    for word in given:
+        name, _, number = word.rpartition("=")
+        try:
+            found[name] = float(number)
+        except ValueError:
+            name = ""
+        if not name:
+            raise SettingsError(f"--{flag} {word}: give it as NAME=ANGLE, in radians") from None
+    return found
 
 
 def _made(kind: type[Any], values: Mapping[tuple[str, ...], Any]) -> Any:

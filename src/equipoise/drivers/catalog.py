@@ -41,6 +41,7 @@ class Driver:
         module: module with `open_link(robot, settings)`, which gives a `Link`, and perhaps `open_beside` (see `open_beside`).
         settings: dataclass of its settings, as "my_package.settings:MySettings"; each has a default.
         preset: settings that belong to the name.
+        makers_gains: stiffness [Nm/rad] and damping [Nm s/rad] with which the maker's own example stands; None: not known.
         needs: module that raises MissingDependencyError when it is imported where the driver cannot be used; empty: none.
     """
 
@@ -52,6 +53,7 @@ class Driver:
     settings: str
     preset: Mapping[str, Any] = dataclasses.field(default_factory=dict[str, Any])
     needs: str = ""
+    makers_gains: tuple[float, float] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,12 +75,12 @@ DRIVERS: dict[str, Driver] = {
             "unitree-go2", "Unitree Go2, by SDK2 messages over CycloneDDS",
             "robot lies, cable in, --set interface=eth0; its sport mode is released before the first command",
             "docs/unitree-go2.md", "equipoise.drivers.unitree.dds",
-            "equipoise.drivers.unitree.dds_settings:UnitreeDdsSettings", needs=_DDS,
+            "equipoise.drivers.unitree.dds_settings:UnitreeDdsSettings", needs=_DDS, makers_gains=(60.0, 5.0),
         ),
         Driver(
             "unitree-b2", "Unitree B2, by the same messages as the Go2",
             "as unitree-go2", "docs/unitree-go2.md", "equipoise.drivers.unitree.dds",
-            "equipoise.drivers.unitree.dds_settings:UnitreeB2Settings", needs=_DDS,
+            "equipoise.drivers.unitree.dds_settings:UnitreeB2Settings", needs=_DDS, makers_gains=(1000.0, 10.0),
         ),
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",

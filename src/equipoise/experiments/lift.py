@@ -113,6 +113,19 @@ def tilt_limit(
     )
 
 
+def in_time(
+    planted: PlantedRobot, feet_in_base: FloatArray, lifted: FloatArray, settings: LiftSettings
+) -> LiftSettings:
+    """The settings with the time that lowering takes: more than was asked, where joints may not turn so fast.
+
+    Args:
+        feet_in_base, lifted: (4, 3) feet in the base frame, down and up [m].
+    """
+    up = planted.motion().move_feet(lifted, settings.lift_time)
+    slowed = Motion(planted.robot, up.control_period, up.target).move_feet(feet_in_base, settings.lower_time).slowed
+    return settings if slowed == 1 else replace(settings, lower_time=slowed * settings.lower_time)
+
+
 def come_to_rest(
     planted: PlantedRobot, motion: Motion, settings: LiftSettings, when: str, rest_phase: str = Phase.REST
 ) -> Recording:

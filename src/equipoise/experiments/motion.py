@@ -23,6 +23,8 @@ from equipoise.robot.statics import static_torques
 
 # Planned joint speeds stay below this fraction of the model's limit.
 _SPEED_MARGIN = 0.8
+# A motion that is too fast for a joint is slowed, up to so many times; on two feet, where the robot tips meanwhile, less.
+_SLOWEST, _SLOWEST_ON_TWO_FEET = 10.0, 5.0
 # Inverse kinematics runs at knots; a cubic spline between knots this far apart misses a foot by some micrometres.
 _KNOT_SPACING_RATIO = 0.05  # of the leg length
 
@@ -61,10 +63,16 @@ class Motion:
     Every command carries the torques that hold its posture against gravity, by the model, on the legs that are meant to
     stand: with position control alone an A1 sags by 15 mm when it lifts two feet, and the feet stay on the floor.
 
+    What would turn a joint faster than it may takes longer than is asked.
+
     Args:
         robot: the robot.
         control_period: time between commands [s].
         start: targets that the motion starts from.
+
+    Attributes:
+        target: targets at the present moment.
+        slowed: by how much its last path is slower than was asked; 1 if it is not.
     """
 
     def __init__(self, robot: RobotModel, control_period: float, start: Target) -> None:
@@ -76,6 +84,7 @@ class Motion:
         self._events: list[Event] = []
         self._periods = 0
         self._limp = False
+        self._path_start, self.slowed = 0.0, 1.0
 
     @property
     def count(self) -> int:
@@ -101,7 +110,9 @@ class Motion:
         return self.event(PHASE, name=name)
 
     def phase_at(self, name: str, time: float) -> Motion:
-        """Begin a phase at another time of the motion than the present [s]."""
+        """Begin a phase at a time of the motion, in or behind its last path, if that went as fast as was asked [s]."""
+        if self.slowed > 1:
+            time = self._path_start + self.slowed * (time - self._path_start)
         self._events.append(Event(time, PHASE, {"name": name}))
         return self
 
@@ -165,7 +176,7 @@ class Motion:
         """The motion as a trajectory.
 
         Raises:
-            ReachError: a joint would have to move faster than it may.
+            ReachError: a joint would have to move much faster than it may.
         """
         position = np.concatenate(self._positions)
         self._check_speed(position)
@@ -186,14 +197,32 @@ class Motion:
         return max(1, round(duration / self.control_period))
 
     def _append(self, position: FloatArray, torque: FloatArray) -> None:
+        position, torque = self._slow_enough(position, np.broadcast_to(torque, position.shape))
         self._positions.append(position)
-        self._torques.append(np.broadcast_to(torque, position.shape))
+        self._torques.append(torque)
         self._periods += len(position)
         self.target = replace(self.target, joint_position=position[-1], torque=self._torques[-1][-1])
 
-    def _check_speed(self, position: FloatArray) -> None:
+    def _slow_enough(self, position: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same path, in as many more periods as its fastest joint needs."""
+        self._path_start, self.slowed = self.time, 1.0
+        start = np.concatenate([[self.target.joint_position], position])
+        excess = float(self._speeds(start)[1].max())
+        if not 1 < excess <= (_SLOWEST if len(self.target.legs) != 2 else _SLOWEST_ON_TWO_FEET):
+            return position, torque
+        count = math.ceil(excess * len(position))
+        self.slowed = count / len(position)
+        rows, at = np.arange(len(start), dtype=float), np.linspace(0, len(position), count + 1)[1:]
+        torques = np.concatenate([[self.target.torque], torque])
+        return _at_rows(start, rows, at), _at_rows(torques, rows, at)
+
+    def _speeds(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(nj,) largest speeds [rad/s], and what they are of those that are planned with."""
         speed = np.abs(np.diff(position, axis=0)).max(axis=0, initial=0.0) / self.control_period
-        excess = speed / (_SPEED_MARGIN * self.robot.velocity_limit)
+        return speed, speed / (_SPEED_MARGIN * self.robot.velocity_limit)
+
+    def _check_speed(self, position: FloatArray) -> None:
+        speed, excess = self._speeds(position)
         worst = int(np.argmax(excess))
         if excess[worst] > 1:
             raise ReachError(
@@ -201,6 +230,12 @@ class Motion:
                 f"with {_SPEED_MARGIN:.0%} of its limit of {self.robot.velocity_limit[worst]:.2f} rad/s at most: "
                 "ask for a smaller or slower motion"
             )
+
+
+def _at_rows(path: FloatArray, rows: FloatArray, at: FloatArray) -> FloatArray:
+    """(m, nj) rows of a path (n, nj) between those that it has."""
+    columns: list[FloatArray] = [np.interp(at, rows, column) for column in path.T]
+    return np.array(columns).T
 
 
 def _path(

@@ -60,6 +60,15 @@ class SupportPlane:
         """Signed distance of a CoM from the plane [m]; positive: ahead of it, the robot tips forward."""
         return float(self.normal @ (com_in_base - self.point))
 
+    def moved(self, distance: float) -> SupportPlane:
+        """The plane so far ahead [m]."""
+        return SupportPlane(self.point + distance * self.normal, self.normal)
+
+    def towards(self, other: SupportPlane, share: float) -> SupportPlane:
+        """The plane between this one and another that is nearly parallel: at 0 this one, at 1 the other."""
+        normal = (1 - share) * self.normal + share * other.normal
+        return SupportPlane((1 - share) * self.point + share * other.point, normal / np.linalg.norm(normal))
+
 
 @dataclass(frozen=True, eq=False)
 class RestMeans:

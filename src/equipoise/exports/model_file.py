@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +83,8 @@ def read_robot(subject: Subject, content: bytes) -> RobotModel:
     known = subject.result.robot_model
     description = known.description if known is not None else RobotDescription()
     source = parse_model_source(content, subject.file.path, description.base_link)
+    if known is not None:  # what is held is held where it was
+        source = replace(source, home=known.source.home)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         return RobotModel.from_source(source, subject.result.robot, description)

@@ -133,8 +133,7 @@ class Subject:
     @property
     def stance(self) -> str:
         """Joint positions in words [rad]."""
-        robot = self.result.robot_model
-        joints = [*self.result.joint_position.items(), *(robot.held.items() if robot is not None else ())]
+        joints = [*self.result.joint_position.items(), *self.result.held.items()]
         return ", ".join(f"{name} {round(q, 6) + 0.0:g}" for name, q in joints)
 
     def header(self, about: str, *notes: str) -> tuple[str, ...]:

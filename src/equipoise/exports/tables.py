@@ -43,7 +43,7 @@ def _table(subject: Subject, about: str) -> dict[str, Any]:
         "time": result.provenance.get("time"),
         "model": dict(result.model),
         "notes": list(subject.notes),
-        "stance": {"joint_position": dict(result.joint_position)},
+        "stance": result.stance_dict(),
         "composite": _body(result.composite, subject.composite),
         "base": _body(result.base, subject.base),
     }

@@ -23,8 +23,9 @@ def lift_planes(result: Calibration) -> LiftPlanes:
     if isinstance(evidence, SearchEvidence):
         lifts = [(index, trial) for index, trial in enumerate(result.trials) if trial.kind == "lift"]
         return [
-            LiftPlane(index, lift.about, plane, lift.verdict)
-            for (index, lift), plane in zip(lifts, evidence.trial_planes, strict=True)
+            LiftPlane(index, lift.about, tried.plane, lift.verdict)
+            for (index, lift), tried in zip(lifts, evidence.lifts, strict=True)
+            if tried.plane is not None
         ]
     if isinstance(evidence, PosteriorEvidence) and robot is not None:
         return planes_through_com(robot, result.nominal.composite.com, evidence.motions)

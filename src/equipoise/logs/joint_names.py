@@ -8,7 +8,6 @@ taken as a whole: the "hip" of some is the abduction, and of others what comes a
 from __future__ import annotations
 
 import itertools
-import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError, SettingsError
+from equipoise.robot.forward import leg_of, words_of
 from equipoise.robot.legs import Leg
 from equipoise.robot.model import RobotModel
 
@@ -27,16 +27,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_NOISE = {"joint", "j", "motor", "actuator", "link"}
-_SIDES = {"left": "L", "l": "L", "right": "R", "r": "R"}
-_ENDS = {"front": "F", "fore": "F", "f": "F", "rear": "R", "hind": "R", "back": "R", "h": "R", "b": "R"}
-_LEGS = {
-    **dict.fromkeys(("fl", "lf"), "FL"),
-    **dict.fromkeys(("fr", "rf"), "FR"),
-    **dict.fromkeys(("rl", "lr", "hl", "lh", "bl", "lb"), "RL"),
-    **dict.fromkeys(("rr", "hr", "rh", "br", "rb"), "RR"),
-}
 # Place in a leg of three joints, from the hip down: abduction, hip pitch, knee.
 _PLACE_WORDS = {
     **dict.fromkeys(("abad", "abduct", "abduction", "abductor", "haa", "hx", "aa", "roll", "shoulder", "coxa"), 0),
@@ -208,14 +198,14 @@ def _spelling(leg: Leg, joints: Sequence[str], log_joints: Sequence[str], free: 
 
 
 def _leg_and_place(leg: Leg, joints: Sequence[str], log_joints: Sequence[str], free: Sequence[int]) -> list[list[int]]:
-    of_leg = [column for column in free if _leg(_words(log_joints[column])) == leg.name]
+    of_leg = [column for column in free if leg_of(words_of(log_joints[column])) == leg.name]
     places = [3 - len(leg.joint_names) + leg.joint_names.index(joint) for joint in joints]
     return _assign(places, of_leg, log_joints)
 
 
 def _assign(places: Sequence[int], columns: Sequence[int], log_joints: Sequence[str]) -> list[list[int]]:
     """Columns of a leg by place, so that all fit best together; several where that is not one way."""
-    costs = [_place_costs(_words(log_joints[column])) for column in columns]
+    costs = [_place_costs(words_of(log_joints[column])) for column in columns]
     if not any(costs):
         costs = _numbered(columns, log_joints)
     best, ways = float("inf"), list[tuple[int, ...]]()
@@ -252,7 +242,7 @@ def _place_costs(words: Sequence[str]) -> dict[int, int]:
 
 def _numbered(columns: Sequence[int], log_joints: Sequence[str]) -> list[dict[int, int]]:
     """Places by numbers from the hip down, as in FL_0 FL_1 FL_2, counted from 0 or 1."""
-    numbers = [[int(word) for word in _words(log_joints[column]) if word.isdigit()] for column in columns]
+    numbers = [[int(word) for word in words_of(log_joints[column]) if word.isdigit()] for column in columns]
     last = [number[-1] if number else -1 for number in numbers]
     first = min(last, default=-1)
     if first not in (0, 1) or sorted(last) != list(range(first, first + 3)):
@@ -260,24 +250,8 @@ def _numbered(columns: Sequence[int], log_joints: Sequence[str]) -> list[dict[in
     return [{number - first: 0} for number in last]
 
 
-def _words(name: str) -> list[str]:
-    """Lower-case words of a name, without its namespace and what every joint's name has."""
-    own = re.split(r"/|::", name)[-1]
-    return [word for word in (match.lower() for match in _WORDS.findall(own)) if word not in _NOISE]
-
-
 def _key(name: str) -> str:
-    return "_".join(_words(name))
-
-
-def _leg(words: Sequence[str]) -> str | None:
-    """The one leg that a name's words name, or None."""
-    legs = {_LEGS[word] for word in words if word in _LEGS}
-    for one, other in itertools.pairwise(words):
-        for end, side in ((one, other), (other, one)):
-            if end in _ENDS and side in _SIDES:
-                legs.add(_ENDS[end] + _SIDES[side])
-    return legs.pop() if len(legs) == 1 else None
+    return "_".join(words_of(name))
 
 
 def _unmapped(

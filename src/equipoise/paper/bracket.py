@@ -21,12 +21,14 @@ class TriedOffset:
         lift_height: commanded height of the lifted feet [m].
         verdict: direction in which the robot tipped.
         plane: support plane at the nominal stance in the base frame, or None if it is not at hand.
+        ahead: distance of the CoM from that plane, by how fast the robot tipped; positive: forward [m].
     """
 
     offset: float
     lift_height: float
     verdict: Verdict
     plane: SupportPlane | None = None
+    ahead: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,18 @@ class Bracket:
     def balanced(self) -> bool:
         """Whether the robot stayed balanced at an offset."""
         return self.at_lower is not None and self.at_lower is self.at_upper
+
+    @property
+    def plane(self) -> SupportPlane | None:
+        """The plane within the bracket: nearer to the end at which the robot tipped more slowly.
+
+        None where the planes of both ends are not at hand.
+        """
+        if self.at_lower is None or self.at_upper is None or self.at_lower.plane is None or self.at_upper.plane is None:
+            return None
+        ahead, behind = max(self.at_lower.ahead, 0.0), max(-self.at_upper.ahead, 0.0)
+        share = ahead / (ahead + behind) if ahead + behind > 0 else 0.5
+        return self.at_lower.plane.towards(self.at_upper.plane, share)
 
     @property
     def refuted(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from equipoise.experiments.tilt import SupportPlane
+from equipoise.paper.bracket import TriedOffset
 from equipoise.paper.equations import AxisFit
 from equipoise.result.calibration import Evidence
 
@@ -26,7 +26,7 @@ class SearchEvidence(SwayEvidence):
     """Of a run with the paper's search.
 
     Attributes:
-        trial_planes: support plane of every lift trial, in order.
+        lifts: every lift trial as the bracket takes it, in order.
     """
 
-    trial_planes: tuple[SupportPlane, ...]
+    lifts: tuple[TriedOffset, ...]

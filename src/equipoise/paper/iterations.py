@@ -12,7 +12,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import NotEstimatedError
 from equipoise.experiments.tilt import SupportPlane, Verdict
 from equipoise.paper.bracket import Bracket, TriedOffset, step
-from equipoise.paper.equations import between, find_intersection
+from equipoise.paper.equations import find_intersection
 from equipoise.paper.evidence import SearchEvidence
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS
@@ -22,11 +22,11 @@ def tried_offsets(calibration: Calibration, diagonal: str) -> list[TriedOffset]:
     """What the lifts on a diagonal showed, in order; with their planes, if the calibration has its evidence."""
     lifts = [trial for trial in calibration.trials if trial.kind == "lift"]
     evidence = calibration.evidence
-    known = isinstance(evidence, SearchEvidence)
-    planes: Sequence[SupportPlane | None] = evidence.trial_planes if known else [None] * len(lifts)
+    if isinstance(evidence, SearchEvidence):
+        return [tried for trial, tried in zip(lifts, evidence.lifts, strict=True) if trial.about == diagonal]
     return [
-        TriedOffset(trial.offset or 0.0, trial.lift_height or 0.0, cast(Verdict, trial.verdict), plane)
-        for trial, plane in zip(lifts, planes, strict=True)
+        TriedOffset(trial.offset or 0.0, trial.lift_height or 0.0, cast(Verdict, trial.verdict))
+        for trial in lifts
         if trial.about == diagonal
     ]
 
@@ -57,14 +57,15 @@ def com_by_iteration(calibration: Calibration, start: Bracket) -> FloatArray:
 
 
 def _planes_by_iteration(tried: Sequence[TriedOffset], start: Bracket) -> list[SupportPlane]:
-    """The plane in the middle of a diagonal's bracket after each offset; lifts that were repeated higher make no step."""
+    """The plane within a diagonal's bracket after each offset; lifts that were repeated higher make no step."""
     brackets = list(accumulate(tried, step, initial=start))
-    return [_middle_plane(after) for before, after in pairwise(brackets) if after is not before]
+    return [_plane_within(after) for before, after in pairwise(brackets) if after is not before]
 
 
-def _middle_plane(bracket: Bracket) -> SupportPlane:
-    ends = [end for end in (bracket.at_lower, bracket.at_upper) if end is not None]
-    planes = [end.plane for end in ends if end.plane is not None]
-    if len(planes) == 2:
-        return between(planes)
-    return SupportPlane(planes[0].point + [bracket.middle - ends[0].offset, 0.0, 0.0], planes[0].normal)
+def _plane_within(bracket: Bracket) -> SupportPlane:
+    if bracket.plane is not None:
+        return bracket.plane
+    (plane, offset), *_ = [
+        (end.plane, end.offset) for end in (bracket.at_lower, bracket.at_upper) if end is not None and end.plane
+    ]
+    return SupportPlane(plane.point + [bracket.middle - offset, 0.0, 0.0], plane.normal)

@@ -9,10 +9,11 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.experiments.lift import LiftSettings, come_to_rest, replant, tilt_limit, tipping_from
+from equipoise.experiments.lift import LiftSettings, come_to_rest, in_time, replant, tilt_limit, tipping_from
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.tilt import SupportPlane, Tilt, support_plane_of, tilt_of
 from equipoise.paper.bracket import TriedOffset
+from equipoise.paper.head_start import head_start
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import CommandedLift
@@ -43,11 +44,12 @@ def lift_trial(
     tipping = tipping_from(planted, before.phase(Phase.REST), diagonal)
     # The CoM is what is searched: what the model says of it must not end a lift before it shows.
     plain = tipping.from_rest(2 * settings.tilt_threshold)
-    safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
-    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
     stance_legs = DIAGONALS[diagonal]
     lifted = np.array(feet_in_base)
     lifted[[leg not in stance_legs for leg in LEG_NAMES], 2] += settings.height
+    settings = in_time(planted, feet_in_base, lifted, settings)
+    safe = tipping.stop(settings.height, settings.lower_time, settings.stop_delay)
+    limit = tilt_limit(planted, tipping, settings, (max(safe[0], plain), max(safe[1], plain)))
     up = planted.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
     up.phase(Phase.LIFT).move_feet(lifted, settings.lift_time).phase(Phase.WATCH).hold(settings.watch_time)
     planted.play(up, limit)
@@ -75,18 +77,20 @@ class LiftReading:
         trial: lift as it was commanded.
         recording: samples of the whole trial.
         tilt: rotation by which the robot tipped, and its direction.
-        plane: support plane at the nominal stance in the base frame.
+        plane: support plane at the nominal stance in the base frame, less the robot's head start.
+        ahead: distance of the CoM from that plane, by how fast the robot tipped; positive: forward [m].
     """
 
     trial: CommandedLift
     recording: Recording
     tilt: Tilt
     plane: SupportPlane
+    ahead: float
 
     @property
     def tried(self) -> TriedOffset:
         """What it means for the bracket."""
-        return TriedOffset(self.trial.offset, self.trial.lift_height, self.tilt.verdict, self.plane)
+        return TriedOffset(self.trial.offset, self.trial.lift_height, self.tilt.verdict, self.plane, self.ahead)
 
 
 def read_lift_trial(robot: RobotModel, recording: Recording, stance: FloatArray) -> LiftReading:
@@ -103,8 +107,9 @@ def read_lift_trial(robot: RobotModel, recording: Recording, stance: FloatArray)
     trial = recording.trial
     if not isinstance(trial, CommandedLift) or not recording.complete:
         raise RecordingError("the recording holds no complete lift trial; was it interrupted?")
-    plane = support_plane_of(robot, recording, trial.diagonal, stance)
-    return LiftReading(trial, recording, tilt_of(robot, recording, trial), plane)
+    at_rest = support_plane_of(robot, recording, trial.diagonal, stance)
+    start = head_start(robot, recording, trial)
+    return LiftReading(trial, recording, tilt_of(robot, recording, trial), at_rest.moved(-start.moved), start.ahead)
 
 
 def read_lift_trials(robot: RobotModel, recordings: Sequence[Recording], stance: FloatArray) -> list[LiftReading]:

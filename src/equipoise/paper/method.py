@@ -19,7 +19,7 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.paper.bracket import done, step
 from equipoise.paper.com_search import find_com
-from equipoise.paper.equations import AxisFit, between, commanded_plane, find_intersection, fit_axis
+from equipoise.paper.equations import AxisFit, commanded_plane, find_intersection, fit_axis
 from equipoise.paper.evidence import SearchEvidence
 from equipoise.paper.iterations import com_by_iteration
 from equipoise.paper.lift_trial import LiftReading, read_lift_trials
@@ -148,7 +148,7 @@ class Paper(Method):
                 *_weight_warning(robot, recordings),
                 *(f"sway about {axis}: {sway.note}" for axis, sway in sways.items() if sway.note is not None),
             ),
-            evidence=SearchEvidence(tuple(recordings), fits, tuple(lift.plane for lift in lifts)),
+            evidence=SearchEvidence(tuple(recordings), fits, tuple(lift.tried for lift in lifts)),
         )
 
 
@@ -193,11 +193,8 @@ def _support_line(
             f"{settings.com_search.tolerance * 1000:g} mm: of {len(lifts)} lifts {tips[0]} tip forward, {tips[1]} backward "
             f"and {tips[2]} not; was the run interrupted, is a recording missing?"
         )
-    if settings.feet == "measured":
-        ends = (bracket.at_lower, bracket.at_upper)
-        plane = between([end.plane for end in ends if end is not None and end.plane is not None])
-    else:
-        plane = commanded_plane(shifted_feet(stance, bracket.middle), diagonal)
+    measured = bracket.plane if settings.feet == "measured" else None
+    plane = measured or commanded_plane(shifted_feet(stance, bracket.middle), diagonal)
     point, normal = (tuple(float(value) for value in vector) for vector in (plane.point, plane.normal))
     return SupportLine(bracket.middle, bracket.lower, bracket.upper, point, normal), plane  # pyright: ignore[reportArgumentType]
 

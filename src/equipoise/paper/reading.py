@@ -1,4 +1,4 @@
-"""The paper's reading of trials while they come: two brackets, and where their middles cross."""
+"""The paper's reading of trials while they come: two brackets, and where the planes within them cross."""
 
 from __future__ import annotations
 
@@ -40,11 +40,12 @@ class SearchReading:
         ]
 
     def estimate(self, trials: int) -> ComEstimate:
-        """The crossing of the brackets' middles, and how far the crossings of their ends are from it."""
+        """The crossing of the planes within the brackets, and how far the crossings of their ends are from it."""
         brackets = {diagonal: self._bracket(diagonal, trials) for diagonal in DIAGONALS}
         height = float(composite_parameters(self._robot, self._stance.joint_position).com[2])
         planes = [self._end_planes(diagonal, bracket) for diagonal, bracket in brackets.items()]
-        com = find_intersection([between(pair) for pair in planes], height)
+        within = [bracket.plane or between(pair) for bracket, pair in zip(brackets.values(), planes, strict=True)]
+        com = find_intersection(within, height)
         corners = [find_intersection(corner, height) for corner in itertools.product(*planes)]
         half = np.abs(np.array(corners) - com).max(axis=0)
         bounds = {diagonal: (bracket.lower, bracket.upper) for diagonal, bracket in brackets.items()}

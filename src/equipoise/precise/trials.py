@@ -7,7 +7,9 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, ReachError
 from equipoise.experiments.lift import (
+    LiftSettings,
     come_to_rest,
+    in_time,
     replant,
     rest,
     settle,
@@ -144,7 +146,7 @@ class PreciseTrials:
         self._lifted = True
         try:
             feet, lifted = self._aim(motion, design)
-            limit = self._limit(design.diagonal)
+            limit = self._limit(design.diagonal, in_time(self.planted, feet, lifted, settings))
         except ReachError:
             if (done := self.planted.take()) is not None:
                 self.planted.keep(done)
@@ -179,12 +181,10 @@ class PreciseTrials:
             motion, (feet, lifted) = self.planted.motion(), self._feet(design)
         return feet, lifted
 
-    def _limit(self, diagonal: str) -> TiltLimit:
+    def _limit(self, diagonal: str, settings: LiftSettings) -> TiltLimit:
         """Rest, and say when the lift must end."""
         tipping = tipping_from(self.planted, rest(self.planted, self.settings), diagonal)
-        return tilt_limit(
-            self.planted, tipping, self.settings, safe_stop(tipping, self.settings, self.stance, self.doubt)
-        )
+        return tilt_limit(self.planted, tipping, settings, safe_stop(tipping, settings, self.stance, self.doubt))
 
     def _feet(self, design: LiftDesign) -> tuple[FloatArray, FloatArray]:
         _, normal, _ = stance_line(self.stance, design.diagonal)

@@ -28,12 +28,21 @@ def facts(result: Calibration) -> dict[str, str]:
 def provenance_blocks(result: Calibration) -> list[Block]:
     """Facts, settings and the stance as tables."""
     settings = dict(_flat({name: value for name, value in result.settings.items() if name not in _others(result)}))
-    stance = [[name, tell(q, ".4f"), tell(float(np.degrees(q)), ".2f")] for name, q in result.joint_position.items()]
+    stance, held = (
+        [[name, tell(q, ".4f"), tell(float(np.degrees(q)), ".2f")] for name, q in joints.items()]
+        for joints in (result.joint_position, result.held)
+    )
     return [
         table(["what", "value"], [list(row) for row in facts(result).items()], "Where this comes from"),
         table(["joint", "|[rad]", "|[deg]"], stance, "Joint positions of the stance that all refers to", folded=True),
+        *_held_table(held),
         table(["setting", "value"], [list(row) for row in settings.items()], "All settings", folded=True),
     ]
+
+
+def _held_table(rows: list[list[str]]) -> list[Block]:
+    about = "Joints that were held still, and count as part of the base"
+    return [table(["joint", "|[rad]", "|[deg]"], rows, about)] if rows else []
 
 
 def _others(result: Calibration) -> set[str]:

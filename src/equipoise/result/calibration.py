@@ -127,6 +127,7 @@ class Calibration:
         robot: name of the robot.
         method: name of the method.
         joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
+        held: positions of joints that are no leg's and were held still, an arm's or a head's, by joint name [rad].
         model: format, hash and base link of the model file.
         composite: body of the whole robot, frozen at the stance.
         base: body of the base link with all that is fixed to it.
@@ -164,6 +165,7 @@ class Calibration:
     sensors: tuple[SensorFinding, ...] = ()
     checks: tuple[Check, ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict[str, float])
+    held: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def trustworthy(self) -> bool:
@@ -255,7 +257,7 @@ class Calibration:
             "robot": self.robot,
             "method": self.method,
             "model": dict(self.model),
-            "stance": {"joint_position": dict(self.joint_position)},
+            "stance": self.stance_dict(),
             "composite": self.composite.to_dict(),
             "base": self.base.to_dict(),
             "stance_effective": self.stance_effective.to_dict(),
@@ -272,6 +274,10 @@ class Calibration:
             "truth": None if self.truth is None else inertia_to_dict(self.truth),
             "errors": None if self.truth is None else self._errors(),
         }
+
+    def stance_dict(self) -> dict[str, Any]:
+        """JSON form of the posture that all refers to."""
+        return {"joint_position": dict(self.joint_position), "held": dict(self.held)}
 
     def _errors(self) -> dict[str, Any]:
         """JSON form of the estimates less the truth, in the shape of the estimates."""
@@ -314,6 +320,7 @@ class Calibration:
             robot=table["robot"],
             method=table["method"],
             joint_position=table["stance"]["joint_position"],
+            held=table["stance"].get("held", {}),
             model=table["model"],
             composite=Body.from_dict(table["composite"], nominal.composite),
             base=Body.from_dict(table["base"], nominal.base),
@@ -355,6 +362,7 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
     return {
         "robot": robot.name,
         "joint_position": {name: float(q) for name, q in zip(robot.joint_names, joint_position, strict=True)},
+        "held": dict(robot.held),
         "model": {"format": robot.source.format, "sha256": robot.source.sha256, "base_link": robot.base_link},
         "robot_model": robot,
         "provenance": library_versions(),

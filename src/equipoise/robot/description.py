@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from equipoise.errors import SettingsError
 
@@ -28,6 +28,8 @@ class RobotDescription:
 
     Attributes:
         base_link: name of the trunk link, where it is not the first link with mass.
+        forward: axis of the base link that points forward, "+x", "+y", "-x" or "-y"; default as the legs' names say. All
+            else here counts in axes whose x does.
         foot_frames: names of the frames at the feet's centres, by leg: FL, FR, RL, RR.
         foot_radius: radius of the feet [m].
         imu_position: IMU position in the base frame [m].
@@ -37,10 +39,12 @@ class RobotDescription:
         kp: joint position gain [Nm/rad]; default 100 x m g h / 38 Nm.
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
         joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad].
-        held: positions of joints that are no leg's and are held still, by joint name [rad]; default 0.
+        held: positions of joints that are no leg's and are held still, by joint name [rad]; default the
+            file's keyframe "home", else 0.
     """
 
     base_link: str | None = None
+    forward: Literal["+x", "+y", "-x", "-y"] | None = None
     foot_frames: dict[str, str] = field(default_factory=dict[str, str])
     foot_radius: float | None = None
     imu_position: tuple[float, float, float] | None = None
@@ -53,6 +57,8 @@ class RobotDescription:
     held: dict[str, float] = field(default_factory=dict[str, float])
 
     def __post_init__(self) -> None:
+        if self.forward not in (None, "+x", "+y", "-x", "-y"):
+            raise SettingsError(f"forward is {self.forward!r}; it is an axis of the base link: +x, +y, -x or -y")
         for leg in self.foot_frames:
             if leg not in LEG_NAMES:
                 raise SettingsError(f"foot_frames names a leg {leg!r}; the legs are {', '.join(LEG_NAMES)}")
@@ -112,7 +118,7 @@ class RobotDescription:
 
 def _converted(key: str, value: Any) -> Any:
     """TOML values as the field's type: numbers to float, arrays to tuples."""
-    if key == "base_link":
+    if key in ("base_link", "forward"):
         return _text(value, key)
     if key == "foot_frames":
         return {leg: _text(frame, f"{key}.{leg}") for leg, frame in _table(value, key).items()}

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from equipoise.errors import ModelError
-from equipoise.robot.mjcf_poses import ORIENTATIONS, write_plain_poses
+from equipoise.robot.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
 
 # Sections that describe a simulation and not a robot. Ours replace them where the simulator needs them.
 _DROPPED_SECTIONS = (
@@ -17,15 +17,17 @@ _DROPPED_SECTIONS = (
 _ACTUATORS = ("motor", "position", "velocity", "general", "intvelocity")
 # Compiler settings that change what bodies weigh, and what they are when they do not.
 _MASS_SETTINGS = {"settotalmass": [-1.0], "boundmass": [0.0], "boundinertia": [0.0], "inertiagrouprange": [0.0, 5.0]}
+_POSITIONS = {"free": 7, "ball": 4}  # numbers in `qpos`; other joints have one
 # What makes bodies that are not written down; cameras and lights are only not needed.
 _GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
 
-def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dict[str, float]]:
+def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dict[str, float], dict[str, float]]:
     """Clean a parsed MJCF file.
 
     Returns:
-        root of the cleaned model; repairs, a sentence each; torque limits by joint name [Nm].
+        root of the cleaned model; repairs, a sentence each; torque limits by joint name [Nm]; joint positions of the keyframe
+        "home" by joint name [rad].
 
     Raises:
         ModelError: no body with a free joint, a body whose mass only a mesh tells, bodies or masses that only MuJoCo
@@ -38,10 +40,12 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
     _name_the_nameless(root)
     defaults = _Defaults(root)
     effort_limits = _effort_limits(root, defaults)
+    home = root.find("keyframe/key[@name='home']")
     for section in _DROPPED_SECTIONS:
         for element in root.findall(section):
             root.remove(element)
     _flatten_defaults(root, defaults)
+    at_home = {} if home is None else _joint_positions(root, home)
     write_plain_poses(root)
     base = _base_body(root, path)
     _refuse_generators(base, path)
@@ -57,7 +61,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
         for child in list(world):
             if child is not base:
                 world.remove(child)
-    return root, repairs, effort_limits
+    return root, repairs, effort_limits, at_home
 
 
 def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> None:
@@ -165,6 +169,23 @@ def _effort_limits(root: ET.Element, defaults: _Defaults) -> dict[str, float]:
     for childclass, joint in _walk_joints(root):
         _lower(limits, joint.get("name", ""), defaults.get(joint, "actuatorfrcrange", childclass), 1.0)
     return limits
+
+
+def _joint_positions(root: ET.Element, key: ET.Element) -> dict[str, float]:
+    """A keyframe's positions of joints with one axis, from where they are at zero once references are folded [rad].
+
+    Empty where it does not hold what the joints take: MuJoCo makes bodies that are not written down.
+    """
+    values = [float(word) for word in key.get("qpos", "").split()]
+    unit, found, place = AngleConvention.of(root).unit, dict[str, float](), 0
+    for _, body in _walk_bodies(root):
+        for joint in (child for child in body if child.tag in ("joint", "freejoint")):
+            kind = "free" if joint.tag == "freejoint" else joint.get("type", "hinge")
+            if kind in ("hinge", "slide") and place < len(values):
+                reference = float(joint.get("ref", "0")) * (unit if kind == "hinge" else 1.0)
+                found[joint.get("name", "")] = values[place] - reference
+            place += _POSITIONS.get(kind, 1)
+    return found if place == len(values) else {}
 
 
 def _lower(limits: dict[str, float], joint: str, span: str | None, gear: float) -> None:

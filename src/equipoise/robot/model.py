@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
+from equipoise.robot.forward import forward_axis, turned
 from equipoise.robot.legs import Leg, add_legs, leg_length
 from equipoise.robot.scale import Scale
 from equipoise.robot.source import ModelSource, read_model_source
-from equipoise.robot.tree import hold_other_joints, leg_chains, read_pinocchio
+from equipoise.robot.tree import hips_of, hold_other_joints, leg_chains, read_pinocchio
 from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
@@ -111,11 +112,16 @@ class RobotModel:
         """
         description = description or RobotDescription()
         name = name or source.path.stem
-        for repair in source.repairs:
-            warnings.warn(f"{name}: {repair}", ModelWarning, stacklevel=3)
         full, spheres = read_pinocchio(source)
         chains = leg_chains(full, source.path)
-        model, held = hold_other_joints(full.copy(), chains, description)
+        if source.forward == "+x":
+            axis = description.forward or forward_axis(chains, hips_of(full, chains), source.path)
+            if axis != "+x":
+                source = turned(source, _base_link(full), axis, description.forward is not None)
+                full, spheres = read_pinocchio(source)
+        for repair in source.repairs:
+            warnings.warn(f"{name}: {repair}", ModelWarning, stacklevel=3)
+        model, held = hold_other_joints(full.copy(), chains, description, source.home)
         if any(joint.nq != 1 or joint.nv != 1 for joint in model.joints[2:]):
             raise ModelError(f"robot model {str(source.path)!r} has a leg joint with more than one axis")
         legs = add_legs(model, chains, spheres, description, name, source.path)
@@ -141,8 +147,7 @@ class RobotModel:
     @cached_property
     def base_link(self) -> str:
         """Name of the base link."""
-        bodies = [f for f in self.pinocchio.frames if f.parentJoint == 1 and f.type == pin.FrameType.BODY]
-        return str(bodies[0].name) if bodies else "base"
+        return _base_link(self.pinocchio)
 
     @cached_property
     def mass(self) -> float:
@@ -222,6 +227,11 @@ class RobotModel:
         if missing:
             raise SettingsError(f"{key} lacks {', '.join(missing)}; it needs every leg joint")
         return vector
+
+
+def _base_link(model: pin.Model) -> str:
+    bodies = [f for f in model.frames if f.parentJoint == 1 and f.type == pin.FrameType.BODY]
+    return str(bodies[0].name) if bodies else "base"
 
 
 def _joint_names(model: pin.Model) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -30,6 +30,8 @@ class ModelSource:
         sha256: hash of the file's bytes as they are on disk.
         repairs: changes and omissions, one sentence each.
         effort_limits: torque limits by joint name [Nm], where the format keeps them outside the joint (MJCF).
+        home: joint positions of the keyframe "home", by joint name [rad]; empty where the file has none.
+        forward: axis of the file's base link that points forward; if not x, the model has a base link above it, turned.
     """
 
     path: Path
@@ -38,6 +40,8 @@ class ModelSource:
     sha256: str
     repairs: tuple[str, ...]
     effort_limits: dict[str, float]
+    home: dict[str, float] = field(default_factory=dict[str, float])
+    forward: str = "+x"
 
 
 def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSource:
@@ -86,7 +90,7 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
         from equipoise.robot.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
 
         try:
-            root, repairs, effort_limits = clean_mjcf(root, path)
+            root, repairs, effort_limits, home = clean_mjcf(root, path)
         except ModelError:
             raise
         except ValueError as error:
@@ -98,7 +102,8 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
                 f"robot model {str(path)!r}: base link {base_link!r} is not the body with the free joint, "
                 f"{base.get('name')!r}"
             )
-        return ModelSource(path, "mjcf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), effort_limits)
+        xml = ET.tostring(root, encoding="unicode")
+        return ModelSource(path, "mjcf", xml, sha256, tuple(repairs), effort_limits, home)
     raise ModelError(
         f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
         "or <mujoco> (MJCF)"

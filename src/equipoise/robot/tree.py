@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, SettingsError
 from equipoise.robot.description import RobotDescription
+from equipoise.robot.forward import legs_by_place
 from equipoise.robot.source import ModelSource
+from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 # Spheres among the collision shapes by the joint that moves them: placement in its frame, and radius [m].
 Spheres = dict[str, list[tuple[pin.SE3, float]]]
@@ -72,6 +75,13 @@ def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
     for chain in chains:
         by_length.setdefault(len(chain), []).append(chain)
     legs = [group for length, group in by_length.items() if len(group) == 4 and length in (2, 3)]
+    wheels = [str(model.names[chain[-1]]) for chain in by_length.get(4, []) if _turns_freely(model, chain[-1])]
+    if not legs and len(wheels) == 4:
+        raise ModelError(
+            f"robot model {str(path)!r} stands on wheels (joints {', '.join(wheels)}), and equipoise on feet that stay where "
+            "they are: it would need wheels that are braked all through, by their motors or by pins. If yours are, make those "
+            "joints fixed in a copy of the file, and give the wheels' radius as foot_radius in a robot description"
+        )
     if len(legs) != 1:
         found = ", ".join(f"{len(group)} of {length} joints" for length, group in sorted(by_length.items())) or "none"
         raise ModelError(
@@ -81,10 +91,25 @@ def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
     return [[str(model.names[joint]) for joint in chain] for chain in legs[0]]
 
 
+def _turns_freely(model: pin.Model, joint: int) -> bool:
+    """Whether a joint has no stops, as a wheel."""
+    at = model.joints[joint]
+    if at.nq != 1:  # Pinocchio's own joint without stops has a sine and a cosine
+        return at.nv == 1
+    lower, upper = float(model.lowerPositionLimit[at.idx_q]), float(model.upperPositionLimit[at.idx_q])
+    return not lower < upper or upper - lower >= 2 * UNLIMITED_JOINT_RANGE
+
+
 def hold_other_joints(
-    model: pin.Model, chains: list[list[str]], description: RobotDescription
+    model: pin.Model, chains: list[list[str]], description: RobotDescription, home: Mapping[str, float]
 ) -> tuple[pin.Model, dict[str, float]]:
-    """The model with every joint that is no leg's locked, and where each was locked."""
+    """The model with every joint that is no leg's locked, and where each was locked.
+
+    Where the description says, else where they are at home, else at zero or the limit that is nearest to it.
+
+    Raises:
+        SettingsError: the description names another joint, or a place beyond its limits.
+    """
     leg_joints = {joint for chain in chains for joint in chain}
     others = [str(name) for name in model.names[2:] if str(name) not in leg_joints]
     for joint in description.held:
@@ -92,26 +117,47 @@ def hold_other_joints(
             raise SettingsError(f"held names {joint!r}, which is a leg joint or none; others are {', '.join(others)}")
     if not others:
         return model, {}
-    configuration = pin.neutral(model)
-    for joint, position in description.held.items():
-        joint_id = model.getJointId(joint)
-        if model.joints[joint_id].nq != 1:
-            raise SettingsError(f"held joint {joint!r} has more than one axis")
-        configuration[model.joints[joint_id].idx_q] = position
+    configuration, held = pin.neutral(model), dict.fromkeys(others, 0.0)
+    for name in others:
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq == 1:
+            held[name] = configuration[joint.idx_q] = _held_at(model, name, joint.idx_q, description, home)
+        elif name in description.held:
+            raise SettingsError(f"held joint {name!r} has more than one axis")
     to_lock = [model.getJointId(name) for name in others]
     reduced, _ = pin.buildReducedModel(model, [pin.GeometryModel()], to_lock, configuration)
-    return reduced, {name: description.held.get(name, 0.0) for name in others}
+    return reduced, held
+
+
+def _held_at(
+    model: pin.Model, joint: str, index: int, description: RobotDescription, home: Mapping[str, float]
+) -> float:
+    """Where a joint is held [rad]; `index` is its place in the model's positions."""
+    lower, upper = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
+    position = description.held.get(joint)
+    if not lower < upper:
+        return home.get(joint, 0.0) if position is None else position
+    if position is None:
+        return min(max(home.get(joint, 0.0), lower), upper)
+    if not lower <= position <= upper:
+        raise SettingsError(
+            f"held puts joint {joint!r} at {position:.3f} rad, outside its limits {lower:.3f} to {upper:.3f}; give its angle "
+            "in radians, as the joint is while the robot is calibrated"
+        )
+    return position
+
+
+def hips_of(model: pin.Model, chains: list[list[str]]) -> FloatArray:
+    """(4, 3) where each leg's hip pitch joint is in the base frame, all joints at zero [m]."""
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    return np.array([np.array(data.oMi[model.getJointId(chain[-2])].translation) for chain in chains])
 
 
 def name_legs(model: pin.Model, chains: list[list[int]]) -> dict[str, list[int]]:
     """Chains by leg name, told by where the hips are: x forward, y left in the base frame."""
-    data = model.createData()
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    hips = np.array([np.array(data.oMi[chain[-2]].translation) for chain in chains])
-    side = hips - hips.mean(axis=0)
-    named = {
-        ("F" if x > 0 else "R") + ("L" if y > 0 else "R"): chain for (x, y, _), chain in zip(side, chains, strict=True)
-    }
+    hips = hips_of(model, [[str(model.names[joint]) for joint in chain] for chain in chains])
+    named = dict(zip(legs_by_place(hips), chains, strict=True))
     if len(named) != 4:
         positions = "; ".join(f"({x:.3f}, {y:.3f}, {z:.3f})" for x, y, z in hips)
         raise ModelError(

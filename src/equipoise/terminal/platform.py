@@ -12,8 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.rehearsal import Rehearsal
+from equipoise.drivers.catalog import DRIVERS
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.recording.recording import Recording
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
 
 _MARKS = {True: "ok", False: "look", None: ""}
 _HEAVY = 0.8  # of a torque limit
@@ -82,8 +85,24 @@ def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
         f"Largest torque by the model: {rehearsal.largest_torque[joint]:.1f} Nm at {robot.joint_names[joint]}, "
         f"{share[joint]:.0%} of its limit.",
     ]
+    lines += gain_lines(robot, platform)
     if share[joint] > _HEAVY:
         lines.append("That is close to what the motor can do.")
+    return lines
+
+
+def gain_lines(robot: RobotModel, platform: str) -> list[str]:
+    """The gains that the motors get, beside those of the robot's maker; nothing for a simulator."""
+    driver = DRIVERS.get(platform)
+    if driver is None:
+        return []
+    kp, kd = robot.gains(nominal_stance(robot).hip_height)
+    lines = [
+        f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad; up to {2 * kd:.1f} Nm s/rad alone to let it down."
+    ]
+    if driver.makers_gains is not None and driver.makers_gains != (kp, kd):
+        theirs = "{:g} and {:g}; --kp {:g} --kd {:g}".format(*driver.makers_gains, *driver.makers_gains)
+        lines.append(f"The maker's example stands with {theirs} takes these.")
     return lines
 
 

@@ -75,7 +75,8 @@ class MotionSwitcher:
         """Data of the response to a request without parameters."""
         if not _wait_for(lambda: self._requests.heard, _FOUND):
             raise self._failure(
-                f"was not found within {_FOUND:g} s; a simulator that has none needs release_sport_mode=false"
+                f"was not found within {_FOUND:g} s; a simulator that has none needs release_sport_mode=false; for a robot "
+                "whose firmware has none, docs/unitree-go2.md says what to do first"
             )
         for _ in range(_TRIES):
             self._number += 1

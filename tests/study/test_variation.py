@@ -10,9 +10,9 @@ from equipoise import Payload, SensorErrors, nominal_stance, simulate
 from equipoise.errors import SettingsError
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import foot_positions
-from equipoise.robot.variation import LARGEST_SPREAD, SegmentVariation, vary, with_segments
 from equipoise.simulation.mujoco_model import build_simulated_robot
 from equipoise.simulation.sensors import DrawnErrors
+from equipoise.study.variation import LARGEST_SPREAD, SegmentVariation, vary, with_segments
 
 SAME = SegmentVariation(1.0, 1.0)
 FORMATS = ["urdf", "mjcf", "a1", "two_jointed", "skewed"]
