@@ -13,7 +13,7 @@ ROBOTS_STAMP := $(VENV)/.robots-installed
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report view robots)
 
-.PHONY: demo test fuzz robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
+.PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 --mass 13.4 \
@@ -59,6 +59,10 @@ robots: $(ROBOTS_STAMP)
 # Ten thousand damaged files over all readers: a minute. SEED=2 reads others.
 fuzz: $(DEV_STAMP)
 	$(BIN)/python tests/fuzzing.py --cases 10000 --seed $(or $(SEED),0) --out fuzz-failures
+
+# Every limit of guard, watchdog and doctor loosened by half: is there a test that fails? Five minutes.
+mutants: $(DEV_STAMP)
+	$(BIN)/python benchmarks/mutants.py
 
 bench: $(BENCHES)
 

@@ -16,7 +16,7 @@ FLOORS = [
     ["alive", "threads", "user_file", "plugins"],
     ["user_cache"],
     ["robot"],
-    ["recording"],
+    ["recording", "clearance"],
     ["platform"],
     ["simulation", "drivers"],
     ["guard", "peers"],

@@ -1,16 +1,23 @@
 """`equipoise`, and `python -m equipoise`."""
 
 import os
+import signal
 import sys
 
-from equipoise.cli import main  # which imports nothing that imports NumPy
+from equipoise.cli import INTERRUPTED, main  # which imports nothing that imports NumPy
 from equipoise.threads import unless_told
 
 
 def run() -> int:
     """What the command does: its own process is the only one whose environment is ours to set, before NumPy reads it."""
     os.environ.update(unless_told(os.environ))
-    return main()
+    try:
+        code = main()
+    except KeyboardInterrupt:  # a second one, while the first was told of
+        code = INTERRUPTED
+    if code == INTERRUPTED:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all that is left is to end
+    return code
 
 
 if __name__ == "__main__":

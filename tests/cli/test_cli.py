@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree as ET
 
 import pytest
 from commands import fails
 
 from equipoise import RunFolder
+from equipoise import __main__ as entry
 from equipoise.cli import VERBS, main
 
 QUICK = [
@@ -108,6 +110,15 @@ def test_audit_says_what_the_composite_is_over_the_base(capsys):
     assert "x the base's" in capsys.readouterr().out.replace("\n", " ")
     assert main(["audit", "unitree_a1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ratio_composite_over_base"][0] > 5
+
+
+def test_an_audit_that_finds_an_error_ends_with_one(tmp_path, a1_urdf, capsys):
+    root = ET.fromstring(a1_urdf)
+    root.find("link[@name='trunk']/inertial/inertia").set("izz", "0.5")
+    file = tmp_path / "robot.urdf"
+    file.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")
+    assert main(["audit", str(file)]) == 1
+    assert "error: trunk: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("verb", ["calibrate", "plan", "estimate", "robots", "audit"])
@@ -392,3 +403,12 @@ def test_a_log_is_recorded_in_json(tmp_path, capsys):
     table = json.loads(capsys.readouterr().out)
     assert table["file"] == str(out)
     assert table["joint_samples"] > 200
+
+
+def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch, ctrl_c_raises):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(entry, "main", interrupted)
+    assert entry.run() == 130
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN

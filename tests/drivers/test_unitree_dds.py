@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
@@ -17,9 +17,12 @@ pytest.importorskip("cyclonedds")
 
 from equipoise import nominal_stance, simulate
 from equipoise.cli import main
+from equipoise.drivers.dds.domain import DdsDomain
 from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.drivers.unitree import sport
 from equipoise.drivers.unitree.dds import open_link
 from equipoise.drivers.unitree.dds_settings import UnitreeB2Settings, UnitreeDdsSettings
+from equipoise.drivers.unitree.messages import Request
 from equipoise.drivers.unitree.samples import STATE, Message
 from equipoise.errors import CommunicationError, MotionError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
@@ -330,6 +333,19 @@ def test_the_doctor_asks_who_holds_the_motors_and_has_nobody_let_go(asked, capsy
     assert says in found["value"]
     assert bool(found["advice"]) == (fine is False)
     assert code in ((1,) if fine is False else (0, 1))  # a busy machine's samples come late, and the doctor says so
+
+
+def test_a_service_that_hears_and_never_answers_is_named(monkeypatch):
+    """And the motors are nobody's meanwhile: what asks for them gives no command before it has an answer."""
+    monkeypatch.setattr(sport, "_ANSWER", 0.1)
+    with closing(DdsDomain(unused_domain(), "lo")) as domain:
+        service = domain.inbox(sport.REQUESTS, Request)
+        with pytest.raises(CommunicationError) as caught:
+            sport.MotionSwitcher(domain, "unitree-go2").release()
+        assert len(service.take()) == 3
+    assert str(caught.value) == (
+        "the motion_switcher service of unitree-go2 has not answered 3 requests, each within 0.1 s"
+    )
 
 
 def test_samples_that_are_all_damaged_are_told_apart_from_none(tmp_path_factory, a1):

@@ -758,3 +758,17 @@ def test_shares_of_packets_are_lost_doubled_and_overtaken():
 def test_a_share_is_a_share():
     with pytest.raises(SettingsError, match=r"loss is 1\.5; it is a share"):
         NetworkFaults(loss=1.5)
+
+
+@pytest.mark.parametrize("jump", [-3600.0, 3600.0])
+def test_a_system_clock_that_is_set_moves_no_sample(raw, monkeypatch, jump):
+    """The system notes arrivals by its own clock, which may be set between an arrival and the look at it."""
+    robot, receive = raw(), unitree_udp.receive
+
+    def stamped(opened, ahead):
+        return receive(opened, ahead + jump)
+
+    monkeypatch.setattr(unitree_udp, "receive", stamped)
+    robot.send(*(robot.state(tick) for tick in range(1, 6)))
+    (*_, last) = robot.samples(4)
+    assert abs(time.monotonic() - last.received) < 5.0

@@ -455,3 +455,35 @@ def test_a_comment_in_the_file_names_the_term(result):
 def test_a_name_with_quotes_stays_one_name(tmp_path):
     result = found(load_text(tmp_path, quadruped_urdf(trunk="tr'unk")))
     assert python_names(export(result, "isaaclab").text)["BASE_LINK"] == "tr'unk"
+
+
+HOSTILE = [
+    "a\nimport os",
+    "x\\",
+    "*/ int main() {} /*",
+    "--><evil/><!--",
+    "'''\"\"\"]]>",
+    "../../etc/x",
+    "a\u2028b\x85c",
+    "\x00\x1b[31m",
+]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_names_say_nothing_but_themselves(result, name):
+    """Of robots and runs, as a file from somewhere else may have them: comments stay comments."""
+    hostile = dataclasses.replace(result, robot=name)
+    for row in map(FORMATS.get, OWN_FILES):
+        text = export(hostile, row.name, run=name).text
+        assert all(letter.isprintable() or letter == "\n" for letter in text)
+        if row.name in ("mjlab", "isaaclab", "quadruped-pympc"):
+            tree = ast.parse(text)
+            assert not any(isinstance(node, (ast.Import, ast.ImportFrom)) for node in ast.walk(tree))
+        elif row.name in ("unitree-guide", "mit-cheetah"):
+            comments = [line for line in text.splitlines() if "//" in line]
+            assert not any(line.endswith(("\\", "??/")) for line in comments)
+            assert "main" not in "".join(line for line in text.splitlines() if line not in comments)
+        elif row.name == "sdf":
+            assert [element.tag for element in ET.fromstring(f"<all>{text}</all>")] == ["inertial"]
+        elif row.name == "json":
+            assert json.loads(text)["robot"] == name

@@ -1,5 +1,7 @@
 """What robots are drawn with."""
 
+import os
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -153,3 +155,12 @@ def test_a_mesh_that_was_joined_wrongly_gives_way_to_its_hull():
     assert len(mended.vertices) == 8
     whole = box(1, 1, 1)
     assert _mended(whole) is whole
+
+
+@pytest.mark.parametrize("path", ["../../../../etc/passwd", "/dev/zero", "package://../../etc/passwd", "pipe.stl"])
+def test_a_mesh_that_is_none_is_not_waited_for(a1, a1_urdf, tmp_path, path):
+    """Whatever a file names: its simple bodies are shown instead."""
+    os.mkfifo(tmp_path / "pipe.stl")
+    visual = f'<visual><geometry><mesh filename="{path}"/></geometry></visual></link>'
+    robot = load_text(tmp_path, a1_urdf.replace("</link>", visual, 1))
+    assert {shape.kind for shape in robot_shapes(robot)} == {"box", "cylinder", "sphere"}

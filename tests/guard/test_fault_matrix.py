@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from faults import Fault, Faulty, grease
-from guarded import SLOW, simulated
+from guarded import SLOW, hold, simulated
 
 from equipoise import Precise, RunFolder, calibrate, nominal_stance
+from equipoise.clearance.clearance import contact_in
 from equipoise.errors import (
     CommunicationError,
     EquipoiseError,
@@ -21,6 +22,8 @@ from equipoise.errors import (
 )
 from equipoise.guard import safe_ending
 from equipoise.guard.guard import Guard
+from equipoise.platform.platform import Trajectory
+from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.recording.run_log_reader import read_log
 
@@ -181,6 +184,36 @@ def test_a_foot_without_hold_is_named_beside_the_result(a1, tmp_path):
     else:
         assert any("slip" in warning for warning in outcome.warnings)
     assert_put_down(a1, slips, peer, report)
+
+
+def crossing(robot, start, control_period):
+    """A motion from (nj,) joint positions in which the front feet meet within a second."""
+    crossed = np.array(start)
+    crossed[[robot.joint_names.index(f"{leg}_hip_joint") for leg in ("FL", "FR")]] += [-0.45, 0.45]
+    share = np.linspace(0, 1, round(1.0 / control_period))[:, None]
+    return Trajectory(start + share * (crossed - start))
+
+
+@pytest.mark.parametrize("how", ["play", "step"])
+def test_self_collision_is_refused_before_links_touch(a1, how):
+    """A program whose plan nobody checked: of a motion nothing is sent, of steps those that are clear."""
+    platform, _, _ = simulated(a1, noise="ideal")
+    peer = Seen(platform)
+    with Guard(peer, a1) as guard:
+        hold(guard, peer, 0.1)
+        sent = peer.commands[-1].position
+        way = crossing(a1, sent, guard.control_period)
+        with pytest.raises(
+            LimitError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': it was not "
+        ):
+            guard.play(way) if how == "play" else play_by_stepping(guard, way)
+        ended = guard.report().ending
+    assert ended[0].startswith("lying down")  # legs that are crossed may be in its way
+    assert ended[1:] == ("damped", "released")
+    moved = [command.position for command in peer.commands if (command.position[0] < sent[0] - 1e-3)]
+    assert bool(moved) == (how == "step")
+    contacts = [contact_in(a1, command.position) for command in peer.commands[::5]]
+    assert all(contact is None or contact.distance > 0 for contact in contacts)
 
 
 def test_there_are_forty_cases_and_more():

@@ -125,11 +125,10 @@ def test_eccentric_encoders_are_noticed_and_can_be_estimated(a1, precise_run):
     recordings = eccentric(precise_run.recordings, sine, cosine)
     beliefs = Precise(legs="trusted").beliefs.holding("eccentricity")
     clean, planted_in = (
-        {test.row.name: test.deviate for test in score_tests(posterior_of(a1, precise_run, read, beliefs))}
+        score_tests(posterior_of(a1, precise_run, read, beliefs))[0].deviate
         for read in (precise_run.recordings, recordings)
     )
-    assert clean["eccentricity"] < 1
-    assert planted_in["eccentricity"] > 2.5
+    assert clean < 1.5 < planted_in - 1
     opened = replace(told(), eccentricity=0.03)
     plain, found = (posterior_of(a1, precise_run, read, opened) for read in (precise_run.recordings, recordings))
     off = gained(found, plain, "eccentricity") - np.column_stack([sine, cosine]).ravel()

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
+from coal import CollisionGeometry, DistanceResult
 from numpy.typing import NDArray
 
 from . import rpy as rpy
@@ -96,13 +97,28 @@ class JointModel:
 class JointModelFreeFlyer: ...
 
 class GeometryObject:
+    name: str
     parentJoint: int
     parentFrame: int
     placement: SE3
-    geometry: Any  # a shape of coal or, up to Pinocchio 3.3, of hppfcl
+    geometry: Any  # a shape of coal
+    def __init__(self, name: str, parent_joint: int, placement: SE3, geometry: CollisionGeometry, /) -> None: ...
+
+class CollisionPair:
+    first: int
+    second: int
+    def __init__(self, first: int, second: int, /) -> None: ...
+
+class GeometryData: ...
 
 class GeometryModel:
+    ngeoms: int
     geometryObjects: _StdVec[GeometryObject]
+    collisionPairs: _StdVec[CollisionPair]
+    def addGeometryObject(self, shape: GeometryObject, /) -> int: ...
+    def addCollisionPair(self, pair: CollisionPair, /) -> None: ...
+    def removeAllCollisionPairs(self) -> None: ...
+    def createData(self) -> GeometryData: ...
 
 class Data:
     oMi: _StdVec[SE3]
@@ -143,6 +159,10 @@ def buildGeomFromMJCF(model: Model, filename: str, type: GeometryType, /) -> Geo
 def buildReducedModel(
     model: Model, geometries: Sequence[GeometryModel], joints_to_lock: Sequence[int], configuration: _FloatArray, /
 ) -> tuple[Model, _StdVec[GeometryModel]]: ...
+def updateGeometryPlacements(
+    model: Model, data: Data, shapes: GeometryModel, placed: GeometryData, q: _FloatArray, /
+) -> None: ...
+def computeDistance(shapes: GeometryModel, placed: GeometryData, pair: int, /) -> DistanceResult: ...
 def integrate(model: Model, q: _FloatArray, v: _FloatArray, /) -> _FloatArray: ...
 def neutral(model: Model, /) -> _FloatArray: ...
 def forwardKinematics(model: Model, data: Data, q: _FloatArray, /) -> None: ...

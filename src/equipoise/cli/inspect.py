@@ -205,8 +205,8 @@ def _estimate_log(
         print_calibration(result, files, output.verbose, output.out)
 
 
-def audit(robot: Robot, *, description: Described = RobotFlags(), output: Output = Output()) -> None:  # noqa: B008
-    """Check the inertial parameters in a robot's model file. Needs no simulator.
+def audit(robot: Robot, *, description: Described = RobotFlags(), output: Output = Output()) -> int:  # noqa: B008
+    """Check the inertial parameters in a robot's model file. Needs no simulator. Ends with 1 where something is in error.
 
     Example: equipoise audit my_robot.urdf
     """
@@ -221,3 +221,4 @@ def audit(robot: Robot, *, description: Described = RobotFlags(), output: Output
         print(json_module.dumps({"schema": "equipoise.audit/1", **result.to_dict()}, indent=2))
     else:
         print_audit(result)
+    return int(any(finding.severity == "error" for finding in result.findings))

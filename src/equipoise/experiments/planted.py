@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from equipoise.clearance.clearance import Clearance
 from equipoise.conventions import FloatArray
-from equipoise.errors import MotionError
+from equipoise.errors import MotionError, ReachError
 from equipoise.experiments.motion import Motion, Target
-from equipoise.platform.platform import MotionInterrupted, Platform, TiltLimit
+from equipoise.platform.platform import MotionInterrupted, Platform, TiltLimit, Trajectory
 from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
@@ -33,6 +34,12 @@ class PlantedRobot:
         self.keep: Callable[[Recording], None] = lambda recording: None
         self.told: Callable[[], bool] | None = None
         self._recorded: list[Recording] = []
+        self._clearance = Clearance(robot, target.joint_position)
+
+    def start_from(self, target: Target) -> None:
+        """The robot was moved by somebody else meanwhile."""
+        self.target = target
+        self._clearance.begin(target.joint_position)
 
     def motion(self) -> Motion:
         """A new motion from where the robot was last sent."""
@@ -46,8 +53,13 @@ class PlantedRobot:
         return max(least, float(np.sqrt(_PEAK_OF_SMOOTH_STEP * distance / acceleration)))
 
     def play(self, motion: Motion, stop: TiltLimit | None = None) -> Recording:
-        """Play a motion; the next one starts where this one ended or was stopped."""
+        """Play a motion; the next one starts where this one ended or was stopped.
+
+        Raises:
+            ReachError: links would touch; nothing is moved.
+        """
         trajectory = motion.build()
+        self._check_clear(trajectory)
         try:
             recording = self.platform.play(trajectory, stop)
         except MotionInterrupted as interruption:
@@ -65,6 +77,10 @@ class PlantedRobot:
             feet = foot_positions(self.robot, position)
             self.target = Target(position, feet, trajectory.torque[played - 1], motion.target.legs)
         return recording
+
+    def _check_clear(self, trajectory: Trajectory) -> None:
+        if (contact := self._clearance.first_contact(trajectory.position)) is not None:
+            raise ReachError(f"{contact}: the motion is not made")
 
     def finish(self) -> Recording:
         """Keep what was recorded since the last call as one recording, and return it."""

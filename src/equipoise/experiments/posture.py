@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from equipoise.clearance.clearance import contact_in
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.kinematics import Kinematics, feet_under_base, inverse_kinematics
@@ -66,7 +67,7 @@ def check_posture(
         near: (nj,) joint positions of a posture near by, from which this one is sooner found; default the nominal ones [rad].
 
     Raises:
-        ReachError: a leg is too long or too short, a joint too near its limit, or a motor too weak.
+        ReachError: a leg is too long or too short, a joint too near its limit, a motor too weak, or links touch.
     """
     position = inverse_kinematics(robot, feet_in_base, stance.joint_position if near is None else near)
     margin = np.minimum(position - robot.lower_limit, robot.upper_limit - position)
@@ -85,7 +86,14 @@ def check_posture(
     worst = int(np.argmax(torque))
     if torque[worst] > _TORQUE_MARGIN:
         raise ReachError(f"joint {robot.joint_names[worst]!r} would need {torque[worst]:.0%} of its torque limit")
+    check_clear(robot, position)
     return position
+
+
+def check_clear(robot: RobotModel, joint_position: FloatArray) -> None:
+    """Refuse (nj,) joint positions [rad] in which links touch (ReachError)."""
+    if (contact := contact_in(robot, joint_position)) is not None:
+        raise ReachError(str(contact))
 
 
 def _check_inside(stance: Stance, feet_in_base: FloatArray, com: FloatArray) -> None:

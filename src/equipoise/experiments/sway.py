@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from equipoise.conventions import AXES, GRAVITY, Axis, FloatArray
 from equipoise.errors import ReachError, SettingsError
+from equipoise.experiments.posture import check_clear
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import feet_under_base, inverse_kinematics
 from equipoise.robot.model import RobotModel
@@ -64,7 +65,7 @@ def why_unreachable(robot: RobotModel, stance: Stance, axis: Axis, settings: Swa
     """Why planted feet do not allow a sway about an axis, or None if they do."""
     for feet in extreme_feet(robot, stance, axis, settings):
         try:
-            inverse_kinematics(robot, feet, stance.joint_position)
+            check_clear(robot, inverse_kinematics(robot, feet, stance.joint_position))
         except ReachError as error:
             return str(error)
     return None

@@ -51,5 +51,5 @@ def be_turned(planted: PlantedRobot, stance: Stance) -> Recording:
             "the robot does not lie any more: its legs hang or stand. Put it on its belly before you say that it is turned",
             (recording,),
         )
-    planted.target = Target.lying(planted.robot, here)
+    planted.start_from(Target.lying(planted.robot, here))
     return recording

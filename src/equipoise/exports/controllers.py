@@ -88,4 +88,4 @@ def _matrix(name: str, rows: FloatArray, suffix: str = "") -> list[str]:
 
 
 def _comment(mark: str, lines: Sequence[str]) -> list[str]:
-    return [mark + " ".join(line.split()) for line in lines]
+    return [mark + line for line in lines]

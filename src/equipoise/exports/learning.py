@@ -66,7 +66,7 @@ def _about(subject: Subject) -> str:
 
 def _head(subject: Subject, about: str) -> list[str]:
     return [
-        *(f"# {' '.join(line.split())}" for line in subject.header(about)),
+        *(f"# {line}" for line in subject.header(about)),
         "# Drawn through the pseudo-inertia: all bodies in these ranges, and all SAMPLES, can exist.",
     ]
 

@@ -148,7 +148,7 @@ class Subject:
         made = ", ".join([result.robot, f"method {result.method}", *([str(time)] if time else [])])
         origin = f"run {self.run} ({made})" if self.run else f"a calibration in memory ({made})"
         model = result.model
-        return (
+        lines = (
             f"equipoise {__version__}: {about}",
             f"from {origin}",
             f"stance [rad]: {self.stance}",
@@ -156,6 +156,7 @@ class Subject:
             *notes,
             *self.notes,
         )
+        return tuple(map(_one_line, lines))
 
     @property
     def base_words(self) -> str:
@@ -222,6 +223,11 @@ def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameter
     rotation = np.array(placement.rotation)
     com = rotation.T @ (body.com - np.array(placement.translation))
     return InertialParameters(body.mass, com, rotation.T @ body.inertia @ rotation)
+
+
+def _one_line(text: str) -> str:
+    """What a comment of one line may hold: names of robots and files may hold anything."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
 def number(value: float) -> str:

@@ -18,18 +18,15 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from equipoise.clearance.stand_ins import BASE_JOINT, leg_limbs, trunk_box
 from equipoise.conventions import FloatArray
 from equipoise.robot.kinematics import Kinematics
-from equipoise.robot.legs import Leg
 from equipoise.robot.model import RobotModel
 
 IntArray = NDArray[np.int64]
 Kind = Literal["box", "sphere", "cylinder", "capsule", "mesh"]
 Part = Literal["base", "hip", "thigh", "shank"]
 
-BASE_JOINT = 1
-"""Pinocchio's id of the floating joint, which carries the base."""
-_LIMB_RADIUS_RATIO = 0.09  # of the leg length: what a link without any shape is drawn with
 _AROUND = 24  # edges around a round body
 _MOST_FACES = 20_000  # of one mesh, before it is made coarser: some models' meshes are made for printing
 _MOST_FACES_ON_PAGE = 1200
@@ -274,33 +271,13 @@ def _coarser(mesh: Mesh, most_faces: int) -> Mesh:
 def _stand_ins(robot: RobotModel, found: list[Shape]) -> Iterator[Shape]:
     """Shapes for links that have none, or only a foot's sphere."""
     shown = {shape.joint for shape in found if shape.kind != "sphere"}
-    model, radius = robot.pinocchio, _LIMB_RADIUS_RATIO * robot.leg_length
     if BASE_JOINT not in shown:
-        hips = np.array([model.jointPlacements[leg.joint_ids[0]].translation for leg in robot.legs.values()])
-        size = np.ptp(hips, axis=0) + [2 * radius, 2 * radius, 4 * radius]
-        edges = (float(size[0]), float(size[1]), float(size[2]))
-        yield Shape(BASE_JOINT, "base", "box", edges, np.eye(3), hips.mean(axis=0), stands_in=True)
-    for leg in robot.legs.values():
-        for joint, end in _links(robot, leg):
-            if joint not in shown and float(np.linalg.norm(end)) > radius:
-                yield _along(joint, _part(robot, joint), end, radius * (0.6 if joint == leg.joint_ids[-1] else 1.0))
-
-
-def _links(robot: RobotModel, leg: Leg) -> Iterator[tuple[int, FloatArray]]:
-    """Each joint of a leg, and where in its frame its link ends."""
-    for joint, following in zip(leg.joint_ids, leg.joint_ids[1:], strict=False):
-        yield joint, np.array(robot.pinocchio.jointPlacements[following].translation)
-    yield leg.joint_ids[-1], np.array(robot.pinocchio.frames[leg.foot_frame_id].placement.translation)
-
-
-def _along(joint: int, part: Part, end: FloatArray, radius: float) -> Shape:
-    """A capsule from the joint's origin to a point."""
-    length = float(np.linalg.norm(end))
-    z = end / length
-    x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
-    x /= np.linalg.norm(x)
-    turned = np.column_stack([x, np.cross(z, x), z])
-    return Shape(joint, part, "capsule", (radius, length), turned, end / 2, stands_in=True)
+        edges, middle = trunk_box(robot, around=1.0)
+        yield Shape(BASE_JOINT, "base", "box", edges, np.eye(3), middle, stands_in=True)
+    for limb in leg_limbs(robot, shown):
+        place, size = limb.placement, (limb.radius, limb.length)
+        rotation, middle = np.array(place.rotation), np.array(place.translation)
+        yield Shape(limb.joint, _part(robot, limb.joint), "capsule", size, rotation, middle, stands_in=True)
 
 
 def _part(robot: RobotModel, joint: int) -> Part:

@@ -49,7 +49,7 @@ class CommandChecks:
         robot, target = self._robot, command.position
         here = known.state.joint_position
         before = here if known.sent.limp else known.sent.position  # limp joints are where somebody has moved them
-        self._check_shape(target)
+        self.check_shape(target)
         beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         # Of what is no number nothing is true: it is refused because it is not known to be within the limits.
         if not (beyond <= _ROUNDING).all():
@@ -84,7 +84,7 @@ class CommandChecks:
             )
 
     def _check_range(self, name: str, unit: str, values: FloatArray, least: FloatArray, most: FloatArray) -> None:
-        self._check_shape(values)
+        self.check_shape(values)
         within = (values >= least) & (values <= most)
         if not within.all():
             self._refuse_what_is_no_number(name, values)
@@ -94,7 +94,8 @@ class CommandChecks:
                 f"{least[joint]:.2f} to {most[joint]:.2f} is allowed"
             )
 
-    def _check_shape(self, values: FloatArray) -> None:
+    def check_shape(self, values: FloatArray) -> None:
+        """Refuse values that are not one a joint (SettingsError)."""
         joints = len(self._robot.joint_names)
         if values.shape != (joints,):
             count = len(values) if values.ndim == 1 else f"{values.shape}"

@@ -12,6 +12,7 @@ import numpy as np
 from equipoise.drivers.hardware import LoopTiming
 from equipoise.errors import CommunicationError, FallError, HungError, MotionError, SensorError, TrackingError
 from equipoise.guard.base_checks import BaseChecks
+from equipoise.guard.clearance_checks import ClearanceChecks
 from equipoise.guard.command_checks import CommandChecks
 from equipoise.guard.joint_checks import JointChecks
 from equipoise.guard.known import Check, Known
@@ -19,7 +20,7 @@ from equipoise.guard.limits import Limits
 from equipoise.guard.report import GuardReport
 from equipoise.guard.sample_filter import SampleFilter
 from equipoise.guard.tilt_filter import TiltFilter
-from equipoise.platform.platform import JointCommand, Platform, RobotState
+from equipoise.platform.platform import JointCommand, Platform, RobotState, Trajectory
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -42,11 +43,12 @@ class ControlLoop:
         self._report = GuardReport(self._samples.counts)
         self.known: Known | None = None
 
-        commands = CommandChecks(limits, robot, gains, platform.control_period)
+        commands = self._commands = CommandChecks(limits, robot, gains, platform.control_period)
         joints = JointChecks(limits, robot, stance.hip_height, platform.control_period, self.own_gains is not None)
         base = BaseChecks(limits, robot, stance)
-        self._at_rest: tuple[Check, ...] = (*commands.at_rest, *joints.at_rest, *base.at_rest)
-        self._before: tuple[Check, ...] = commands.in_motion
+        self._clear = ClearanceChecks(robot, stance)
+        self._at_rest: tuple[Check, ...] = (*commands.at_rest, *joints.at_rest, *base.at_rest, *self._clear.at_rest)
+        self._before: tuple[Check, ...] = (*commands.in_motion, *self._clear.in_motion)
         self._after: tuple[Check, ...] = (*joints.in_motion, *base.in_motion)
         self._held: tuple[Check, ...] = joints.held
 
@@ -63,6 +65,11 @@ class ControlLoop:
         _check(self._at_rest, first, Known(state, first, first, self._up))
         here = JointCommand(state.joint_position)
         self.known = Known(state, here, here, self._up)
+
+    def look_ahead(self, trajectory: Trajectory) -> None:
+        """Before a motion's first command; raises LimitError, or SettingsError, if it must not be made."""
+        self._commands.check_shape(trajectory.position[0])
+        self._clear.check_ahead(trajectory)
 
     def read(self) -> RobotState:
         """Sense without commanding, perhaps after a while in which nobody looked.

@@ -124,6 +124,8 @@ class Guard:
         steps: StepLog | None = None
         try:
             with self._ending_on_trouble(), self._interruptions.held():
+                self._check_going()
+                self._loop.look_ahead(trajectory)
                 self._begin(trajectory.command(0))
                 steps = self._steps = StepLog(self, self._present(), self._steps)
                 self._play(trajectory, stop, steps)

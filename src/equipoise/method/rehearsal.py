@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from equipoise.conventions import AXES, FloatArray
 from equipoise.errors import ReachError
+from equipoise.experiments.posture import check_clear
 from equipoise.experiments.sway import SwaySettings, extreme_feet, why_unreachable
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -92,9 +93,10 @@ def held_posture(
         legs: names of the legs that stand.
 
     Raises:
-        ReachError: the legs do not reach it.
+        ReachError: the legs do not reach it, or links touch in it.
     """
     position = inverse_kinematics(robot, feet, guess)
+    check_clear(robot, position)
     return RehearsedPosture(what, position, static_torques(robot, position, tuple(legs)), times)
 
 

@@ -11,6 +11,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import ImuMountingError, MotionError, ReachError, SettingsError
 from equipoise.experiments.lift import LiftSettings
 from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.posture import check_clear
 from equipoise.experiments.tipping import Pendulum
 from equipoise.paper.bracket import Bracket, TriedOffset
 from equipoise.paper.lift_trial import LiftReading, lift_trial, read_lift_trial
@@ -178,7 +179,7 @@ def check_search(robot: RobotModel, stance: Stance, settings: ComSearchSettings)
 
 
 def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: float) -> None:
-    """Raise ReachError if the legs do not reach an offset, or the robot could tip over its own four feet there.
+    """Raise ReachError if the legs do not reach an offset, or touch there, or the robot could tip over its own feet.
 
     By the model, and the pendulum of `tipping`: it must come to rest well inside them when it lands on its lifted feet.
 
@@ -190,6 +191,7 @@ def check_offset(robot: RobotModel, stance: Stance, x_m: float, lift_height: flo
     """
     feet = shifted_feet(stance, x_m)
     position = inverse_kinematics(robot, feet, stance.joint_position)
+    check_clear(robot, position)
     for diagonal in DIAGONALS:
         tipping = Pendulum.of(robot, position, np.array([0.0, 0.0, 1.0]), diagonal)
         ahead = tipping.lean > 0

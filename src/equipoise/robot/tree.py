@@ -31,7 +31,7 @@ def joint_axis(model: pin.Model, joint: int) -> FloatArray:
 
 def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Spheres]:
     """The cleaned file in Pinocchio, floating, and the spheres among its collision shapes."""
-    model, geometry = _read_shapes(source)
+    model, geometry = read_shapes(source)
     spheres: Spheres = {}
     for shape in geometry.geometryObjects:
         if type(shape.geometry).__name__ == "Sphere":
@@ -42,7 +42,7 @@ def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Spheres]:
     return model, spheres
 
 
-def _read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
+def read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
     """The cleaned file in Pinocchio, floating, and its collision shapes."""
     try:
         if source.format == "urdf":

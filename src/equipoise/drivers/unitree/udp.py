@@ -202,7 +202,7 @@ class UnitreeUdpLink:
             now = time.monotonic()
             if now - self._looked > _PAUSE:
                 self._since = now
-            self._looked, ahead = now, now - time.time()
+            before, self._looked, ahead = self._looked, now, now - time.time()
             for _ in range(_KEPT):
                 try:
                     datagram = receive(self._socket, ahead)
@@ -215,6 +215,7 @@ class UnitreeUdpLink:
                     self.counts.strangers += 1
                     continue
                 self.counts.unread += len(self._arrived) == _KEPT
+                received = min(max(received, before), now)  # the system's clock may have been set meanwhile
                 self._forms.hear(data, received)
                 self._arrived.append((received, data))
 

@@ -1,0 +1,106 @@
+"""How near a robot's links come to each other along a motion, looked at no more often than they could meet.
+
+While a joint turns by an angle, what hangs at it moves by that times its reach at most. Two shapes that are d apart cannot
+touch before both together have moved by d; until then nobody has to look.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.clearance.pairs import Distances, pairs_of
+from equipoise.conventions import FloatArray
+from equipoise.robot.model import RobotModel
+
+_ROUNDING = 1e-4  # [m] by which shapes that are too near already may come nearer
+_PART = 60  # postures that are gone through at once
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two links that come too near to each other.
+
+    Attributes:
+        links: names of the links.
+        distance: distance between them [m]; negative: they are in each other.
+    """
+
+    links: tuple[str, str]
+    distance: float
+
+    def __str__(self) -> str:
+        first, second = (repr(link) for link in self.links)
+        if self.distance <= 0:
+            return f"link {first} would touch link {second}"
+        return f"link {first} would come within {self.distance * 1000:.1f} mm of link {second}"
+
+
+def contact_in(robot: RobotModel, joint_position: FloatArray) -> Contact | None:
+    """The nearest two links at (nj,) joint positions [rad], if they are nearer than they may be."""
+    pairs = pairs_of(robot)
+    distance = Distances(robot, pairs.shapes).all(joint_position)
+    short = pairs.least - distance
+    worst = int(np.argmax(short))
+    return Contact(pairs.links[worst], float(distance[worst])) if short[worst] > 0 else None
+
+
+class Clearance:
+    """Follows a robot from posture to posture. What is too near at first may stay as near, and come no nearer.
+
+    It owns the memory that it computes in: one thread at a time may use it.
+
+    Args:
+        robot: model of the robot; what `pairs_of` raises for it is raised.
+        joint_position: (nj,) joint positions to begin with [rad].
+    """
+
+    def __init__(self, robot: RobotModel, joint_position: FloatArray) -> None:
+        self._pairs = pairs_of(robot)
+        self._distances = Distances(robot, self._pairs.shapes)
+        self.begin(joint_position)
+
+    def begin(self, joint_position: FloatArray) -> None:
+        """Begin anew, somewhere else."""
+        distance, pairs = self._distances.all(joint_position), self._pairs
+        self._here, self._travelled = joint_position, np.zeros(len(pairs.first))  # [m] along each route
+        self._allowed = np.minimum(distance - _ROUNDING, pairs.least)  # [m] of each pair
+        self._due = np.maximum(distance, pairs.least)  # [m] travelled by when to look at each pair again
+
+    def first_contact(self, joint_positions: FloatArray) -> Contact | None:
+        """Go through (n, nj) postures [rad]; the first contact ends the way.
+
+        Between postures that follow each other joints move straight; between looks shapes that keep their distance may come
+        nearer than it, but do not touch.
+        """
+        parts = (joint_positions[start : start + _PART] for start in range(0, len(joint_positions), _PART))
+        return next((contact for part in parts if (contact := self._go(part)) is not None), None)
+
+    def _go(self, joint_positions: FloatArray) -> Contact | None:
+        turned = np.abs(np.diff(joint_positions, axis=0, prepend=self._here[None]))
+        travelled = self._travelled + np.cumsum(turned @ self._pairs.reach, axis=0)
+        index = 0
+        while (late := (travelled[index:] > self._soonest()).any(axis=1)).any():
+            index += int(np.argmax(late))
+            if (contact := self._look(joint_positions[index], travelled[index])) is not None:
+                return contact
+        self._here, self._travelled = joint_positions[-1], travelled[-1]
+        return None
+
+    def _soonest(self) -> FloatArray:
+        """(routes,) distance travelled at which to look at a pair of each route again [m]."""
+        return np.minimum.reduceat(self._due, self._pairs.first)
+
+    def _look(self, joint_position: FloatArray, travelled: FloatArray) -> Contact | None:
+        """Look at the pairs that are due."""
+        self._here, self._travelled = joint_position, travelled
+        self._distances.take(joint_position)
+        least, along = self._pairs.least, travelled[self._pairs.route]
+        for pair in np.flatnonzero(self._due < along):
+            distance = self._distances.of(int(pair))
+            if distance < self._allowed[pair]:
+                return Contact(self._pairs.links[pair], distance)
+            self._allowed[pair] = min(max(self._allowed[pair], distance - _ROUNDING), least)
+            self._due[pair] = along[pair] + max(distance, least)
+        return None

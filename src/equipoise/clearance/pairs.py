@@ -1,0 +1,136 @@
+"""Which shapes of a robot are held apart, two by two.
+
+Left out are links that are neighbours; the trunk and what is above the knees, which joint limits keep apart; and what touches
+where the robot stands or lies: there shapes are larger than the links, or it rests on itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from equipoise.clearance.shapes import held_links, link_of, robot_shapes
+from equipoise.clearance.stand_ins import BASE_JOINT
+from equipoise.conventions import FloatArray
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import lying_posture, nominal_stance
+
+_LEAST = 0.005  # [m] between two shapes, on an A1, whose feet are that far from where they are sent at times
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of shapes that are held apart.
+
+    Attributes:
+        shapes: shapes with the pairs, on the joints of the robot's model.
+        links: names of the two links of each pair.
+        least: distance that is kept between the shapes of a pair [m].
+        route: (pairs,) number of the two joints that the shapes of each pair hang at, a column of `reach`, ascending.
+        first: (routes,) number of the first pair of each route.
+        reach: (nj, routes) how much nearer the shapes of a route can come while a joint turns [m/rad].
+        left_out: names of the links that touch where the robot stands or lies, two by two.
+    """
+
+    shapes: pin.GeometryModel
+    links: tuple[tuple[str, str], ...]
+    least: float
+    route: NDArray[np.intp]
+    first: NDArray[np.intp]
+    reach: FloatArray
+    left_out: tuple[tuple[str, str], ...]
+
+
+class Distances:
+    """Distances between the shapes of pairs; owns the memory that they are computed in, as `Kinematics` does."""
+
+    def __init__(self, robot: RobotModel, shapes: pin.GeometryModel) -> None:
+        self._robot, self._shapes = robot, shapes
+        self._data, self._placed = robot.create_data(), shapes.createData()
+
+    def take(self, joint_position: FloatArray) -> None:
+        """Put the shapes where (nj,) joint positions put them [rad]."""
+        model, configuration = self._robot.pinocchio, self._robot.configuration(joint_position)
+        pin.updateGeometryPlacements(model, self._data, self._shapes, self._placed, configuration)
+
+    def of(self, pair: int) -> float:
+        """Between the two shapes of a pair [m]; negative: they are in each other."""
+        return float(pin.computeDistance(self._shapes, self._placed, pair).min_distance)
+
+    def all(self, joint_position: FloatArray) -> FloatArray:
+        """(pairs,) at (nj,) joint positions [rad]."""
+        self.take(joint_position)
+        return np.array([self.of(pair) for pair in range(len(self._shapes.collisionPairs))])
+
+
+@lru_cache(maxsize=16)
+def pairs_of(robot: RobotModel) -> Pairs:
+    """The pairs of a robot; raises what `nominal_stance` raises."""
+    shapes, stance = robot_shapes(robot), nominal_stance(robot)
+    least = _LEAST * stance.scale.length
+    _pair_up(robot, shapes)
+    usual, postures = Distances(robot, shapes), (stance.joint_position, lying_posture(robot, stance)[0])
+    touch = np.min([usual.all(position) for position in postures], axis=0) < least
+    links, pairs = _links(shapes), list(shapes.collisionPairs)
+    shapes.removeAllCollisionPairs()
+    for index in np.flatnonzero(~touch):
+        shapes.addCollisionPair(pairs[index])
+    left_out = tuple(dict.fromkeys(links[index] for index in np.flatnonzero(touch)))
+    return Pairs(shapes, _links(shapes), least, *_routes(robot, shapes), left_out)
+
+
+def _pair_up(robot: RobotModel, shapes: pin.GeometryModel) -> None:
+    """All shapes that nothing else keeps apart, route by route."""
+    found, near, arms = shapes.geometryObjects, _near(robot), held_links(robot)
+    by_joints = sorted(range(len(found)), key=lambda index: found[index].parentJoint)
+    routes = sorted((found[a].parentJoint, found[b].parentJoint, a, b) for a, b in combinations(by_joints, 2))
+    for upper, lower, first, second in routes:
+        if upper != lower and ((upper, lower) not in near or link_of(found[first]) in arms):
+            shapes.addCollisionPair(pin.CollisionPair(first, second))
+
+
+def _near(robot: RobotModel) -> set[tuple[int, int]]:
+    """Pairs of joints, the upper first, whose links are neighbours, or the trunk and a part of a leg above its knee."""
+    neighbours = {(int(robot.pinocchio.parents[joint]), joint) for joint in range(2, robot.pinocchio.njoints)}
+    return neighbours | {(BASE_JOINT, joint) for leg in robot.legs.values() for joint in leg.joint_ids[:-1]}
+
+
+def _links(shapes: pin.GeometryModel) -> tuple[tuple[str, str], ...]:
+    names = [link_of(shape) for shape in shapes.geometryObjects]
+    return tuple((names[pair.first], names[pair.second]) for pair in shapes.collisionPairs)
+
+
+def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
+    """`route`, `first` and `reach` of pairs."""
+    found, reaches = shapes.geometryObjects, _joint_reaches(robot, shapes)
+    joints = np.array([[found[p.first].parentJoint, found[p.second].parentJoint] for p in shapes.collisionPairs])
+    routes, first, route = np.unique(joints, axis=0, return_index=True, return_inverse=True)
+    return route.reshape(-1), first, np.array([reaches[a] + reaches[b] for a, b in routes]).T
+
+
+def _joint_reaches(robot: RobotModel, shapes: pin.GeometryModel) -> dict[int, FloatArray]:
+    """By joint, (nj,) how far what hangs at it moves at most while each joint above it, and itself, turns [m/rad]."""
+    reaches = {joint: np.zeros(len(robot.joint_names)) for joint in range(robot.pinocchio.njoints)}
+    for shape in shapes.geometryObjects:
+        shape.geometry.computeLocalAABB()
+        middle = shape.placement.rotation @ shape.geometry.aabb_center + shape.placement.translation
+        extent = float(np.linalg.norm(middle)) + float(shape.geometry.aabb_radius)
+        for joint, above in _above(robot, shape.parentJoint):
+            row = reaches[shape.parentJoint]
+            row[joint - 2] = max(row[joint - 2], above + extent)
+    return reaches
+
+
+def _above(robot: RobotModel, joint: int) -> Iterator[tuple[int, float]]:
+    """A joint and those above it in its leg, and how far from each the first one is [m]."""
+    model, distance = robot.pinocchio, 0.0
+    while joint > 1:
+        yield joint, distance
+        distance += float(np.linalg.norm(model.jointPlacements[joint].translation))
+        joint = model.parents[joint]

@@ -1,0 +1,108 @@
+"""Simple bodies on a robot's links: those of its model file, and stand-ins for links that have none there.
+
+Meshes are not read: they are made for pictures, and a robot has to be kept from itself where they are missing, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import coal  # Pinocchio's own: shapes and the distances between them
+import numpy as np
+import pinocchio as pin
+
+from equipoise.clearance.stand_ins import BASE_JOINT, LIMB_RADIUS_RATIO, Limb, leg_limbs, trunk_box
+from equipoise.conventions import FloatArray
+from equipoise.robot.model import RobotModel
+from equipoise.robot.tree import body_frame_of, read_shapes
+
+_SIMPLE = ("Box", "Sphere", "Cylinder", "Capsule")
+_ARM_SHARE = 0.6  # of a limb's radius
+
+
+def robot_shapes(robot: RobotModel) -> pin.GeometryModel:
+    """Bodies on the joints of `robot.pinocchio`; their names are those of their links, and a number."""
+    held = _held_configuration(robot)
+    of_file, shapes = _of_the_file(robot, held), pin.GeometryModel()
+    for link, shape in (*of_file, *_stand_ins(robot, held, of_file)):
+        shape.name = f"{link} {shapes.ngeoms}"
+        shapes.addGeometryObject(shape)
+    return shapes
+
+
+def link_of(shape: pin.GeometryObject) -> str:
+    """Name of the link that a shape of `robot_shapes` is on."""
+    return shape.name.rpartition(" ")[0]
+
+
+def held_links(robot: RobotModel) -> set[str]:
+    """Names of the links that held joints move, as an arm's: they are on the base's joint, and no part of the trunk."""
+    model = robot.full_pinocchio
+    joints = {model.getJointId(name) for name in robot.held}
+    return {str(f.name) for f in model.frames if f.parentJoint in joints and f.type == pin.FrameType.BODY}
+
+
+Named = tuple[str, pin.GeometryObject]
+
+
+def _held_configuration(robot: RobotModel) -> FloatArray:
+    """Configuration of the full model with its base at the origin and the held joints where they are held."""
+    model = robot.full_pinocchio
+    configuration = pin.neutral(model)
+    for name, angle in robot.held.items():
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq == 1:
+            configuration[joint.idx_q] = angle
+    return configuration
+
+
+def _of_the_file(robot: RobotModel, held: FloatArray) -> list[Named]:
+    model, shapes = read_shapes(robot.source)
+    to_hold = [model.getJointId(name) for name in robot.held]
+    if to_hold:
+        model, (shapes,) = pin.buildReducedModel(model, [shapes], to_hold, held)
+    simple = (shape for shape in shapes.geometryObjects if type(shape.geometry).__name__ in _SIMPLE)
+    return [(str(model.frames[shape.parentFrame].name), shape) for shape in simple]
+
+
+def _stand_ins(robot: RobotModel, held: FloatArray, of_file: list[Named]) -> Iterator[Named]:
+    """For the base, leg links and held links of which the file shows nothing, or only a foot's sphere; and for feet."""
+    solid = [(link, shape) for link, shape in of_file if not isinstance(shape.geometry, coal.Sphere)]
+    shown = {shape.parentJoint for _, shape in solid}
+    if not any(shape.parentJoint == BASE_JOINT for _, shape in of_file):
+        edges, middle = trunk_box(robot)
+        yield robot.base_link, _shape(BASE_JOINT, coal.Box(*edges), pin.SE3(np.eye(3), middle))
+    for limb in leg_limbs(robot, shown):
+        yield _link_name(robot.pinocchio, limb.joint), _capsule(limb)
+    for foot in robot.legs.values():
+        frame, sphere = robot.pinocchio.frames[foot.foot_frame_id], coal.Sphere(foot.foot_radius)
+        yield _link_name(robot.pinocchio, frame.parentJoint), _shape(frame.parentJoint, sphere, frame.placement)
+    for name, limb in _held_limbs(robot, held, {link for link, _ in of_file}):
+        yield name, _capsule(limb)
+
+
+def _held_limbs(robot: RobotModel, held: FloatArray, shown: set[str]) -> Iterator[tuple[str, Limb]]:
+    """Capsules along links of held joints, to the next one or, of the last, as far beyond its CoM again; on the base."""
+    model = robot.full_pinocchio
+    data, radius = model.createData(), _ARM_SHARE * LIMB_RADIUS_RATIO * robot.leg_length
+    pin.forwardKinematics(model, data, held)
+    joints = [model.getJointId(name) for name in robot.held]
+    for joint in joints:
+        link, place = _link_name(model, joint), data.oMi[joint]
+        ends = [np.array(data.oMi[below].translation) for below in joints if model.parents[below] == joint]
+        for end in ends or [place.rotation @ (2 * model.inertias[joint].lever) + place.translation]:
+            limb = Limb(BASE_JOINT, np.array(place.translation), end, radius)
+            if link not in shown and limb.length > radius:
+                yield link, limb
+
+
+def _link_name(model: pin.Model, joint: int) -> str:
+    return str(model.frames[body_frame_of(model, joint)].name)
+
+
+def _capsule(limb: Limb) -> pin.GeometryObject:
+    return _shape(limb.joint, coal.Capsule(limb.radius, limb.length), limb.placement)
+
+
+def _shape(joint: int, geometry: coal.CollisionGeometry, placement: pin.SE3) -> pin.GeometryObject:
+    return pin.GeometryObject("", joint, placement, geometry)

@@ -1,0 +1,75 @@
+"""What stands in for links of which the model file shows nothing simple: capsules along them, a box around the hips."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.conventions import FloatArray
+from equipoise.robot.bodies import hip_positions
+from equipoise.robot.legs import Leg
+from equipoise.robot.model import RobotModel
+
+BASE_JOINT = 1
+"""Pinocchio's id of the floating joint, which carries the base."""
+LIMB_RADIUS_RATIO = 0.09  # of the leg length: what a link without any shape is taken for
+_SHANK_SHARE = 0.6  # of that: shanks are thinner
+
+
+@dataclass(frozen=True, eq=False)
+class Limb:
+    """A capsule along a link.
+
+    Attributes:
+        joint: Pinocchio's id of the joint that moves the link.
+        start, end: (3,) centres of its caps in the joint's frame [m].
+        radius: radius of the capsule [m].
+    """
+
+    joint: int
+    start: FloatArray
+    end: FloatArray
+    radius: float
+
+    @property
+    def length(self) -> float:
+        """Of the straight part [m]."""
+        return float(np.linalg.norm(self.end - self.start))
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Pose of its middle in the joint's frame, z along it."""
+        z = (self.end - self.start) / self.length
+        x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
+        x /= np.linalg.norm(x)
+        return pin.SE3(np.column_stack([x, np.cross(z, x), z]), (self.start + self.end) / 2)
+
+
+def leg_limbs(robot: RobotModel, shown: Container[int]) -> Iterator[Limb]:
+    """Capsules along the leg links of joints that are not shown; links shorter than thick have none."""
+    radius = LIMB_RADIUS_RATIO * robot.leg_length
+    for leg in robot.legs.values():
+        for joint, end in _links(robot, leg):
+            if joint not in shown and float(np.linalg.norm(end)) > radius:
+                yield Limb(joint, np.zeros(3), end, radius * (_SHANK_SHARE if joint == leg.joint_ids[-1] else 1.0))
+
+
+def trunk_box(robot: RobotModel, around: float = 0.0) -> tuple[tuple[float, float, float], FloatArray]:
+    """Edges of a box that holds the hips, and its (3,) centre in the base frame [m].
+
+    Args:
+        around: how much larger it is on each side, over a limb's radius.
+    """
+    hips, radius = hip_positions(robot), LIMB_RADIUS_RATIO * robot.leg_length
+    x, y, z = (np.ptp(hips, axis=0) + 2 * radius * np.array([around, around, 1 + around])).tolist()
+    return (x, y, z), hips.mean(axis=0)
+
+
+def _links(robot: RobotModel, leg: Leg) -> Iterator[tuple[int, FloatArray]]:
+    """Each joint of a leg, and where in its frame its link ends."""
+    for joint, following in zip(leg.joint_ids, leg.joint_ids[1:], strict=False):
+        yield joint, np.array(robot.pinocchio.jointPlacements[following].translation)
+    yield leg.joint_ids[-1], np.array(robot.pinocchio.frames[leg.foot_frame_id].placement.translation)

@@ -1,0 +1,46 @@
+"""Whether commands keep the robot's links from each other."""
+
+from __future__ import annotations
+
+from equipoise.clearance.clearance import Clearance, Contact
+from equipoise.errors import LimitError
+from equipoise.guard.known import Check, Known
+from equipoise.platform.platform import JointCommand, Trajectory
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+
+class ClearanceChecks:
+    """Refuse commands that bring links together.
+
+    Targets are looked at, not where the joints are: those follow within the guard's other limits.
+
+    Attributes:
+        at_rest: checks before a robot is moved; they raise nothing.
+        in_motion: checks of a command before it is sent; they raise LimitError.
+    """
+
+    def __init__(self, robot: RobotModel, stance: Stance) -> None:
+        self._robot = robot
+        self._clearance = Clearance(robot, stance.joint_position)
+        self.at_rest: tuple[Check, ...] = (self._begin,)
+        self.in_motion: tuple[Check, ...] = (self._check_command,)
+
+    def check_ahead(self, trajectory: Trajectory) -> None:
+        """Refuse a whole motion before it begins (LimitError); where it begins the robot is already."""
+        ahead = Clearance(self._robot, trajectory.position[0])
+        _refuse(ahead.first_contact(trajectory.position))
+
+    def _begin(self, command: JointCommand, known: Known) -> None:
+        self._clearance.begin(known.state.joint_position)
+
+    def _check_command(self, command: JointCommand, known: Known) -> None:
+        if known.sent.limp:  # limp joints are where somebody has moved them
+            self._begin(command, known)
+        if not command.limp:
+            _refuse(self._clearance.first_contact(command.position[None]))
+
+
+def _refuse(contact: Contact | None) -> None:
+    if contact is not None:
+        raise LimitError(f"{contact}: it was not sent there")

@@ -1,0 +1,138 @@
+"""Links that are held apart: what shapes they have, how near they come, and that looking seldom misses nothing."""
+
+import coal
+import numpy as np
+import pytest
+from robots import load_text, quadruped_urdf
+
+from equipoise import nominal_stance
+from equipoise.clearance.clearance import Clearance, contact_in
+from equipoise.clearance.pairs import Distances, pairs_of
+from equipoise.clearance.shapes import link_of
+from equipoise.errors import ReachError
+from equipoise.experiments.motion import Target
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.posture import check_posture
+from equipoise.method.rehearsal import held_posture
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.stance import lying_posture
+
+
+@pytest.fixture(scope="module")
+def home(a1):
+    return nominal_stance(a1).joint_position
+
+
+def with_joints(robot, **angles):
+    position = nominal_stance(robot).joint_position.copy()
+    for name, angle in angles.items():
+        position[robot.joint_names.index(name)] = angle
+    return position
+
+
+def way(start, end, count=150):
+    return start + np.linspace(0, 1, count)[:, None] * (end - start)
+
+
+def test_where_it_stands_and_lies_a_robot_is_clear_of_itself(a1, home):
+    assert contact_in(a1, home) is None
+    assert contact_in(a1, lying_posture(a1, nominal_stance(a1))[0]) is None
+    assert pairs_of(a1).left_out == ()
+
+
+def test_legs_that_cross_are_named(a1, home):
+    crossed = with_joints(a1, FL_hip_joint=-0.45, FR_hip_joint=0.45)
+    assert str(contact_in(a1, crossed)) == "link 'FL_foot' would touch link 'FR_foot'"
+    clearance = Clearance(a1, home)
+    contact = clearance.first_contact(way(home, crossed))
+    assert 0 < contact.distance < 5e-3
+    assert str(contact) == f"link 'FL_foot' would come within {contact.distance * 1000:.1f} mm of link 'FR_foot'"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_is_gone_through_nothing_touches(a1, home, seed):
+    """Against looking at every posture, on ways all over the joints' ranges, most of which end in a contact."""
+    random = np.random.default_rng(seed)
+    pairs = pairs_of(a1)
+    target = home + 0.7 * (random.uniform(a1.lower_limit, a1.upper_limit) - home)
+    positions = way(home, target)
+    distances = Distances(a1, pairs.shapes)
+    nearest = np.array([distances.all(position).min() for position in positions])
+    gone = 0
+    clearance = Clearance(a1, home)
+    while gone < len(positions) and clearance.first_contact(positions[gone : gone + 1]) is None:
+        gone += 1
+    assert (nearest[:gone] > 0).all()
+    assert gone == len(positions) or nearest[gone] < pairs.least
+    at_once = Clearance(a1, home).first_contact(positions)
+    assert (at_once is None) == (gone == len(positions))
+
+
+def test_it_looks_seldom(a1, home, monkeypatch):
+    clearance, looks = Clearance(a1, home), []
+    look = clearance._look
+    monkeypatch.setattr(clearance, "_look", lambda *where: looks.append(where) or look(*where))
+    crouched, _ = lying_posture(a1, nominal_stance(a1))
+    assert clearance.first_contact(way(home, crouched, 2000)) is None
+    assert len(looks) < 150
+
+
+def test_what_touches_at_first_may_part_and_not_touch_more(a1, home):
+    crossed = with_joints(a1, FL_hip_joint=-0.38, FR_hip_joint=0.38)
+    assert contact_in(a1, crossed).distance < -0.01
+    assert Clearance(a1, crossed).first_contact(way(crossed, home)) is None
+    deeper = with_joints(a1, FL_hip_joint=-0.4, FR_hip_joint=0.4)
+    assert Clearance(a1, crossed).first_contact(way(crossed, deeper)) is not None
+    parted = Clearance(a1, crossed)
+    assert parted.first_contact(way(crossed, home)) is None
+    assert parted.first_contact(way(home, crossed)).distance > 0
+
+
+def test_links_without_shapes_get_capsules_and_an_arm_too(skewed):
+    shapes = pairs_of(skewed).shapes.geometryObjects
+    capsules = [link_of(shape) for shape in shapes if isinstance(shape.geometry, coal.Capsule)]
+    assert sorted(name for name in capsules if name.startswith("arm")) == ["arm_link_0", "arm_link_1"]
+    assert len(capsules) == 2 + 12
+    assert sum(isinstance(shape.geometry, coal.Box) for shape in shapes) == 1
+
+
+def test_a_held_arm_is_where_it_is_held(tmp_path):
+    text = quadruped_urdf(arm_joints=2)
+    ends = []
+    for angle in (0.0, 1.0):
+        robot = load_text(tmp_path, text, RobotDescription(held={"arm_0": angle}))
+        arm = [shape for shape in pairs_of(robot).shapes.geometryObjects if link_of(shape).startswith("arm")]
+        ends.append(np.array(arm[-1].placement.translation))
+    assert np.linalg.norm(ends[1] - ends[0]) > 0.03
+
+
+class Still:
+    """A platform that must not be moved."""
+
+    control_period = 2e-3
+
+    def play(self, trajectory, stop=None):
+        raise AssertionError("it was moved")
+
+
+def test_a_planned_motion_in_which_links_touch_is_refused_before_it_begins(a1, home):
+    stance = nominal_stance(a1)
+    planted = PlantedRobot(Still(), a1, Target.standing(a1, home), stance.feet_in_base)
+    crossed = with_joints(a1, FL_hip_joint=-0.45, FR_hip_joint=0.45)
+    with pytest.raises(
+        ReachError, match=r"^link 'FL_foot' would come within \d\.\d mm of link 'FR_foot': the motion is "
+    ):
+        planted.play(planted.motion().move_joints(crossed, 1.0))
+
+
+def test_postures_in_which_links_touch_are_out_of_reach(a1, home):
+    stance = nominal_stance(a1)
+    crossed = with_joints(a1, FL_hip_joint=-0.36, FR_hip_joint=0.36)
+    feet = foot_positions(a1, crossed)
+    for refuse in (
+        lambda: check_posture(a1, stance, feet, near=crossed),
+        lambda: held_posture(a1, "crossed", feet, crossed),
+    ):
+        with pytest.raises(ReachError, match=r"^link 'FL_foot' would touch link 'FR_foot'$"):
+            refuse()

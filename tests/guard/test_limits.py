@@ -1,0 +1,413 @@
+"""Every limit of the guard, its ending and the watchdog, from both sides: what is just allowed, and what is not by little.
+
+Looser by half, each would let something through here: `make mutants` tries that. Time is a count where it can be.
+"""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from guarded import PERIOD, MemoryLink, at_rest, look
+
+from equipoise import nominal_stance
+from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.errors import (
+    CommunicationError,
+    EquipoiseError,
+    HungError,
+    LimitError,
+    OverrunError,
+    SensorError,
+    TrackingError,
+)
+from equipoise.guard import guard as guard_module
+from equipoise.guard import held_robot, safe_ending, watchdog
+from equipoise.guard.command_checks import CommandChecks
+from equipoise.guard.footing import feet_are_lifted
+from equipoise.guard.guard import Guard
+from equipoise.guard.held_robot import HeldRobot
+from equipoise.guard.joint_checks import JointChecks, StuckDetector
+from equipoise.guard.known import Known
+from equipoise.guard.limits import Limits
+from equipoise.guard.safe_ending import SafeEnding
+from equipoise.guard.sample_filter import SampleFilter
+from equipoise.guard.soft_start import soft_start
+from equipoise.guard.tilt_filter import TiltFilter
+from equipoise.platform.platform import JointCommand
+from equipoise.robot.kinematics import inverse_kinematics
+
+KNEE, THIGH = 2, 1  # of the front left leg
+
+
+@pytest.fixture(scope="module")
+def stance(a1):
+    return nominal_stance(a1)
+
+
+@pytest.fixture(scope="module")
+def home(stance):
+    return stance.joint_position
+
+
+@pytest.fixture(scope="module")
+def gains(a1, stance):
+    kp, kd = a1.gains(stance.hip_height)
+    return np.full(12, kp), np.full(12, kd)
+
+
+@pytest.fixture
+def joints(a1, stance):
+    return JointChecks(Limits(), a1, stance.hip_height, PERIOD, knows_gains=True)
+
+
+class Clock:
+    """A time that passes where somebody sleeps."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, duration):
+        self.now += duration
+
+
+def with_one(values, joint, value):
+    values = np.array(values)
+    values[joint] = value
+    return values
+
+
+def passes(act, error=EquipoiseError):
+    """Whether something is let through."""
+    try:
+        act()
+    except error:
+        return False
+    return True
+
+
+# --- joints and motors
+
+
+def test_an_encoder_beyond_its_joints_limits(a1, joints, home):
+    def at(beyond):
+        position = with_one(home, KNEE, a1.upper_limit[KNEE] + beyond)
+        look(joints.at_rest, JointCommand(home), at_rest(a1, joint_position=position))
+
+    at(0.14)
+    with pytest.raises(LimitError, match="its limits are"):
+        at(0.17)
+
+
+def test_a_torque_that_is_missing(a1, joints, home):
+    def lasts(torque):
+        command = JointCommand(home, torque=with_one(np.zeros(12), KNEE, torque))
+        for index in range(1000):
+            look(joints.in_motion, command, at_rest(a1, index, joint_position=home))
+
+    lasts(3.7)
+    with pytest.raises(TrackingError, match="is it on, are its gains"):
+        lasts(4.6)
+
+
+def test_a_joint_that_runs_away(a1, joints, home):
+    def away(angle, checks):
+        look(checks, JointCommand(home), at_rest(a1, joint_position=with_one(home, THIGH, home[THIGH] + angle)))
+
+    away(0.97, joints.in_motion)
+    with pytest.raises(TrackingError):
+        away(1.1, joints.in_motion)
+    away(0.48, joints.held)
+    with pytest.raises(TrackingError):
+        away(0.6, joints.held)
+
+
+@pytest.mark.parametrize(
+    ("sent", "moved", "stuck"), [(0.11, 0.0, False), (0.15, 0.0, True), (0.2, 0.055, False), (0.2, 0.04, True)]
+)
+def test_a_joint_that_does_not_go_where_it_is_sent(sent, moved, stuck):
+    detector = StuckDetector(1, 0, 10)
+    ways = [(np.array([share * sent]), np.array([share * moved])) for share in np.tile(np.linspace(0, 1, 10), 2)]
+    assert any(detector.feel(*way) is not None for way in ways) == stuck
+
+
+def test_a_stuck_joint_is_noticed_within_two_half_seconds(a1, joints, home):
+    def noticed(index):
+        command = JointCommand(with_one(home, 7, home[7] + 0.1 * np.sin(6 * index * PERIOD)))
+        return not passes(lambda: look(joints.in_motion, command, replace(at_rest(a1, index), joint_torque=None)))
+
+    assert next(index for index in range(1000) if noticed(index)) * PERIOD < 1.2
+
+
+# --- commands
+
+
+def test_targets_beyond_limits_and_first_jumps(a1, stance, home):
+    checks = CommandChecks(Limits(), a1, a1.gains(stance.hip_height), PERIOD)
+
+    def sent(target, checks):
+        look(checks, JointCommand(target), at_rest(a1), JointCommand(target))
+
+    sent(with_one(home, KNEE, a1.upper_limit[KNEE] + 0.9e-3), checks.in_motion)
+    with pytest.raises(LimitError):
+        sent(with_one(home, KNEE, a1.upper_limit[KNEE] + 1.2e-3), checks.in_motion)
+    sent(with_one(home, KNEE, home[KNEE] + 0.097), checks.at_rest)
+    with pytest.raises(LimitError, match="motions start where the robot is"):
+        sent(with_one(home, KNEE, home[KNEE] + 0.12), checks.at_rest)
+
+
+@pytest.mark.parametrize(("height", "lifted"), [(2.6e-3, False), (3.6e-3, True)])
+def test_feet_that_count_as_lifted(a1, stance, home, height, lifted):
+    feet = stance.feet_in_base + np.array([height, 0, 0, height])[:, None] * [0, 0, 1]
+    assert feet_are_lifted(a1, stance, inverse_kinematics(a1, feet, home)) == lifted
+
+
+# --- samples
+
+
+def believed(robot, states, target=None):
+    """How many samples pass before one does not, and the error."""
+    sieve = SampleFilter(robot, PERIOD, Limits().silence)
+    for count, state in enumerate(states):
+        try:
+            sieve.accept(state, state.joint_position if target is None else target(count))
+        except EquipoiseError as error:
+            return count, error
+    return len(states), None
+
+
+def test_a_sensor_that_says_nothing_new(a1):
+    count, error = believed(a1, [at_rest(a1)] * 500)
+    assert isinstance(error, CommunicationError)
+    assert 0.1 <= count * PERIOD < 0.13
+
+
+@pytest.mark.parametrize(("through", "noticed"), [(0.028, False), (0.04, True)])
+def test_an_encoder_that_is_frozen(a1, home, through, noticed):
+    states = [replace(at_rest(a1, index), joint_position=home) for index in range(110)]
+    _, error = believed(a1, states, lambda count: home + min(count * PERIOD / 0.1, 1) * through)
+    assert isinstance(error, SensorError) == noticed
+
+
+def test_a_frozen_encoder_is_noticed_in_time(a1, home):
+    states = [replace(at_rest(a1, index), joint_position=home) for index in range(500)]
+    count, _ = believed(a1, states, lambda count: home + count * PERIOD)
+    assert 0.14 < count * PERIOD < 0.2
+
+
+@pytest.mark.parametrize(
+    ("speed_limit", "jump", "noticed"),
+    [(21.0, 0.13, False), (21.0, 0.145, True), (1e9, 0.14, False), (1e9, 0.17, True)],
+)
+def test_an_encoder_that_jumps(a1, home, speed_limit, jump, noticed):
+    robot = replace(a1, velocity_limit=np.full(12, speed_limit))
+    _, error = believed(robot, [at_rest(a1), at_rest(a1, 1, joint_position=with_one(home, KNEE, home[KNEE] + jump))])
+    assert (error is not None) == noticed
+
+
+def test_which_way_is_up(a1):
+    lean = 0.3
+
+    def felt(acceleration):
+        up = TiltFilter(np.eye(3))
+        for index in range(251):
+            direction = np.array([0.0, 0.0, 1.0]) if index == 0 else np.array([np.sin(lean), 0.0, np.cos(lean)])
+            size = 9.81 if index == 0 else acceleration
+            up.feel(
+                SimpleNamespace(
+                    time=index * PERIOD, acceleration_in_imu=size * direction, angular_velocity_in_imu=np.zeros(3)
+                )
+            )
+        return up.tilt
+
+    assert 0.17 < felt(9.81) < 0.21  # half a second
+    assert felt(9.81 + 2.4) > 0.1
+    assert felt(9.81 + 2.9) == pytest.approx(0, abs=1e-6)
+
+
+# --- while nothing moves, and at the beginning
+
+
+@pytest.mark.parametrize(
+    ("silent", "stepped", "error"),
+    [(1.25, 0.0, None), (1.5, 0.0, HungError), (0.0, 0.19, None), (0.0, 0.25, OverrunError)],
+)
+def test_a_program_that_gives_no_sign_of_life(monkeypatch, silent, stepped, error):
+    loop, clock = SimpleNamespace(hold=lambda: None), Clock()
+    monkeypatch.setattr(held_robot, "time", clock)
+    monkeypatch.setattr(held_robot, "last_sign", lambda thread: clock.now - silent)
+    held = HeldRobot(loop, PERIOD, Limits().stall, lambda trouble: None)
+    held._stepped = clock.now - stepped
+    if error is None:
+        held._repeat()
+    else:
+        with pytest.raises(error):
+            held._repeat()
+
+
+def test_before_it_is_moved_a_robot_is_looked_at_and_a_motion_keeps_its_pace(a1, home, monkeypatch):
+    class LookedError(Exception):
+        pass
+
+    def end(state, first):
+        raise LookedError
+
+    clock = Clock()
+    guard = Guard(HardwarePlatform(MemoryLink(a1)), a1)
+    monkeypatch.setattr(guard_module.time, "sleep", clock.sleep)
+    monkeypatch.setattr(guard._loop, "take_over", end)
+    with pytest.raises(LookedError):
+        guard._begin(JointCommand(home))
+    assert 0.29 < clock.now - 100.0 < 0.4
+    monkeypatch.setattr(guard_module, "time", clock)
+    for late in (0.19, 0.25):
+        guard._stepped = clock.now - late
+        assert passes(lambda: guard._check_pace(at_rest(a1, received=clock.now)), OverrunError) == (late < 0.2)
+    waited = []
+    monkeypatch.setattr(guard._held, "lock", SimpleNamespace(acquire=lambda timeout: waited.append(timeout) or False))
+    with guard._alone() as alone:
+        assert not alone
+    assert 0.8 < waited[0] < 1.2
+
+
+def test_a_soft_start_takes_a_second(a1, home, gains):
+    commands = list(
+        soft_start(JointCommand(home), at_rest(a1), gains, True, PERIOD, np.array([[-9.0], [9.0]]) * np.ones(12))
+    )
+    assert 0.95 < len(commands) * PERIOD < 1.05
+
+
+# --- the ending
+
+
+class Ending:
+    """A safe ending whose robot is where `here(count)` says after so many commands."""
+
+    def __init__(self, robot, gains, here, fails=False):
+        self.robot, self.sent, self._here, self._fails = robot, [], here, fails
+        held = SimpleNamespace(step=self._step, push=self._step)
+        self.ending = SafeEnding(held, robot, nominal_stance(robot), gains, PERIOD, lambda: False)
+
+    def _step(self, command):
+        self.sent.append(command)
+        if self._fails:
+            raise CommunicationError("nothing gets through")
+        return at_rest(self.robot, joint_position=self._here(len(self.sent)))
+
+    def put_down(self, last, tilt=0.0, **how):
+        known = Known(at_rest(self.robot, joint_position=self._here(0)), last, last, SimpleNamespace(tilt=tilt), **how)
+        self.ending.put_down(known, None)
+        return self.ending.done
+
+    def times(self, select):
+        """How long commands of a kind were sent [s]."""
+        return sum(1 for command in self.sent if select(command)) * PERIOD
+
+
+def is_limp(command):
+    return command.kp is not None and not command.kp.any()
+
+
+def test_a_robot_that_is_well_is_given_its_time(a1, home, gains):
+    ending = Ending(a1, gains, lambda count: home)
+    assert ending.put_down(JointCommand(home)) == ["lying down", "damped"]
+    assert 2.4 < ending.times(lambda command: command.kp is None) < 2.7
+    assert 0.45 < ending.times(lambda command: command.kp is not None and command.kp.any()) < 0.55
+    assert 0.25 < ending.times(is_limp) < 0.35  # it was still
+
+
+@pytest.mark.parametrize(("speed", "believed", "duration"), [(0.078, True, 4.0), (0.05, True, 0.3), (0.0, False, 4.0)])
+def test_it_is_damped_until_it_is_still(a1, home, gains, speed, believed, duration):
+    """By 0.02 rad in 0.3 s; or for four seconds."""
+    ending = Ending(a1, gains, lambda count: home + speed * count * PERIOD)
+    ending.put_down(JointCommand(home), well=False, believed=believed)
+    assert ending.times(is_limp) == pytest.approx(duration, abs=0.1)
+
+
+def test_a_robot_that_is_not_where_it_was_sent_does_not_lie_down_and_is_not_pulled(a1, home, gains):
+    for away, stages in ((0.28, ["lying down", "damped"]), (0.35, ["damped"])):
+        ending = Ending(a1, gains, lambda count, away=away: home + away)
+        assert ending.put_down(JointCommand(home)) == stages
+    pull = np.abs([command.position - home - 0.35 for command in ending.sent if not is_limp(command)]).max()
+    assert 0.14 < pull < 0.16
+
+
+@pytest.mark.parametrize(("tilt", "caught"), [(0.75, True), (0.85, False)])
+def test_feet_are_put_down_if_that_is_sensible(a1, home, stance, gains, tilt, caught):
+    feet = stance.feet_in_base + np.array([0.02, 0, 0, 0.02])[:, None] * [0, 0, 1]
+    raised = inverse_kinematics(a1, feet, home)
+    ending = Ending(a1, gains, lambda count: raised)
+    assert (ending.put_down(JointCommand(raised), tilt, well=False)[0] == "feet down") == caught
+    stiff = ending.times(lambda command: not is_limp(command))
+    assert stiff == pytest.approx(0.8 if caught else 0.5, abs=0.03)
+
+
+def test_lying_down_keeps_to_half_of_the_joints_speeds(a1, home, gains):
+    slow = replace(a1, velocity_limit=np.full(12, 0.4))
+    ending = Ending(slow, gains, lambda count: home)
+    ending.put_down(JointCommand(home), well=True)
+    positions = np.array([command.position for command in ending.sent if command.kp is None])
+    assert 0.15 < np.abs(np.diff(positions, axis=0)).max() / PERIOD < 0.21
+
+
+@pytest.mark.parametrize(("slept", "tries"), [(PERIOD, 26), (0.1, 4)])
+def test_what_does_not_get_through_is_given_up(a1, home, gains, monkeypatch, slept, tries):
+    clock = Clock()
+    monkeypatch.setattr(
+        safe_ending, "time", SimpleNamespace(monotonic=clock.monotonic, sleep=lambda _: clock.sleep(slept))
+    )
+    ending = Ending(a1, gains, lambda count: home, fails=True)
+    ending.put_down(JointCommand(home), well=False)
+    assert len(ending.sent) == tries
+
+
+# --- the watchdog
+
+
+def let_down(robot, monkeypatch, link):
+    """What the watchdog does, in which time, and how often it connects."""
+    clock, opened = Clock(), []
+    monkeypatch.setattr(watchdog, "time", clock)
+    monkeypatch.setattr("equipoise.drivers.catalog.open_beside", lambda *what: opened.append(what) or link)
+    said = watchdog._Hand("unitree-a1", robot, {}).let_down()
+    return said, clock.now - 100.0, len(opened)
+
+
+def test_the_watchdog_damps_for_three_seconds(a1, stance, monkeypatch):
+    link = MemoryLink(a1)
+    said, took, _ = let_down(a1, monkeypatch, link)
+    assert said == f"its joints were damped ({len(link.sent)} commands)"
+    assert 2.9 < took < 3.1
+    assert link.sent[0].kd == pytest.approx(2 * a1.gains(stance.hip_height)[1])
+
+
+def test_the_watchdog_tries_for_fifteen_seconds_and_connects_anew_every_second(a1, monkeypatch):
+    def refuse(count):
+        raise OSError("no")
+
+    said, took, opened = let_down(a1, monkeypatch, MemoryLink(a1, act=refuse))
+    assert said == "the robot could not be damped: no"
+    assert 14.5 < took < 15.5
+    assert 13 <= opened - 1 <= 15
+
+
+def test_the_watchdogs_patience(monkeypatch):
+    waited, ready = [], iter([[0], []])
+
+    def select(reading, writing, failing, timeout):
+        waited.append(timeout)
+        return next(ready), [], []
+
+    monkeypatch.setattr(watchdog, "select", SimpleNamespace(select=select))
+    monkeypatch.setattr(watchdog, "os", SimpleNamespace(read=lambda pipe, size: b"m"))
+    assert watchdog._watch(0) == "the program gave no sign of life for 2 s"
+    assert waited == [2.0, 2.0]
+    ready = iter([[]])
+    dog = object.__new__(watchdog.Watchdog)
+    dog._process = SimpleNamespace(stdout=0, stdin=None)
+    with pytest.raises(CommunicationError, match="did not start within 60 s"):
+        dog.wait()
+    assert waited[-1] == 60.0

@@ -1,0 +1,21 @@
+"""Covers what equipoise uses of coal 3."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+class CollisionGeometry:
+    aabb_center: NDArray[np.float64]
+    aabb_radius: float
+    def computeLocalAABB(self) -> None: ...
+
+class Box(CollisionGeometry):
+    def __init__(self, x: float, y: float, z: float, /) -> None: ...
+
+class Sphere(CollisionGeometry):
+    def __init__(self, radius: float, /) -> None: ...
+
+class Capsule(CollisionGeometry):
+    def __init__(self, radius: float, length: float, /) -> None: ...
+
+class DistanceResult:
+    min_distance: float
