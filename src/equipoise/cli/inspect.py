@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json as json_module
 import warnings
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,13 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.calibrate import DEFAULT_PLATFORM, rehearsed
 from equipoise.cli.flags import Described, Duration, File, Flag, Output, Robot, RobotFlags, Topic, Verbose, load
-from equipoise.cli.methods import DEFAULT_METHOD, method_flags, read_method, refuse_flags_of_other_methods
+from equipoise.cli.methods import (
+    DEFAULT_METHOD,
+    method_asked_for,
+    method_flags,
+    read_method,
+    refuse_flags_of_other_methods,
+)
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
 from equipoise.errors import LogError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
@@ -47,7 +52,7 @@ def plan(
 
 def plan_for(arguments: Sequence[str]) -> Verb:
     """`plan` with the flags of the method that is asked for; raises SettingsError."""
-    name = chosen(arguments, "--method", DEFAULT_METHOD)
+    name = method_asked_for(arguments)
     verb = shaped(plan, method=method_flags(name, arguments))
     refuse_flags_of_other_methods(verb, arguments, f"--method {name}")
     return verb
@@ -154,7 +159,7 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
         hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
         raise RecordingError(f"{error}{hint}") from error
     method = folder.method()
-    asked = dataclasses.replace(method, **given)
+    asked = method.having(given)
     result = folder.estimate(asked)
     files: list[Path] = []
     if output.out is not None:
