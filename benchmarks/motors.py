@@ -1,7 +1,7 @@
-"""How well motors are told apart by a lying robot that swings its legs: `make bench-motors`. Writes benchmarks/results/motors.md.
+"""How well a lying robot that swings its legs tells its motors: `make bench-motors`. Writes benchmarks/results/motors.md.
 
-Simulated robots with ordinary sensors swing all joints for 10 s and for 30 s, lying on their bellies; what is found is held against
-what was simulated. Rows are kept in motors.jsonl: it goes on where it was.
+Simulated robots with ordinary sensors swing all joints for 10 s and for 30 s, lying on their bellies; what is found is held
+against what was simulated. Rows are kept in motors.jsonl: it goes on where it was.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def table(rows: list[dict[str, object]]) -> Iterator[str]:
     yield "# Motors, without a stand"
     yield ""
     yield (
-        "`make bench-motors`; `--what motors --noise realistic`, seeds from 10,000. Root mean square errors over all joints, and the "
-        "share of 95 % intervals that hold. Bold: the target is missed."
+        "`make bench-motors`; `--what motors --noise realistic`, seeds from 10,000. Root mean square errors over all joints, "
+        "and the share of 95 % intervals that hold. Bold: the target is missed."
     )
     yield ""
     yield "| robot | runs | swing | " + " | ".join(label for _, label, *_ in FOUND) + " | hold [%] |"

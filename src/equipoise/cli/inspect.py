@@ -37,6 +37,7 @@ def plan(
 
     Example: equipoise plan go2 --budget 60s
     """
+    from equipoise.method.together import Together
     from equipoise.robot.stance import nominal_stance
     from equipoise.terminal.calibration import print_plan
 
@@ -48,6 +49,9 @@ def plan(
         print(json_module.dumps({"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict()}, indent=2))
     else:
         print_plan(model.name, result)
+        if isinstance(asked, Together):
+            after = asked.motors.rehearse(model, nominal_stance(model))
+            print(f"Then the robot {after.doing}: {after.duration:.0f} s more.")
 
 
 def plan_for(arguments: Sequence[str]) -> Verb:

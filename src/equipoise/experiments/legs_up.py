@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 
 from equipoise.alive import alive
+from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
-from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, lying_posture

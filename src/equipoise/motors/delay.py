@@ -1,8 +1,8 @@
 """The delay of the position loop: how old the command is that a reported torque obeys.
 
-A motor's board makes tau = kp (q_cmd(t - d) - q) - kd v. Friction, gains and the legs are not in it: the d at which it fits best
-is the delay. The velocity that a board damps may be younger or older than the one that it reports; how much is found beside
-it.
+A motor's board makes tau = kp (q_cmd(t - d) - q) - kd v. Friction, gains and the legs are not in it: the d at which it fits
+best is the delay. The velocity that a board damps may be younger or older than the one that it reports; how much is found
+beside it.
 """
 
 from __future__ import annotations
