@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots)
+  guard report view robots motors)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -148,6 +148,10 @@ bench-check: $(ROBOTS_STAMP)
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/payload.py
+
+# A quarter of an hour on one core; it goes on like bench-accuracy.
+bench-motors: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/motors.py
 
 # A minute; needs Chromium for the browser's part, and says so where it is missing.
 bench-report: $(DEV_STAMP)

@@ -25,6 +25,7 @@ FLOORS = [
     ["method"],
     ["paper", "static"],
     ["precise"],
+    ["motors"],
     ["calibration"],
     ["logs", "study", "balance"],
     ["exports"],

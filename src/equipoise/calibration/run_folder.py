@@ -234,27 +234,33 @@ class RunFolder:
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {_told(error)}") from error
 
-    def save_truth(self, truth: RobotInertia) -> None:
+    def save_truth(self, truth: RobotInertia, motors: Mapping[str, Mapping[str, float]] | None = None) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
-        write_file(self.path / _TRUTH, json.dumps(inertia_to_dict(truth), indent=2) + "\n")
+        table = {**inertia_to_dict(truth), "motors": motors}
+        write_file(self.path / _TRUTH, json.dumps(table, indent=2) + "\n")
 
     def estimate(self, method: Method | None = None) -> Calibration:
         """Estimate again from the recordings, without a robot or a simulator; by default as in the run."""
         calibration = estimate(self.robot(), self.recordings(), method or self.method())
         calibration = calibration.with_provenance(**self._header["provenance"])
         truth = self.truth()
-        return calibration if truth is None else calibration.with_truth(truth)
+        if truth is None:
+            return calibration
+        return calibration.with_truth(truth).with_motor_truth(self._truth_table().get("motors"))
 
     def truth(self) -> RobotInertia | None:
         """Of a simulated robot; None of a real one. Only to be joined to what was estimated without it."""
         if not (self.path / _TRUTH).exists():
             return None
-        damaged = f"the run {str(self.path)!r} is damaged"
-        table = _read_json(self.path / _TRUTH, damaged)
         try:
-            return inertia_from_dict(table)
+            return inertia_from_dict(self._truth_table())
         except (KeyError, TypeError, ValueError) as error:
-            raise RecordingError(f"{damaged}: {_TRUTH} holds no truth ({error!r})") from error
+            raise RecordingError(
+                f"the run {str(self.path)!r} is damaged: {_TRUTH} holds no truth ({error!r})"
+            ) from error
+
+    def _truth_table(self) -> dict[str, Any]:
+        return _read_json(self.path / _TRUTH, f"the run {str(self.path)!r} is damaged")
 
     def result(self) -> Calibration:
         """The result that was saved, with the robot's model; raises RecordingError if the run came to none."""

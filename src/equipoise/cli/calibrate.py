@@ -29,7 +29,7 @@ from equipoise.cli.flags import (
     WithoutEffects,
     load,
 )
-from equipoise.cli.methods import DEFAULT_METHOD, method_flags, owners, read_method, refuse_flags_of_other_methods
+from equipoise.cli.methods import method_asked_for, method_flags, owners, read_method, refuse_flags_of_other_methods
 from equipoise.cli.session import Place, Session, confirm
 from equipoise.cli.settings import Verb, chosen, flag_names, shaped, unknown_flags
 from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
@@ -258,7 +258,7 @@ def calibrate_for(arguments: Sequence[str]) -> Verb:
     Raises:
         SettingsError: a flag belongs to another method or another kind of platform.
     """
-    name = chosen(arguments, "--method", DEFAULT_METHOD)
+    name = method_asked_for(arguments)
     platform = chosen(arguments, "--platform", DEFAULT_PLATFORM)
     kinds = {"simulators": SimulationFlags, "real robots": PlatformFlags}
     own = "simulators" if Place(platform).simulated else "real robots"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json as json_module
 import warnings
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,13 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.calibrate import DEFAULT_PLATFORM, rehearsed
 from equipoise.cli.flags import Described, Duration, File, Flag, Output, Robot, RobotFlags, Topic, Verbose, load
-from equipoise.cli.methods import DEFAULT_METHOD, method_flags, read_method, refuse_flags_of_other_methods
+from equipoise.cli.methods import (
+    DEFAULT_METHOD,
+    method_asked_for,
+    method_flags,
+    read_method,
+    refuse_flags_of_other_methods,
+)
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
 from equipoise.errors import LogError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
@@ -32,6 +37,7 @@ def plan(
 
     Example: equipoise plan go2 --budget 60s
     """
+    from equipoise.method.together import Together
     from equipoise.robot.stance import nominal_stance
     from equipoise.terminal.calibration import print_plan
 
@@ -43,11 +49,14 @@ def plan(
         print(json_module.dumps({"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict()}, indent=2))
     else:
         print_plan(model.name, result)
+        if isinstance(asked, Together):
+            after = asked.motors.rehearse(model, nominal_stance(model))
+            print(f"Then the robot {after.doing}: {after.duration:.0f} s more.")
 
 
 def plan_for(arguments: Sequence[str]) -> Verb:
     """`plan` with the flags of the method that is asked for; raises SettingsError."""
-    name = chosen(arguments, "--method", DEFAULT_METHOD)
+    name = method_asked_for(arguments)
     verb = shaped(plan, method=method_flags(name, arguments))
     refuse_flags_of_other_methods(verb, arguments, f"--method {name}")
     return verb
@@ -154,7 +163,7 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
         hint = "; if it is another kind of log, say whose with --robot" if is_log(path) else ""
         raise RecordingError(f"{error}{hint}") from error
     method = folder.method()
-    asked = dataclasses.replace(method, **given)
+    asked = method.having(given)
     result = folder.estimate(asked)
     files: list[Path] = []
     if output.out is not None:

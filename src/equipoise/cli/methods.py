@@ -7,13 +7,37 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import arg
 
-from equipoise.cli.settings import Verb, flags_class, one_of, read_flags, settings_of, unknown_flags
+from equipoise.cli.settings import Verb, chosen, flags_class, one_of, read_flags, settings_of, unknown_flags
 from equipoise.errors import EquipoiseError, SettingsError
 
 if TYPE_CHECKING:
     from equipoise.method.method import Method
 
 DEFAULT_METHOD = "precise"
+MOTORS = "motors"
+_BASE = "base"
+_WHAT = (
+    "What is to be found: 'base' (mass, centre of mass, inertia), 'motors' (friction, armature, gain and delay of each "
+    "joint), 'base,motors', or 'all'."
+)
+
+
+def asked_for(what: str) -> set[str]:
+    """Of "base" and "motors" those that `--what` names; raises SettingsError."""
+    words = {word.strip() for word in what.split(",")}
+    asked = {_BASE, MOTORS} if words == {"all"} else words
+    if not asked or asked - {_BASE, MOTORS}:
+        raise SettingsError(f"--what is {what!r}; it must be base, motors, base,motors or all")
+    return asked
+
+
+def method_asked_for(arguments: Sequence[str]) -> str:
+    """The method's name: motors by themselves are one of their own; raises SettingsError."""
+    if asked_for(chosen(arguments, "--what", _BASE)) == {MOTORS}:
+        if chosen(arguments, "--method", MOTORS) != MOTORS:
+            raise SettingsError("--what motors needs no --method; for both use --what base,motors")
+        return MOTORS
+    return chosen(arguments, "--method", DEFAULT_METHOD)
 
 
 def method_flags(name: str, arguments: Sequence[str]) -> Any:
@@ -23,16 +47,23 @@ def method_flags(name: str, arguments: Sequence[str]) -> Any:
     kind = method_named(name)
     words = _summaries() if {"-h", "--help"} & set(arguments) else ""
     choice = Annotated[one_of(METHODS), arg(help=words)]
-    return flags_class(
-        "MethodFlags", f"What to do, and the settings of {name}.", settings_of(kind), [("method", choice, name)]
-    )
+    what = Annotated[str, arg(help=_WHAT, metavar="WHAT")]
+    others = [("method", choice, name), ("what", what, MOTORS if name == MOTORS else _BASE)]
+    settings = settings_of(kind)
+    if name != MOTORS and MOTORS in asked_for(chosen(arguments, "--what", _BASE)):
+        settings += settings_of(method_named(MOTORS))
+    return flags_class("MethodFlags", f"What to do, and the settings of {name}.", settings, others)
 
 
 def read_method(flags: Any) -> Method:
     """The method that flags describe; raises SettingsError."""
     from equipoise.method.table import method_named
+    from equipoise.method.together import Together
 
-    return read_flags(method_named(flags.method), flags)
+    method = read_flags(method_named(flags.method), flags)
+    if flags.method == MOTORS or MOTORS not in asked_for(flags.what):
+        return method
+    return Together(method, read_flags(method_named(MOTORS), flags))
 
 
 def refuse_flags_of_other_methods(verb: Verb, arguments: Sequence[str], this: str, judging: bool = False) -> None:

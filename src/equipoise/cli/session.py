@@ -146,13 +146,15 @@ class Session:
 
         with folder, interruption_told(folder):
             if self._simulation is not None:
-                folder.save_truth(self._simulation.truth)
+                folder.save_truth(self._simulation.truth, self._simulation.motor_truth)
                 _question_scale(method, self._simulation.truth.composite.mass)
             with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
                 told = EnterPressed() if self._simulation is None else None
                 result = calibrate(platform, self.robot, method, folder.keep, progress.update, told)
         result = result.with_provenance(**folder.provenance, **ending)
-        return result if self._simulation is None else result.with_truth(self._simulation.truth)
+        if self._simulation is None:
+            return result
+        return result.with_truth(self._simulation.truth).with_motor_truth(self._simulation.motor_truth)
 
     @contextmanager
     def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, dict[str, Any]]]:

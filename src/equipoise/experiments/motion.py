@@ -85,6 +85,7 @@ class Motion:
         self._periods = 0
         self._limp = False
         self._path_start, self.slowed = 0.0, 1.0
+        self._gains: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def count(self) -> int:
@@ -126,6 +127,22 @@ class Motion:
         """Let the joints only resist being moved, all through this motion, which is nothing else."""
         self.target, self._limp = replace(self.target, torque=np.zeros_like(self.target.torque)), True
         return self.hold(duration)
+
+    def with_gains(self, kp: FloatArray, kd: FloatArray) -> Motion:
+        """Control all joints with other gains, (nj,) kp [Nm/rad] and kd [Nm s/rad], all through this motion."""
+        self._gains = kp, kd
+        return self
+
+    def swing_joints(self, swing: FloatArray) -> Motion:
+        """Add (n, nj) joint angles that end at nought to the present posture [rad]."""
+        self._append(self.target.joint_position + swing, self.target.torque[None])
+        return self
+
+    def relax(self, duration: float) -> Motion:
+        """Keep the posture by position control alone: let go of all torques."""
+        fading = 1 - smooth_step(self._count(duration))[:, None]
+        self._append(np.repeat(self.target.joint_position[None], len(fading), axis=0), fading * self.target.torque)
+        return self
 
     def shift_load(self, legs: tuple[str, ...], duration: float) -> Motion:
         """Keep the posture, and shift the load to some of the legs by their torques."""
@@ -181,7 +198,8 @@ class Motion:
         position = np.concatenate(self._positions)
         self._check_speed(position)
         torque = np.concatenate(self._torques)
-        return Trajectory(position, torque=torque, events=tuple(self._events), limp=self._limp)
+        kp, kd = self._gains or (None, None)
+        return Trajectory(position, torque=torque, events=tuple(self._events), limp=self._limp, kp=kp, kd=kd)
 
     def _move_along_lines(self, feet_in_base: FloatArray, parameter: FloatArray) -> Motion:
         start, end = self.target.feet_in_base, np.array(feet_in_base, dtype=float)

@@ -11,8 +11,9 @@ from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.stance import Stance, lies
 
+_LEVEL = (0.0, 0.0, 1.0)
 _COMING_DOWN = 1.0  # [s] after feet were up in which the base may still lean as in a lift
 
 
@@ -54,6 +55,8 @@ class BaseChecks:
         lifted, floor = look_at_feet(self._robot, self._stance, command.position)
         if lifted:
             self._lifted = state.time
+            if lies(self._robot, self._stance, command.position):  # legs in the air say nothing of the floor
+                floor = _LEVEL
         else:
             known.planted = command
         coming_down = state.time - self._lifted < _COMING_DOWN

@@ -119,6 +119,10 @@ class Method(ABC):
         del mass, deviation
         return self
 
+    def having(self: Self, settings: Mapping[str, Any]) -> Self:
+        """The same method with other values of some settings, by field name; raises SettingsError."""
+        return dataclasses.replace(self, **settings)
+
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
         """Columns of a study's table that only this method fills, of a result with its evidence."""
         del result, stance

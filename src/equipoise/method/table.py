@@ -11,6 +11,7 @@ from typing import Any
 
 from equipoise.errors import PluginError
 from equipoise.method.method import Method
+from equipoise.method.together import AND_MOTORS, Together
 from equipoise.plugins import Table
 
 METHODS: Table[type[Any]] = Table(
@@ -21,6 +22,7 @@ METHODS: Table[type[Any]] = Table(
         "precise": "equipoise.precise.method:Precise",
         "paper": "equipoise.paper.method:Paper",
         "static": "equipoise.static.method:Static",
+        "motors": "equipoise.motors.method:Motors",
     },
 )
 
@@ -44,4 +46,6 @@ def method_named(name: str) -> type[Method]:
 
 def method_from_dict(table: Mapping[str, Any]) -> Method:
     """A method with its settings, from `Method.to_dict`; raises SettingsError and PluginError."""
-    return method_named(str(table.get("method"))).from_dict(table)
+    own = {name: value for name, value in table.items() if name != AND_MOTORS}
+    method = method_named(str(own.get("method"))).from_dict(own)
+    return method if AND_MOTORS not in table else Together(method, method_from_dict(table[AND_MOTORS]))

@@ -100,6 +100,8 @@ class Trajectory:
         torque: (n, nj) feed-forward torques [Nm], or None.
         events: events to note in the recording; times count from the start of the motion [s].
         limp: whether the joints are only to resist being moved, where gains can be sent.
+        kp: (nj,) position gains all through the motion [Nm/rad], or None: the platform's own.
+        kd: (nj,) velocity gains all through the motion [Nm s/rad], or None: the platform's own.
     """
 
     position: FloatArray
@@ -107,6 +109,8 @@ class Trajectory:
     torque: FloatArray | None = None
     events: tuple[Event, ...] = ()
     limp: bool = False
+    kp: FloatArray | None = None
+    kd: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.position.ndim != 2 or len(self.position) == 0 or not np.isfinite(self.position).all():
@@ -115,13 +119,17 @@ class Trajectory:
             array = getattr(self, name)
             if array is not None and (array.shape != self.position.shape or not np.isfinite(array).all()):
                 raise SettingsError(f"trajectory {name} must be finite and of shape {self.position.shape}")
+        for name in ("kp", "kd"):
+            gains = getattr(self, name)
+            if gains is not None and (gains.shape != self.position.shape[1:] or not (gains >= 0).all()):
+                raise SettingsError(f"trajectory {name} must be {self.position.shape[1]} numbers of zero or more")
 
     def command(self, index: int) -> JointCommand:
         """The command of one control period."""
         velocity = None if self.velocity is None else self.velocity[index]
         torque = None if self.torque is None else self.torque[index]
-        kp = np.zeros(self.position.shape[1]) if self.limp else None
-        return JointCommand(self.position[index], velocity, torque, kp)
+        kp = np.zeros(self.position.shape[1]) if self.limp else self.kp
+        return JointCommand(self.position[index], velocity, torque, kp, self.kd)
 
 
 class Platform(Protocol):

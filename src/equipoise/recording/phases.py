@@ -25,6 +25,10 @@ class Phase:
     LIE: Final = "lie"
     TURN: Final = "turn"
     """The joints only resist being moved, and somebody turns the robot; a simulated one is turned."""
+    # legs turned up by a robot that lies
+    RAISE: Final = "raise"
+    SWING: Final = "swing"
+    """All joints swing at once; the steady part."""
     # a lift
     UNLOAD: Final = "unload"
     LIFT: Final = "lift"

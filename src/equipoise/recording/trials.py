@@ -22,7 +22,7 @@ class RecordedTrial:
     """What all trials have.
 
     Attributes:
-        kind: kind of trial, "lift", "posture", "sway", "stand" or "turn".
+        kind: kind of trial, "lift", "posture", "sway", "stand", "turn" or "motors".
         starts_with: name of the phase with which the robot does what the trial is for; before it, it may be refused.
         complete_with: name of the phase that begins once the trial has shown what it is for.
         found_at: time in a log in which the trial was found, None if we commanded it [s].
@@ -172,6 +172,24 @@ class TurnTrial(RecordedTrial):
     complete_with: ClassVar[str] = Phase.REST
 
 
+@dataclass(frozen=True, kw_only=True)
+class MotorTrial(RecordedTrial):
+    """The robot lies on its belly, turns its legs up and swings all joints at once.
+
+    Attributes:
+        kp, kd: gains of all joints while they swing [Nm/rad], [Nm s/rad]; None: the platform's own, which nobody knows.
+    """
+
+    kind: ClassVar[str] = "motors"
+    starts_with: ClassVar[str] = Phase.RAMP
+    complete_with: ClassVar[str] = Phase.END
+    kp: float | None = None
+    kd: float | None = None
+
+    def _own_data(self) -> dict[str, Any]:
+        return {"kp": self.kp, "kd": self.kd}
+
+
 def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
     """A trial from the data of its event; None if it is of a kind that is not ours.
 
@@ -193,6 +211,9 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
                 return StandTrial(found_at=found_at)
             case TurnTrial.kind:
                 return TurnTrial(found_at=found_at)
+            case MotorTrial.kind:
+                gains = {name: None if data[name] is None else float(data[name]) for name in ("kp", "kd")}
+                return MotorTrial(found_at=found_at, **gains)
             case _:
                 return None
     except (AttributeError, KeyError, TypeError, ValueError) as error:

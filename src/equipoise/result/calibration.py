@@ -19,7 +19,7 @@ from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.recording.recording import Recording
 from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
-from equipoise.result.findings import Check, JointFindings, SensorFinding
+from equipoise.result.findings import Check, JointFindings, Motor, SensorFinding
 from equipoise.result.quantity import Quantity
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
@@ -143,6 +143,7 @@ class Calibration:
         assumptions: what the user said to be so, and the intervals rest on.
         evidence: data that pictures show; not in the JSON form.
         robot_model: model that was used; not in the JSON form.
+        motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
 
@@ -166,6 +167,7 @@ class Calibration:
     checks: tuple[Check, ...] = ()
     timings: Mapping[str, float] = field(default_factory=dict[str, float])
     held: Mapping[str, float] = field(default_factory=dict[str, float])
+    motors: Mapping[str, Motor] = field(default_factory=dict[str, Motor])
 
     @property
     def trustworthy(self) -> bool:
@@ -208,7 +210,7 @@ class Calibration:
     def joints(self) -> dict[str, JointFindings]:
         """What was found about each joint, by the model's joint names."""
         found = {finding.name: finding for finding in self.sensors}
-        return {name: JointFindings.of(name, found) for name in self.joint_position}
+        return {name: JointFindings.of(name, found, self.motors.get(name)) for name in self.joint_position}
 
     def with_truth(self, truth: RobotInertia | None) -> Calibration:
         """The same with the truth joined to it; None takes it away."""
@@ -216,6 +218,11 @@ class Calibration:
             name: getattr(self, name).with_truth(None if truth is None else getattr(truth, name)) for name in BODIES
         }
         return dataclasses.replace(self, **bodies)
+
+    def with_motor_truth(self, truth: Mapping[str, Mapping[str, float]] | None) -> Calibration:
+        """The same with the true values of motors, by joint and name, joined to what was found about them."""
+        motors = {joint: motor.with_truth((truth or {}).get(joint, {})) for joint, motor in self.motors.items()}
+        return dataclasses.replace(self, motors=motors)
 
     def with_provenance(self, **facts: Any) -> Calibration:
         """The same with more facts about where it came from."""
@@ -262,6 +269,7 @@ class Calibration:
             "base": self.base.to_dict(),
             "stance_effective": self.stance_effective.to_dict(),
             "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
+            "motors": {name: motor.to_dict() for name, motor in self.motors.items()},
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
@@ -334,6 +342,7 @@ class Calibration:
             assumptions=tuple(table.get("assumptions", ())),
             sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
             checks=tuple(Check(**check) for check in table["checks"]),
+            motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
         )
         return result if truth is None else result.with_truth(inertia_from_dict(truth))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import NORMAL_95
@@ -33,22 +34,74 @@ class SensorFinding:
         return NORMAL_95 * self.deviation
 
 
+# What is not known.
+_COULOMB_FRICTION = Quantity("coulomb_friction", "Nm")
+_VISCOUS_FRICTION = Quantity("viscous_friction", "Nm s/rad")
+_ARMATURE = Quantity("armature", "kg m2")
+_RELATIVE_GAIN = Quantity("relative_gain", "1")
+_DELAY = Quantity("delay", "s")
+_ZERO = Quantity("zero", "rad")
+_TORQUE_GAIN = Quantity("torque gain", "1")
+
+
 @dataclass(frozen=True)
-class JointFindings:
-    """What was found about one joint; values are None where the method finds none.
+class Motor:
+    """What was found about one joint's motor, torques being in the unit in which the motors report them on average.
+
+    Attributes:
+        coulomb_friction: friction that does not depend on the speed [Nm].
+        viscous_friction: friction over the speed [Nm s/rad].
+        armature: inertia of the rotor, seen at the joint [kg m2].
+        relative_gain: true over reported torque, over the mean of that of all motors, less one.
+        delay: age of the command that a torque obeys [s].
+        misfit: what the law of friction leaves: rms of the torque that repeats with the speed [Nm]; None: not known.
+    """
+
+    coulomb_friction: Quantity = _COULOMB_FRICTION
+    viscous_friction: Quantity = _VISCOUS_FRICTION
+    armature: Quantity = _ARMATURE
+    relative_gain: Quantity = _RELATIVE_GAIN
+    delay: Quantity = _DELAY
+    misfit: float | None = None
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """All by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, Quantity)}
+
+    def with_truth(self, truth: Mapping[str, float]) -> Motor:
+        """The same with the true values by name joined to it."""
+        joined = {name: replace(q, truth=truth.get(name)) for name, q in self.quantities.items()}
+        return replace(self, **joined)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> Motor:
+        """From the JSON form."""
+        quantities = {name: Quantity(**table[name]) for name in cls().quantities}
+        return cls(**quantities, misfit=table["misfit"])
+
+
+@dataclass(frozen=True)
+class JointFindings(Motor):
+    """What was found about one joint and its motor; values are None where the method finds none.
 
     Attributes:
         zero: encoder reading less joint position [rad].
         torque_gain: true over reported torque, less one.
     """
 
-    zero: Quantity
-    torque_gain: Quantity
+    zero: Quantity = _ZERO
+    torque_gain: Quantity = _TORQUE_GAIN
 
     @classmethod
-    def of(cls, joint: str, findings: Mapping[str, SensorFinding]) -> JointFindings:
-        """From all findings by name."""
-        return cls(_quantity(f"{joint} zero", "rad", findings), _quantity(f"{joint} torque gain", "1", findings))
+    def of(cls, joint: str, findings: Mapping[str, SensorFinding], motor: Motor | None = None) -> JointFindings:
+        """From all findings by name, and from what was found about the joint's motor."""
+        zero = _quantity(f"{joint} zero", "rad", findings)
+        return cls(zero=zero, torque_gain=_quantity(f"{joint} torque gain", "1", findings), **vars(motor or Motor()))
 
 
 def _quantity(name: str, unit: str, findings: Mapping[str, SensorFinding]) -> Quantity:

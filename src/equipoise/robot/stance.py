@@ -20,6 +20,8 @@ _HEIGHT_RATIOS = (0.75, 0.72, 0.78, 0.70, 0.80, 0.65, 0.85)
 _GRID = 13  # seeds per joint of the search for a first posture
 # Hip heights at which a robot may lie, as fractions of the leg length; the first that its joints allow is taken.
 _LYING_RATIOS = (0.30, 0.35, 0.40, 0.45, 0.50, 0.55, 0.60)
+BELLY_RATIO = 0.15
+"""A robot lies on a belly that hangs this fraction of the leg length below its hips."""
 _LYING_SHARE = 0.65  # of the stance's hip height: lower than that a robot lies, or crouches so low that it may as well
 _LIMIT_MARGIN = 0.05  # [rad]; a stance is no place to touch a joint limit
 

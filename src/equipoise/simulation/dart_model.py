@@ -14,13 +14,12 @@ from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.errors import ModelError
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.stance import BELLY_RATIO, Stance
 from equipoise.simulation.dart_links import Axis, KinematicLink, moved_by, pose_of, read_links
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.sensors import DrawnErrors
 
-_BELLY_RATIO = 0.15  # the trunk's underside hangs this fraction of the leg length below the hips
 _FLOOR_SIZE = (200.0, 200.0, 1.0)  # [m]
 # Of the friction solver, which starts where it ended. Feet take it four sweeps; a belly that lies on the floor is held by more
 # forces than it needs, and never converges. At the default tolerance of 1e-5 feet creep ten times as fast.
@@ -214,7 +213,7 @@ def _add_contacts(
     reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     thickness = 0.02 * robot.leg_length
     belly = dynamics.BoxShape(2 * np.array([0.6 * reach[0], 0.4 * reach[1], thickness]))
-    height = hips_above_base - _BELLY_RATIO * robot.leg_length + thickness
+    height = hips_above_base - BELLY_RATIO * robot.leg_length + thickness
     _add_shape(skeleton.getRootBodyNode(), belly, np.array([0, 0, height]), friction)
     return tuple(feet)
 

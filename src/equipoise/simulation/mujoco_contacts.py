@@ -10,7 +10,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.robot.model import Foot, RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.stance import BELLY_RATIO, Stance
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_drive import as_a_spring
@@ -25,7 +25,6 @@ CONTACT_TIME = 2e-3
 # Share of a contact's or a joint's slip that is taken back at once. At MuJoCo's own, 0.9 to 0.95, planted feet creep four
 # times as far while the body shakes, and sink in by 40 instead of 3 um.
 IMPEDANCE = 0.99, 0.99
-_BELLY_RATIO = 0.15  # the trunk's underside hangs this fraction of the leg length below the hips
 # Damping of rubber over its stiffness [s]: a robot that bounces at 16 Hz on its feet loses a fifth of its swing each time.
 _RUBBER_TIME = 2e-3
 _FILE_KEYS = ("condim", "friction", "solref", "solimp", "solmix", "priority", "margin", "gap")
@@ -86,7 +85,7 @@ def add_contacts(
         name="equipoise_belly",
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[0.6 * reach[0], 0.4 * reach[1], thickness],
-        pos=[0, 0, hips_above_base - _BELLY_RATIO * robot.leg_length + thickness],
+        pos=[0, 0, hips_above_base - BELLY_RATIO * robot.leg_length + thickness],
         **touching,
     )
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
+import numpy as np
+
 from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
@@ -50,6 +52,23 @@ class Simulation:
     errors: DrawnErrors
     witness: Witness
     disturbance: Disturbance | None = None
+
+    @property
+    def motor_truth(self) -> dict[str, dict[str, float]]:
+        """True values of each joint's motor by name, as `equipoise.result.findings.Motor` has them."""
+        joints = self.platform.joint_names
+        gain, armature = self.errors.torque_gain, np.full(len(joints), self.errors.sizes.armature)
+        mean, period = float(gain.mean()), self.platform.control_period
+        late = self.errors.sizes.command_delay + self.errors.sizes.sensor_delay
+        columns = {
+            "coulomb_friction": self.errors.coulomb_friction / mean,
+            "viscous_friction": self.errors.viscous_friction / mean,
+            "armature": armature / mean,
+            "relative_gain": gain / mean - 1,
+            # A sample shows the last command that has come to act before it was taken.
+            "delay": np.full(len(joints), period * np.ceil(late / period - 1e-9)),
+        }
+        return {joint: {name: float(of[i]) for name, of in columns.items()} for i, joint in enumerate(joints)}
 
     def __enter__(self) -> Simulation:
         return self

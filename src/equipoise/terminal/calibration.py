@@ -22,6 +22,7 @@ from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
 from equipoise.robot.model import DIAGONALS
+from equipoise.terminal.motors import print_motors
 
 
 class TrialProgress:
@@ -73,8 +74,9 @@ def print_calibration(
             console.print(f"[red]check failed:[/red] {escape(f'{check.name}: {check.message}')}")
     if result.has_intervals:
         _print_precise(console, result)
-    else:
+    elif not result.motors or result.composite.com_in_base.x.value is not None:
         _print_paper(console, result)
+    print_motors(console, result)
     for assumption in result.assumptions:
         console.print(escape(f"assumed, as you said: {assumption}"))
     for warning in () if result.checks else result.warnings:

@@ -1,0 +1,106 @@
+"""How well a lying robot that swings its legs tells its motors: `make bench-motors`. Writes benchmarks/results/motors.md.
+
+Simulated robots with ordinary sensors swing all joints for 10 s and for 30 s, lying on their bellies; what is found is held
+against what was simulated. Rows are kept in motors.jsonl: it goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import mujoco
+import numpy as np
+
+from equipoise import __version__, calibrate, load_robot, simulate
+from equipoise.errors import ModelWarning
+from equipoise.motors.method import Motors
+
+RESULTS = Path(__file__).parent / "results"
+ROWS = RESULTS / "motors.jsonl"
+FIRST = 10_000  # seeds below are for development
+RUNS = {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8}
+# Name, label, what errors are divided by (None: the truth), and the targets for each time.
+FOUND = (
+    ("coulomb_friction", "Coulomb [%]", None, {10: 3.5, 30: 2.0}),
+    ("relative_gain", "relative gain [%]", 0.01, {10: 2.0, 30: 1.2}),
+    ("armature", "armature [%]", None, {10: 6.0, 30: 3.5}),
+    ("viscous_friction", "viscous [%]", None, {10: 13.0, 30: 8.0}),
+    ("delay", "delay [ms]", 1e-3, {10: 0.1, 30: 0.1}),
+)
+HOLD = 90.0  # [%]
+
+
+def run(name: str, seed: int, duration: int) -> dict[str, object]:
+    """Errors of all joints, in the units of the table, and whether intervals hold."""
+    robot = load_robot(name)
+    with simulate(robot, "realistic", seed=seed) as simulation:
+        result = calibrate(simulation.platform, robot, Motors(motor_time=float(duration)))
+        result = result.with_motor_truth(simulation.motor_truth)
+    row: dict[str, object] = {"robot": name, "seed": seed, "duration": duration}
+    for quantity, _, unit, _ in FOUND:
+        of_joints = [getattr(motor, quantity) for motor in result.motors.values()]
+        row[quantity] = [float(one.error / (unit or 0.01 * one.truth)) for one in of_joints]
+        row[f"{quantity} holds"] = [not one.missed for one in of_joints]
+    print(name, seed, duration, flush=True)
+    return row
+
+
+def rms(rows: list[dict[str, object]], quantity: str) -> float:
+    """Over all joints and runs."""
+    return float(np.sqrt(np.mean(np.square([row[quantity] for row in rows]))))
+
+
+def table(rows: list[dict[str, object]]) -> Iterator[str]:
+    """Lines of the page."""
+    yield "# Motors, without a stand"
+    yield ""
+    yield (
+        "`make bench-motors`; `--what motors --noise realistic`, seeds from 10,000. Root mean square errors over all joints, "
+        "and the share of 95 % intervals that hold. Bold: the target is missed."
+    )
+    yield ""
+    yield "| robot | runs | swing | " + " | ".join(label for _, label, *_ in FOUND) + " | hold [%] |"
+    yield "|" + "---|" * (len(FOUND) + 4)
+    for duration in (10, 30):
+        goals = " | ".join(f"{targets[duration]:g}" for *_, targets in FOUND)
+        yield f"| target | | {duration} s | {goals} | {HOLD:.0f} |"
+        for name in RUNS:
+            of = [row for row in rows if (row["robot"], row["duration"]) == (name, duration)]
+            if of:
+                held = 100 * float(np.mean([row[f"{quantity} holds"] for row in of for quantity, *_ in FOUND]))
+                cells = [said(rms(of, quantity), targets[duration]) for quantity, _, _, targets in FOUND]
+                hold = f"{held:.0f}" if held >= HOLD else f"**{held:.0f}**"
+                yield f"| {name} | {len(of)} | {duration} s | " + " | ".join(cells) + f" | {hold} |"
+    yield ""
+    yield f"equipoise {__version__}, MuJoCo {mujoco.__version__}, Python {platform.python_version()}."
+
+
+def said(value: float, target: float) -> str:
+    """A number, bold where it misses its target."""
+    text = f"{value:.2f}" if target < 1 else f"{value:.1f}"
+    return text if value <= target else f"**{text}**"
+
+
+def main() -> None:
+    warnings.simplefilter("ignore", ModelWarning)
+    rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
+    done = {(row["robot"], row["seed"], row["duration"]) for row in rows}
+    asked = [(n, FIRST + i, t) for i in range(max(RUNS.values())) for t in (10, 30) for n in RUNS if i < RUNS[n]]
+    for case in asked:
+        if case not in done:
+            rows.append(run(*case))
+            with ROWS.open("a") as file:
+                file.write(json.dumps(rows[-1]) + "\n")
+    (RESULTS / "motors.md").write_text("\n".join(table(rows)) + "\n")
+
+
+if __name__ == "__main__":
+    main()

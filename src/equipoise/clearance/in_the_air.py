@@ -1,0 +1,66 @@
+"""Legs in the air: how far a lying robot's legs are from all that they must not touch: the floor, the trunk, each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from equipoise.clearance.pairs import Distances
+from equipoise.clearance.shapes import robot_shapes
+from equipoise.clearance.stand_ins import BASE_JOINT
+from equipoise.conventions import FloatArray
+from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.stance import BELLY_RATIO, Stance
+
+_FLOOR = 0  # in the place of a joint
+_VAST = 10.0  # [m], the floor's edges
+
+
+class LegsInTheAir:
+    """What room there is about the legs of a robot that lies on its belly, by the shapes of its model file.
+
+    The floor is a belly's depth under the hips. A link is not held against the one that it hangs on; two that are near each
+    other in the nominal stance may come to a quarter of that, and shapes that overlap there say nothing.
+
+    Args:
+        robot: the robot.
+        stance: nominal stance of the robot.
+        room: distance that is to be kept [m].
+        legs: names of the legs that are looked at.
+    """
+
+    def __init__(self, robot: RobotModel, stance: Stance, room: float, legs: Iterable[str] = LEG_NAMES) -> None:
+        shapes = robot_shapes(robot)
+        carried = [int(shape.parentJoint) for shape in shapes.geometryObjects]
+        height = stance.hip_height - stance.base_height - BELLY_RATIO * robot.leg_length
+        below = pin.SE3(np.eye(3), np.array([0.0, 0.0, height - _VAST / 2]))
+        shapes.addGeometryObject(pin.GeometryObject("floor", BASE_JOINT, below, coal.Box(_VAST, _VAST, _VAST)))
+        carried.append(_FLOOR)
+        pairs = _pairs(robot, carried, tuple(legs))
+        for first, second in pairs:
+            shapes.addCollisionPair(pin.CollisionPair(first, second))
+        self._distances = Distances(robot, shapes)
+        of_floor = [carried[second] == _FLOOR for _, second in pairs]
+        usual = np.where(of_floor, np.inf, self._distances.all(stance.joint_position))
+        self._room = np.where(usual > 0, np.minimum(room, usual / 4), -np.inf)
+
+    def kept(self, joint_position: FloatArray) -> bool:
+        """Whether all distances are kept at (nj,) joint positions [rad], by a level base on a level floor."""
+        return bool((self._distances.all(joint_position) > self._room).all())
+
+
+def _pairs(robot: RobotModel, carried: list[int], legs: tuple[str, ...]) -> list[tuple[int, int]]:
+    """Numbers of shapes that must not touch: of moving links and what they do not hang on."""
+    chains = {name: robot.legs[name].joint_ids for name in legs}
+    of_leg = {joint: name for name, chain in chains.items() for joint in chain}
+    on_base = {BASE_JOINT, *(chain[0] for chain in chains.values())}
+    hips = {_FLOOR, *(joint for chain in chains.values() for joint in chain[:-2])}  # turn about themselves
+    return [
+        (first, second)
+        for (first, one), (second, other) in combinations(enumerate(carried), 2)
+        if of_leg.get(one) != of_leg.get(other) and not {one, other} <= on_base and not {one, other} <= hips
+    ]

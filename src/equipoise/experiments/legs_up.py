@@ -1,0 +1,117 @@
+"""Legs turned up: where a robot that lies on its belly may swing all of them, touching nothing, and how far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from equipoise.alive import alive
+from equipoise.clearance.in_the_air import LegsInTheAir
+from equipoise.conventions import FloatArray
+from equipoise.errors import ReachError
+from equipoise.robot.kinematics import Kinematics
+from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance, lying_posture
+
+SWING = (0.22, 0.4, 0.45)
+"""Angles to either side that a hip, a thigh and a calf are commanded through at most [rad]."""
+_SHARES = (1.0, 0.85, 0.7, 0.6, 0.5)  # of that, the largest for which there is room
+_OVERSHOOT = 1.15  # of soft joints over what they are sent through
+_GRID = (5, 21, 9)  # postures tried of a hip, a thigh and a calf
+_HIP_RANGE = 0.6  # [rad] from where it is when the robot lies
+_LIMIT_MARGIN = 0.08  # [rad] from a joint's limit
+_CLEAR = 0.01  # [m] on an A1, all through the motion
+_WAY = 25  # postures looked at on the way up
+_DEEPER = 0.04  # of the leg length: by so much a foot on its way up may push the lying body up
+_FOLDED = 0.9  # of the distance from hip to foot when it lies: no leg is folded further
+
+
+@dataclass(frozen=True, eq=False)
+class LegsUp:
+    """A posture around which all legs may swing at once.
+
+    Attributes:
+        folded: (nj,) joint positions of the robot lying over its feet, where it comes from [rad].
+        joint_position: (nj,) joint positions with all legs up [rad].
+        swing: (nj,) angles to either side that joints may be commanded through [rad].
+    """
+
+    folded: FloatArray
+    joint_position: FloatArray
+    swing: FloatArray
+
+
+@lru_cache(maxsize=16)
+def legs_up(robot: RobotModel, stance: Stance) -> LegsUp:
+    """The posture nearest to the lying one around which every leg may swing, and touch neither floor, trunk nor leg.
+
+    Raises:
+        ReachError: a leg cannot be turned up far enough.
+    """
+    folded, _ = lying_posture(robot, stance)
+    for share in _SHARES:
+        position: FloatArray | None = np.array(folded)
+        of_leg = share * np.array(SWING[-robot.leg_joints.shape[1] :])
+        for leg in LEG_NAMES:
+            position = None if position is None else _with_leg_up(robot, stance, leg, position, _OVERSHOOT * of_leg)
+        if position is not None:
+            swing = np.empty_like(position)
+            swing[robot.leg_joints] = of_leg
+            return LegsUp(folded, position, swing)
+    raise ReachError(
+        f"{robot.name!r} cannot turn its legs up and swing them lying on its belly: within its joints' limits they would "
+        "touch the floor, the trunk or each other, by the shapes of its model file. Leave motors out"
+    )
+
+
+def _with_leg_up(
+    robot: RobotModel, stance: Stance, leg: str, before: FloatArray, swing: FloatArray
+) -> FloatArray | None:
+    """Joint positions with one more leg up; None: it finds no room."""
+    joints = list(robot.legs[leg].joints)
+    clearance = LegsInTheAir(robot, stance, _CLEAR * stance.scale.length, (leg,))
+    corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
+    for angles in _nearest_first(robot, joints, before[joints], swing):
+        alive()
+        postures = np.repeat(before[None], len(corners), axis=0)
+        postures[:, joints] = angles + corners
+        if all(map(clearance.kept, postures)) and _way_is_free(robot, leg, before, postures):
+            return postures[0]
+    return None
+
+
+def _nearest_first(robot: RobotModel, joints: list[int], start: FloatArray, swing: FloatArray) -> list[FloatArray]:
+    """Postures of one leg on a grid within its limits, those first in which no joint has turned far."""
+    reach = np.array([_HIP_RANGE, np.pi, np.pi])[-len(joints) :]
+    lower = np.maximum(robot.lower_limit[joints] + _LIMIT_MARGIN + swing, start - reach)
+    upper = np.minimum(robot.upper_limit[joints] - _LIMIT_MARGIN - swing, start + reach)
+    if (upper < lower).any():
+        return []
+    axes: list[FloatArray] = [
+        np.linspace(low, high, n) for low, high, n in zip(lower, upper, _GRID[-len(joints) :], strict=True)
+    ]
+    grid: FloatArray = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(joints))
+    turned = np.abs(grid - start)
+    return list(grid[np.lexsort((turned.sum(axis=1), turned.max(axis=1).round(6)))])
+
+
+def _way_is_free(robot: RobotModel, leg: str, start: FloatArray, postures: FloatArray) -> bool:
+    """Whether a leg that turns up joint by joint does not push the body up on its way, nor folds into itself.
+
+    Args:
+        start: (nj,) joint positions of the lying robot [rad].
+        postures: (n, nj) joint positions when it is up, and to all sides of that [rad].
+    """
+    kinematics, index, hip = Kinematics(robot), LEG_NAMES.index(leg), robot.legs[leg].joint_ids[-2]
+
+    def foot_and_length(position: FloatArray) -> tuple[float, float]:
+        foot, at_hip = kinematics.foot_positions(position)[index], kinematics.joint_poses(position)[hip].translation
+        return foot[2], float(np.linalg.norm(foot - at_hip))
+
+    way = start + np.linspace(0.0, 1.0, _WAY)[:, None] * (postures[0] - start)
+    depth, length = np.array([foot_and_length(position) for position in way]).T
+    least = min(length[0], *(foot_and_length(position)[1] for position in postures), length.min())
+    return depth.min() > depth[0] - _DEEPER * robot.leg_length and least > _FOLDED * length[0]

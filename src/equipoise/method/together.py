@@ -1,0 +1,91 @@
+"""A method and the motors in one run: the base first, then the robot lies down and swings its legs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.progress import Progress
+from equipoise.method.method import Method
+from equipoise.method.reading import Reading
+from equipoise.method.rehearsal import Course, Forecast
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
+from equipoise.result.calibration import Calibration
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+AND_MOTORS = "and_motors"
+"""Of settings: those of the motors, which a run looks at after its method."""
+
+
+@dataclass(frozen=True)
+class Together(Method):
+    """A method, and the motors after it. What it says of the base is the method's own, to the last bit.
+
+    Attributes:
+        base: method for the base.
+        motors: method for the motors.
+    """
+
+    base: Method
+    motors: Method
+
+    def __post_init__(self) -> None:
+        for name in ("name", "summary", "estimates", "judging", "timestep"):  # of the class, elsewhere
+            object.__setattr__(self, name, getattr(self.base, name))
+
+    def check(self, robot: RobotModel, stance: Stance) -> None:
+        self.base.check(robot, stance)
+        self.motors.check(robot, stance)
+
+    def run(
+        self,
+        planted: PlantedRobot,
+        stance: Stance,
+        recordings: Sequence[Recording],
+        report: Callable[[Progress], None] | None = None,
+    ) -> None:
+        self.base.run(planted, stance, recordings, report)
+        self.motors.run(planted, stance, recordings, report)
+
+    def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
+        swings = [recording for recording in recordings if isinstance(recording.trial, MotorTrial)]
+        rest = [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
+        found, beside = self.base.estimate(robot, rest, stance), self.motors.estimate(robot, swings, stance)
+        return dataclasses.replace(
+            found,
+            motors=beside.motors,
+            trials=(*found.trials, *beside.trials),
+            warnings=(*found.warnings, *beside.warnings),
+            settings=self.to_dict(),
+        )
+
+    def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
+        first, second = self.base.rehearse(robot, stance), self.motors.rehearse(robot, stance)
+        doing, duration = f"{first.doing}, {second.doing}", first.duration + second.duration
+        return Course(doing, duration, (*first.postures, *second.postures))
+
+    def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
+        return self.base.forecast(robot, stance)
+
+    def expected_trials(self, stance: Stance) -> int | None:
+        return self.base.expected_trials(stance)
+
+    def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> Reading | None:
+        return self.base.reading(robot, stance, recordings)
+
+    def weighed(self, mass: float, deviation: float) -> Together:
+        return dataclasses.replace(self, base=self.base.weighed(mass, deviation))
+
+    def having(self, settings: Mapping[str, Any]) -> Together:
+        return dataclasses.replace(self, base=self.base.having(settings))
+
+    def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
+        return self.base.study_columns(result, stance)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {**self.base.to_dict(), AND_MOTORS: self.motors.to_dict()}

@@ -1,0 +1,54 @@
+"""The delay of the position loop: how old the command is that a reported torque obeys.
+
+A motor's board makes tau = kp (q_cmd(t - d) - q) - kd v. Friction, gains and the legs are not in it: the d at which it fits
+best is the delay. The velocity that a board damps may be younger or older than the one that it reports; how much is found
+beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.motors.equations import KNOT, THOUGHT_DELAY, command_at, motor_trial
+from equipoise.precise.measurements.smoothing import fit_spline
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+
+_ROUNDS = 4
+_EACH = 0.1e-3  # [s] by which a board may differ from the mean of all
+
+
+def position_loop_delays(recording: Recording, time_scale: float) -> tuple[FloatArray, FloatArray] | None:
+    """(nj,) delays and their standard deviations [s]; None where torques, velocities or gains are not known.
+
+    Args:
+        time_scale: factor on times, of the robot's scale; one on an A1.
+    """
+    trial, joints = motor_trial(recording), recording.phase(Phase.SWING).joints
+    if trial.kp is None or trial.kd is None or joints.torque is None or joints.velocity is None:
+        return None
+    delay = np.full(joints.position.shape[1], THOUGHT_DELAY)
+    feedback = -trial.kp * joints.position - trial.kd * joints.velocity
+    acceleration = fit_spline(joints.time, joints.velocity, KNOT * time_scale).spline.derivative()(joints.time)
+    deviation = np.zeros_like(delay)
+    for joint, torque in enumerate(joints.torque.T):
+        for _ in range(_ROUNDS):
+            target, rate = command_at(recording, joints.time - delay[joint])
+            left = torque - trial.kp * target[:, joint] - feedback[:, joint]
+            design = np.column_stack(
+                [-trial.kp * rate[:, joint], np.ones_like(torque), trial.kd * acceleration[:, joint]]
+            )
+            inverse = np.linalg.inv(design.T @ design)
+            found = inverse @ design.T @ left
+            delay[joint] += found[0]
+            deviation[joint] = np.sqrt(inverse[0, 0]) * np.std(left - design @ found)
+    return _alike(delay, deviation)
+
+
+def _alike(delay: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Delays and deviations of boards of one kind, on one bus, that may differ by a little each."""
+    own, weight = _EACH**2, 1 / (deviation**2 + _EACH**2)
+    mean = float((weight * delay).sum() / weight.sum())
+    left = deviation**2 / (deviation**2 + own)  # share of a board's own reading that is noise
+    return mean + (1 - left) * (delay - mean), np.sqrt((1 - left) * deviation**2 + left**2 / weight.sum())

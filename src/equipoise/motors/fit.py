@@ -1,0 +1,163 @@
+"""Unknowns of all motors from one weighted least squares, with what was believed before (a MAP estimate)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.motors.equations import THOUGHT_DELAY, MotorSamples
+from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
+
+PER_JOINT = ("gain", "coulomb", "viscous", "armature", "offset")
+_ROUNDS = 6
+# Standard deviations before the run: legs may be off the file's as those of `precise` may.
+_MASS_COMMON, _MASS, _COM_COMMON, _COM = 0.10, 0.05, 4e-3, 2e-3  # of a link's mass; [m] on an A1
+_GAIN = 0.05
+_COULOMB, _VISCOUS, _ARMATURE, _OFFSET = 2.0, 1.0, 0.1, 0.3  # [Nm], [Nm s/rad], [kg m2], [Nm] on an A1
+_LAG_SHARE = 0.05  # of a control period: how well it is known that torques are sampled just after a command
+_DELAY = 3e-3  # [s], where it is only told by the motion
+
+
+@dataclass(frozen=True, eq=False)
+class MotorFit:
+    """What was found. Joint quantities are in the unit in which motors report torques on average.
+
+    Attributes:
+        values: (4, nj) gain less one, relative to the mean; Coulomb [Nm], viscous friction [Nm s/rad], armature [kg m2].
+        covariance: (4 nj, 4 nj) posterior covariance of the same, row by row.
+        delay: delay of the position loop and its standard deviation [s], where the motion alone tells it; else None.
+        delay_and_friction: correlation of that delay with the mean viscous friction, or None.
+        noise: (nj,) standard deviation of what is left of the smoothed torques [Nm].
+        misfit: (nj,) how much of that repeats with a joint's speed: the rms of its means in bins of speed [Nm].
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    delay: tuple[float, float] | None
+    delay_and_friction: float | None
+    noise: FloatArray
+    misfit: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Columns of the unknowns: links first, then PER_JOINT of each joint, then the lag."""
+
+    model: FloatArray  # (n, nj): torques by the model file
+    links: FloatArray  # (n, nj, k)
+    prior: FloatArray  # (u,)
+    joints: int
+
+    def of(self, name: str) -> slice:
+        """Where a quantity of all joints is."""
+        start = self.links.shape[-1] + PER_JOINT.index(name) * self.joints
+        return slice(start, start + self.joints)
+
+
+def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorFit:
+    """Gauss-Newton from the model file's legs; the residual's size is found on the way."""
+    table = _table(robot, samples, scale)
+    start = np.zeros(table.prior.size)
+    start[-1] = samples.period / 2
+    x, residual = start.copy(), samples.torque
+    covariance: FloatArray = np.diag(table.prior**2)
+    for _ in range(_ROUNDS):
+        predicted, design = _linearised(table, samples, x)
+        weight = samples.slides / _size(residual, samples.slides)
+        rows = (design * weight[..., None]).reshape(-1, x.size)
+        left = ((samples.torque - predicted) * weight).reshape(-1)
+        normal = rows.T @ rows + np.diag(table.prior**-2)
+        covariance = np.asarray(np.linalg.inv(normal), dtype=float)
+        x = x + covariance @ (rows.T @ left + (start - x) / table.prior**2)
+        residual = samples.torque - _linearised(table, samples, x)[0]
+    sigma = _size(residual, samples.slides)
+    covariance = covariance * _repetition(residual / sigma, samples.slides)
+    return _fit(table, samples, x, covariance, residual, sigma)
+
+
+def _table(robot: RobotModel, samples: MotorSamples, scale: Scale) -> _Table:
+    model, columns, prior = np.zeros_like(samples.torque), list[FloatArray](), list[float]()
+    of_kind: dict[tuple[int, int], FloatArray] = {}
+    for leg in robot.legs.values():
+        for kind, joint in enumerate(leg.joint_ids):
+            body, part = robot.pinocchio.inertias[joint], samples.regressor[:, :, 10 * (joint - 1) : 10 * joint]
+            whole = part @ body.toDynamicParameters()
+            model += whole
+            unknown = [whole, *(body.mass * part[:, :, 1 + axis] for axis in range(3))]
+            columns += unknown
+            prior += [_MASS, *[_COM * scale.length] * 3]
+            for axis, column in enumerate(unknown):
+                shared = (-1, 0) if axis == 0 else (kind, axis)  # the common error of masses is that of all links
+                of_kind[shared] = of_kind.get(shared, np.zeros_like(model)) + column
+    columns += of_kind.values()
+    prior += [_MASS_COMMON if axis == 0 else _COM_COMMON * scale.length for _, axis in of_kind]
+    sizes = {"gain": _GAIN, "coulomb": _COULOMB, "viscous": _VISCOUS, "armature": _ARMATURE, "offset": _OFFSET}
+    joints = samples.torque.shape[1]
+    for name in PER_JOINT:
+        prior += [sizes[name] * (1.0 if name == "gain" else scale.torque)] * joints
+    prior.append(_LAG_SHARE * samples.period if samples.reported else _DELAY)
+    return _Table(model, np.stack(columns, axis=-1), np.array(prior), joints)
+
+
+def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, nj) torques by the equation, and (n, nj, u) their derivatives by the unknowns."""
+    links, joint = table.links.shape[-1], np.arange(table.joints)
+    kappa = 1 / (1 + x[table.of("gain")])
+    friction = {"coulomb": samples.sign, "viscous": samples.velocity, "armature": samples.acceleration}
+    moved = table.model + table.links @ x[:links] + sum(column * x[table.of(name)] for name, column in friction.items())
+    design = np.zeros((*moved.shape, x.size))
+    design[:, :, :links] = kappa[:, None] * table.links
+    for name, column in friction.items():
+        design[:, joint, joint + table.of(name).start] = kappa * column
+    design[:, joint, joint + table.of("gain").start] = -(kappa**2) * moved
+    design[:, joint, joint + table.of("offset").start] = 1.0
+    design[:, :, -1] = samples.kp * samples.command_rate
+    return kappa * moved + x[table.of("offset")] + design[:, :, -1] * x[-1], design
+
+
+def _size(residual: FloatArray, used: FloatArray) -> FloatArray:
+    """(nj,) root mean square of the rows that count."""
+    return np.sqrt((residual**2 * used).sum(axis=0) / np.maximum(used.sum(axis=0), 1.0))
+
+
+def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
+    """How many times a row's information is counted because residuals resemble their neighbours; 1: not at all."""
+    kept = residual * used
+    power = float((kept**2).sum())
+    return max(1.0, 1.0 + 2.0 * sum(float((kept[:-lag] * kept[lag:]).sum()) for lag in range(1, most)) / power)
+
+
+def _fit(
+    table: _Table, samples: MotorSamples, x: FloatArray, covariance: FloatArray, residual: FloatArray, sigma: FloatArray
+) -> MotorFit:
+    """Relative to the mean gain, which nothing but the legs' masses tells."""
+    gain = 1 + x[table.of("gain")]
+    mean, joints = gain.mean(), table.joints
+    values = [gain / mean - 1, *(x[table.of(name)] / mean for name in PER_JOINT[1:4])]
+    turn = np.zeros((4, joints, x.size))
+    for row, name in enumerate(PER_JOINT[:4]):
+        turn[row, :, table.of(name)] = np.eye(joints) / mean
+        turn[row, :, table.of("gain")] -= ((gain if row == 0 else x[table.of(name)]) / mean**2 / joints)[:, None]
+    flat = turn.reshape(4 * joints, -1)
+    delay = correlation = None
+    if not samples.reported:
+        delay = THOUGHT_DELAY + x[-1] - samples.period / 2, float(np.sqrt(covariance[-1, -1]))
+        viscous = flat[2 * joints : 3 * joints].mean(axis=0)
+        shared = float(viscous @ covariance[:, -1])
+        correlation = shared / float(np.sqrt(viscous @ covariance @ viscous * covariance[-1, -1]))
+    return MotorFit(
+        np.array(values), flat @ covariance @ flat.T, delay, correlation, sigma, _misfit(samples, residual),
+    )  # fmt: skip
+
+
+def _misfit(samples: MotorSamples, residual: FloatArray, bins: int = 8) -> FloatArray:
+    """(nj,) rms of the residual's means in bins of speed: what the law of friction leaves [Nm]."""
+    found = np.zeros(residual.shape[1])
+    for joint, (speed, left, used) in enumerate(zip(samples.velocity.T, residual.T, samples.slides.T, strict=True)):
+        order = np.argsort(speed[used > 0])
+        parts = np.array_split(left[used > 0][order], bins)
+        found[joint] = np.sqrt(np.mean([part.mean() ** 2 for part in parts if len(part)]))
+    return found

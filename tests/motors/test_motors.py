@@ -1,0 +1,90 @@
+"""Motors of a simulated robot that swings its legs, against what was simulated."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from equipoise import Calibration, Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise.clearance.in_the_air import LegsInTheAir
+from equipoise.errors import ReachError, RecordingError
+from equipoise.experiments.legs_up import legs_up
+from equipoise.method.table import method_from_dict
+from equipoise.method.together import Together
+from equipoise.motors.method import Motors
+from equipoise.recording.phases import Phase
+from equipoise.recording.trials import MotorTrial
+from equipoise.robot.description import RobotDescription
+
+
+@pytest.fixture(scope="module")
+def swung(a1):
+    """A result, and the recordings, of an A1 whose joints differ in friction."""
+    kept = []
+    with simulate(a1, "realistic", seed=5, effects={"friction_spread": 0.3}) as simulation:
+        result = calibrate(simulation.platform, a1, Motors(motor_time=5.0), keep=kept.append)
+        return result.with_motor_truth(simulation.motor_truth), kept
+
+
+def test_what_was_simulated_is_found(swung):
+    result, _ = swung
+    for name, most in (("coulomb_friction", 0.1), ("armature", 0.2), ("viscous_friction", 0.4)):
+        found = [getattr(joint, name) for joint in result.joints.values()]
+        assert np.sqrt(np.mean([(one.error / one.truth) ** 2 for one in found])) < most
+    delays = [joint.delay for joint in result.joints.values()]
+    assert max(abs(delay.error) for delay in delays) < 0.4e-3
+    everything = [one for motor in result.motors.values() for one in motor.quantities.values()]
+    assert np.mean([one.missed for one in everything]) < 0.15
+
+
+def test_joints_of_more_friction_are_told(swung):
+    frictions = [joint.coulomb_friction for joint in swung[0].joints.values()]
+    truth, found = np.array([(one.truth, one.value) for one in frictions]).T
+    assert np.corrcoef(truth, found)[0, 1] > 0.9
+
+
+def test_legs_touch_nothing_while_they_swing(a1, swung):
+    moving = swung[1][0].phase(Phase.SWING).joints.position[::25]
+    clearance = LegsInTheAir(a1, nominal_stance(a1), 0.005)
+    assert all(clearance.kept(position) for position in moving)
+    low = legs_up(a1, nominal_stance(a1)).joint_position.copy()
+    low[a1.legs["FL"].joints[1]] -= 1.5  # a thigh half down: the shank is in the floor
+    assert not clearance.kept(low)
+
+
+def test_gains_are_a_quarter_and_recorded(a1, swung):
+    kp, kd = a1.gains(nominal_stance(a1).hip_height)
+    assert swung[1][0].trial == MotorTrial(kp=kp / 4, kd=kd / 4)
+
+
+def test_without_torques_the_commands_tell(a1, swung):
+    (recording,) = swung[1]
+    blind = dataclasses.replace(recording, joints=dataclasses.replace(recording.joints, torque=None))
+    result = Motors().estimate(a1, [blind], nominal_stance(a1))
+    assert "their correlation is -" in result.warnings[0]
+    for name, joint in result.joints.items():
+        assert joint.coulomb_friction.value == pytest.approx(swung[0].joints[name].coulomb_friction.value, rel=0.3)
+        assert joint.delay.value == pytest.approx(4e-3, abs=1e-3)
+
+
+def test_a_result_is_saved_and_read(swung, tmp_path):
+    swung[0].save(tmp_path / "result.json")
+    assert Calibration.load(tmp_path / "result.json").motors == swung[0].motors
+
+
+def test_legs_that_cannot_turn_up_are_refused_by_name():
+    narrow = {f"{leg}_thigh_joint": (-1.0, 1.6) for leg in ("FL", "FR", "RL", "RR")}
+    robot = load_robot("unitree_a1", RobotDescription(joint_limits=narrow))
+    with pytest.raises(ReachError, match="'unitree_a1' cannot turn its legs up"):
+        Motors().check(robot, nominal_stance(robot))
+
+
+def test_a_run_without_a_swing_says_so(a1):
+    with pytest.raises(RecordingError, match="no complete swing of all joints"):
+        Motors().estimate(a1, [], nominal_stance(a1))
+
+
+def test_settings_of_both_survive_a_file():
+    both = Together(Precise(budget=60.0), Motors(motor_time=7.0))
+    assert method_from_dict(both.to_dict()) == both
+    assert both.having({"mass": 12.0}).base.mass == 12.0
