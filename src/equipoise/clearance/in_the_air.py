@@ -18,6 +18,7 @@ from equipoise.robot.stance import BELLY_RATIO, Stance
 
 _FLOOR = 0  # in the place of a joint
 _VAST = 10.0  # [m], the floor's edges
+_BOTH_SWING = 5.0  # times the room is kept between two legs
 
 
 class LegsInTheAir:
@@ -29,7 +30,7 @@ class LegsInTheAir:
     Args:
         robot: the robot.
         stance: nominal stance of the robot.
-        room: distance that is to be kept [m].
+        room: distance that is to be kept; a multiple of it between legs, which all swing [m].
         legs: names of the legs that are looked at.
     """
 
@@ -46,7 +47,9 @@ class LegsInTheAir:
         self._distances = Distances(robot, shapes)
         of_floor = [carried[second] == _FLOOR for _, second in pairs]
         usual = np.where(of_floor, np.inf, self._distances.all(stance.joint_position))
-        self._room = np.where(usual > 0, np.minimum(room, usual / 4), -np.inf)
+        both = [min(carried[first], carried[second]) > BASE_JOINT for first, second in pairs]
+        rooms = np.where(both, _BOTH_SWING * room, room)
+        self._room = np.where(usual > 0, np.minimum(rooms, usual / 4), -np.inf)
 
     def kept(self, joint_position: FloatArray) -> bool:
         """Whether all distances are kept at (nj,) joint positions [rad], by a level base on a level floor."""
