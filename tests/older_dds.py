@@ -25,21 +25,12 @@ def older_python(version, folder):
         raise CannotBuildError("this Python has 0.10 itself")
     home = os.environ.get("CYCLONEDDS_HOME") or str(_home(folder / "home"))
     python = folder / "bin" / "python"
-    _run([sys.executable, "-m", "venv", str(folder)], os.environ)
+    _run([sys.executable, "-m", "venv", "--without-pip", str(folder)], os.environ)  # this one's pip will do
     wanted = folder / "cyclonedds.txt"
     wanted.write_text(f"cyclonedds=={version} --hash=sha256:{SOURCES[version]}\n", encoding="utf-8")
-    pip = [
-        str(python),
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--disable-pip-version-check",
-        "--no-deps",
-        "--require-hashes",
-        "--no-cache-dir",
-    ]
-    _run([*pip, "-r", str(wanted)], {**os.environ, "CYCLONEDDS_HOME": home})
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "--quiet", "--disable-pip-version-check", "install"]
+    options = ["--no-deps", "--require-hashes", "--no-cache-dir", "-r", str(wanted)]
+    _run([*pip, *options], {**os.environ, "CYCLONEDDS_HOME": home})
     _add_what_is_installed(python)
     _run([str(python), "-c", "import cyclonedds.core"], os.environ)  # on Python 3.13 it builds, and cannot be imported
     return str(python)

@@ -2,9 +2,9 @@
 
     python watched_script.py HOW LOG PLATFORM KEY=VALUE...
 
-The robot is an A1 that speaks as the platform does, with these settings. Says "hangs" when it stands, and then: "sleep" waits
-for ever, "loop" runs in circles, "grip" does so without letting other threads run, "stop" is stopped as by Ctrl-Z, "kill" is
-killed, "motion" is killed in a motion, "exit" ends in good order, "think" thinks for five seconds and ends in good order.
+The robot is an A1 that speaks as the platform does, with these settings. Says "hangs" when it stands, and then: "loop" runs in
+circles, "grip" does so without letting other threads run, "stop" is stopped as by Ctrl-Z, "kill" is killed, "motion" is killed
+in a motion, "think" thinks for three seconds and ends in good order.
 """
 
 import os
@@ -37,7 +37,7 @@ def loop():
 
 
 def think():
-    until = time.monotonic() + 5.0
+    until = time.monotonic() + 3.0
     while time.monotonic() < until:
         time.sleep(0.5)
         alive()
@@ -62,12 +62,10 @@ def main(how, log, name, *settings):
         if how == "motion":
             killed_in_motion(guard, robot)
         {
-            "sleep": lambda: time.sleep(3600.0),
             "loop": loop,
             "grip": lambda: re.match("(a+)+$", 60 * "a" + "b"),
             "stop": lambda: kill(signal.SIGSTOP),
             "kill": lambda: kill(signal.SIGKILL),
-            "exit": lambda: None,
             "think": think,
         }[how]()
 

@@ -10,7 +10,7 @@ from equipoise.errors import SettingsError
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 SETTINGS = {
-    "precise": Precise(budget=60),
+    "precise": Precise(budget=40),
     "paper": Paper(),
     "static": Static(),
 }

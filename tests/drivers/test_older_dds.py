@@ -18,11 +18,23 @@ from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand
 
 pytestmark = pytest.mark.realtime
-TESTS = {  # the two differ in Python alone, where both are built against the same library
-    "0.10.2": ["test_dds.py", "test_dds_versions.py", "test_unitree_samples.py", "test_unitree_dds.py", "test_ros2_samples.py",
-               "test_ros2.py"],
-    "0.10.5": ["test_dds.py", "test_dds_versions.py", "test_unitree_samples.py", "test_ros2_samples.py"],
-}  # fmt: skip
+BYTES = [  # what the library makes of messages, and of who is on a domain
+    "test_dds.py",
+    "test_dds_versions.py::test_who_else_is_on_a_domain_is_seen_with_the_version",
+    "test_dds_versions.py::test_a_company_that_cannot_be_seen_is_not_taken_for_none",
+    "test_unitree_samples.py::test_records_are_laid_out_as_in_the_robots_memory",
+    "test_unitree_samples.py::test_fields_read_from_bytes_are_those_that_cyclonedds_reads",
+    "test_unitree_samples.py::test_messages_carry_the_published_checksum",
+    "test_ros2_samples.py::test_messages_are_on_the_wire_what_ros_makes_of_them",
+]
+ROBOTS = [  # each kind of message to and from a robot in another process; requests are those of the calibration below
+    "test_unitree_dds.py::test_what_the_standing_robot_says",
+    "test_unitree_dds.py::test_gains_and_feed_forward_arrive",
+    "test_ros2.py::test_joints_and_imu_are_felt_in_the_models_order_and_signs",
+    "test_ros2.py::test_commands_reach_the_joint_that_they_name[4]",
+    "test_ros2.py::test_trajectories_command_as_arrays_do",
+]
+TESTS = {"0.10.2": BYTES + ROBOTS, "0.10.5": BYTES}  # they differ in Python alone: both are built against the same library
 STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
 # What programs on version 11 do that are not ours: they call a uint8 by its name, which crashes processes of 0.10.
 CRASHES_OTHERS = """
@@ -59,16 +71,13 @@ def flags(domain, *others):
     return ["unitree_a1", "--platform", "unitree-go2", "--set", "interface=lo", "--set", f"domain={domain}", *others]
 
 
-def test_the_tests_of_dds_pass(older):
+def test_the_tests_of_dds_pass(older, tmp_path):
     number, python = older
     assert run(python, "-c", "from equipoise.drivers.dds.cyclone import VERSION; print(VERSION)") == (0, f"{number}\n")
-    files = [str(Path(__file__).parent / name) for name in TESTS[number]]
-    chosen = [
-        "-k",
-        "not (doctor or own_joint or dropped or without_clock or told_apart)",
-    ]  # a peer for each; asked below
-    for _ in range(2):  # a machine that is busy for a while fails one of a hundred
-        code, told = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *chosen, *files)
+    chosen = [str(Path(__file__).parent / name) for name in TESTS[number]]
+    pytest_there = ["-m", "pytest", "-q", "-o", f"cache_dir={tmp_path}", *chosen]
+    for again in ([], ["--last-failed"]):  # a machine that is busy for a while fails one of a hundred
+        code, told = run(python, *pytest_there, *again)
         if code == 0:
             break
     assert code == 0, told[-5000:]

@@ -41,6 +41,7 @@ def test_the_result_gives_a_pinocchio_model_with_the_base_found(precise_run):
     assert model.inertias[1].mass == pytest.approx(precise_run.result.base.mass.value)
 
 
+@pytest.mark.usefixtures("coarse_engine")
 def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, monkeypatch):
     """Moves over planted feet may teach more per second, and are no result."""
     recordings, replanned = [], []

@@ -1,5 +1,7 @@
 """A run in which the robot is turned to face the other way: what is fixed in the room is told from what is not."""
 
+import os
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -34,41 +36,28 @@ from equipoise.simulation.sensors import DrawnErrors
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
+LOG = "recording.mcap"
 SETTINGS = Precise(budget=50, mass=14.0, sway=False, turn=True)
 WORLD = {"noise": "realistic", "payload": "1.5,0.05,-0.02,0.06", "seed": 4, "effects": {"cable": 0.3}}
-
-
-class Interrupted(PlatformWrapper):
-    """A robot whose run is interrupted before a motion."""
-
-    def __init__(self, inner, motions):
-        super().__init__(inner)
-        self._left = motions
-
-    def play(self, trajectory, stop=None):
-        self._left -= 1
-        if not self._left:
-            raise KeyboardInterrupt
-        return super().play(trajectory, stop)
 
 
 @pytest.fixture(scope="module")
 def run(a1, tmp_path_factory):
     """A turned run on a robot with a cable: its folder, its result and what the cable really does."""
-    path, played = tmp_path_factory.mktemp("turned") / "run", []
+    path, sizes = tmp_path_factory.mktemp("turned") / "run", []
 
-    class Counted(PlatformWrapper):
+    class Sized(PlatformWrapper):
         def play(self, trajectory, stop=None):
-            played.append([event.data.get("name") for event in trajectory.events])
+            sizes.append(((path / LOG).stat().st_size, {event.data.get("name") for event in trajectory.events}))
             return super().play(trajectory, stop)
 
     with RunFolder.create(path, a1, SETTINGS, {}) as folder, simulate(a1, **WORLD) as simulation:
-        platform = Counted(Logged(simulation.platform, folder.log))
+        platform = Sized(Logged(simulation.platform, folder.log))
         result = calibrate(platform, a1, SETTINGS, folder.keep).with_truth(simulation.truth)
         cable = simulation.errors.cable_in_world
-    turned_at = next(number for number, phases in enumerate(played) if "turn" in phases)
+    turn = next(number for number, (_, phases) in enumerate(sizes) if "turn" in phases)
     recordings = RunFolder.open(path).recordings()
-    return SimpleNamespace(path=path, result=result, cable=cable, recordings=recordings, turned_at=turned_at)
+    return SimpleNamespace(path=path, result=result, cable=cable, recordings=recordings, turned=sizes[turn + 1][0])
 
 
 def test_a_force_in_the_room_is_told_from_the_com(run):
@@ -105,13 +94,12 @@ def test_both_halves_have_lifts_and_one_turn_is_between(run):
 
 
 def test_a_turned_run_is_gone_on_with(a1, run, tmp_path):
-    """Interrupted after it was turned, when it is about to stand up."""
-    path = tmp_path / "run"
-    with RunFolder.create(path, a1, SETTINGS, {}) as folder, simulate(a1, **WORLD) as simulation:
-        platform = Interrupted(Logged(simulation.platform, folder.log), run.turned_at + 2)
-        with pytest.raises(KeyboardInterrupt):
-            calibrate(platform, a1, SETTINGS, folder.keep)
+    """As a kill leaves it that comes after it was turned, when it is about to stand up."""
+    path = shutil.copytree(run.path, tmp_path / "run")
+    os.truncate(path / LOG, run.turned)
     folder, content = RunFolder.resume(path, repeats=True)
+    assert content.plays[-1].recording.has_phase("turn")
+    assert not content.closed
     with folder, simulate(a1, **WORLD) as simulation:
         platform = RepeatedSimulation(Logged(simulation.platform, folder.log), simulation.platform, content)
         result = calibrate(platform, a1, SETTINGS, folder.keep)
@@ -222,7 +210,7 @@ def test_another_engine_turns_the_robot_in_its_room_too(a1):
     """And its gyroscope feels it; what it stands on stays where it is."""
     pytest.importorskip("dartpy")
     stance = nominal_stance(a1)
-    with simulate(a1, "realistic", engine="dart") as simulation:
+    with simulate(a1, "realistic", engine="dart", timestep=1e-3) as simulation:
         planted, _ = stand_up(simulation.platform, a1, stance)
         recording = PreciseTrials(planted, stance, composite_parameters(a1, stance.joint_position).com).turn()
         feet = simulation.witness.look().feet

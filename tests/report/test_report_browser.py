@@ -60,7 +60,7 @@ def visit(browser):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_picture(visit, pages, kind):
-    """And the page on a telephone scrolls one way."""
+    """Those below when they come near; the scene looks at the CoM when asked; on a telephone the page scrolls one way."""
     page = visit(pages[kind])
     for part in ("#numbers tbody tr >> nth=0", "#numbers tbody tr >> nth=-1", "#plan-view .panels"):
         box = page.locator(part).bounding_box()
@@ -70,9 +70,13 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     assert page.evaluate(
         "document.querySelector('#numbers .scroll').scrollWidth <= document.querySelector('#numbers').clientWidth"
     )
+    if kind == "precise":
+        assert_figures_below_are_drawn_when_they_come_near(page)
     page.evaluate(DRAW_ALL)
     page.wait_for_function(f"{DRAWN}.every(Boolean)")
     assert len(page.evaluate(DRAWN)) >= FIGURES[kind]
+    if kind == "precise":
+        assert_the_scene_looks_at_the_robot_or_at_the_com(page)
     assert page.locator("#plan-view svg ellipse").count() == {"precise": 1, "paper": 0, "comparison": 1}[kind]
     page.set_viewport_size({"width": 400, "height": 800})
     page.wait_for_function("document.documentElement.scrollWidth <= 400")
@@ -84,7 +88,7 @@ def test_the_theme_is_the_systems_until_the_button_says_otherwise(visit, pages):
     button = page.locator("#theme")
     assert button.get_attribute("aria-pressed") == "true"
     dark = page.evaluate(background)
-    page.evaluate(DRAW_ALL)
+    page.evaluate("draw(figures[0]).then(() => null)")
     ink = "figures[0].plot._fullLayout.font.color"
     ink_in_dark = page.evaluate(ink)
     button.focus()
@@ -103,17 +107,14 @@ def test_paper_gets_every_figure_unasked(visit, pages):
     assert page.evaluate("document.documentElement.dataset.theme") == "dark"  # again
 
 
-def test_figures_below_are_drawn_when_they_come_near(visit, pages):
-    page = visit(pages["precise"])
+def assert_figures_below_are_drawn_when_they_come_near(page):
     page.wait_for_timeout(200)
     assert not page.evaluate("figures.at(-1).drawn")
     page.evaluate("figures.at(-1).plot.scrollIntoView()")
     page.wait_for_function("figures.at(-1).drawn")
 
 
-def test_the_scene_looks_at_the_robot_or_at_the_com(visit, pages):
-    page = visit(pages["precise"])
-    page.evaluate(DRAW_ALL)
+def assert_the_scene_looks_at_the_robot_or_at_the_com(page):
     width = "(() => { const [a, b] = figures.find((f) => f.block.webgl).plot._fullLayout.scene.xaxis.range; return b - a; })()"
     far = page.evaluate(width)
     page.get_by_role("button", name="around the CoM").click()

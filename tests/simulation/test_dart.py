@@ -13,9 +13,11 @@ from robots import load_text, quadruped_mjcf, quadruped_urdf
 from test_truth import BENT, CLASSES, FRAMES, ORIENTATIONS, PARTS, PAYLOAD, RADIAN, SAME_IN_BOTH, SHAPES, TOLERANCE
 
 from equipoise import (
+    ComSearchSettings,
     Paper,
     RobotDescription,
     SensorErrors,
+    SwaySettings,
     Trajectory,
     calibrate,
     load_robot,
@@ -366,7 +368,8 @@ def test_dart_needs_no_mujoco():
 
 def test_a_calibration_in_dart_finds_the_centre_of_mass(a1):
     with simulate(a1, "realistic", "1.5,0.05,-0.02,0.06", seed=4, timestep=1e-3, engine="dart") as simulation:
-        result = calibrate(simulation.platform, a1, Paper()).with_truth(simulation.truth)
+        settings = Paper(com_search=ComSearchSettings(tolerance=0.01), sway=SwaySettings(duration=1.0))
+        result = calibrate(simulation.platform, a1, settings).with_truth(simulation.truth)
     assert np.abs(result.composite.com_in_base.errors[:2]).max() < 6e-3
     assert result.sways["yaw"].moment == pytest.approx(simulation.truth.stance_effective.inertia[2, 2], rel=0.4)
 
