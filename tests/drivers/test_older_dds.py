@@ -34,7 +34,10 @@ ROBOTS = [  # each kind of message to and from a robot in another process; reque
     "test_ros2.py::test_commands_reach_the_joint_that_they_name[4]",
     "test_ros2.py::test_trajectories_command_as_arrays_do",
 ]
-TESTS = {"0.10.2": BYTES + ROBOTS, "0.10.5": BYTES}  # they differ in Python alone: both are built against the same library
+TESTS = {
+    "0.10.2": BYTES + ROBOTS,
+    "0.10.5": BYTES,
+}  # they differ in Python alone: both are built against the same library
 STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
 # What programs on version 11 do that are not ours: they call a uint8 by its name, which crashes processes of 0.10.
 CRASHES_OTHERS = """

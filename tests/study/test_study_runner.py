@@ -106,14 +106,14 @@ def test_a_calibration_that_fails_is_a_row_and_keeps_its_recordings(tmp_path):
 
 
 def test_the_log_of_a_trial_that_was_killed_before_its_row_was_written_is_replaced(tmp_path):
-    study = dataclasses.replace(STATIC, payload="100,0,0,0")
+    study = dataclasses.replace(STATIC, payload="20,0.5,0,0.3")
     first, second = (run_trial(study, 0, str(tmp_path / "failures")) for _ in range(2))
     assert first[0]["status"] == "FallError"
     assert second[0]["log"] == first[0]["log"] is not None
 
 
 def test_a_worker_that_does_not_see_the_folder_makes_none(tmp_path):
-    study = dataclasses.replace(STATIC, payload="100,0,0,0")
+    study = dataclasses.replace(STATIC, payload="20,0.5,0,0.3")
     (row,) = run_trial(study, 0, str(tmp_path / "elsewhere" / "failures"))
     assert (row["status"], row["log"]) == ("FallError", None)
     assert not (tmp_path / "elsewhere").exists()

@@ -269,7 +269,7 @@ class Calibration:
             "base": self.base.to_dict(),
             "stance_effective": self.stance_effective.to_dict(),
             "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
-            "motors": {name: motor.to_dict() for name, motor in self.motors.items()},
+            **({"motors": {name: motor.to_dict() for name, motor in self.motors.items()}} if self.motors else {}),
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
