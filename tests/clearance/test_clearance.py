@@ -6,16 +6,18 @@ import pytest
 from robots import load_text, quadruped_urdf
 
 from equipoise import nominal_stance
-from equipoise.clearance.clearance import Clearance, contact_in
+from equipoise.clearance.clearance import FLOOR, Clearance, contact_in
+from equipoise.clearance.floor import floor_contact
 from equipoise.clearance.pairs import Distances, pairs_of
 from equipoise.clearance.shapes import link_of
 from equipoise.errors import ReachError
 from equipoise.experiments.motion import Target
 from equipoise.experiments.planted import PlantedRobot
-from equipoise.experiments.posture import check_posture
+from equipoise.experiments.posture import check_posture, feet_in_posture
 from equipoise.method.rehearsal import held_posture
 from equipoise.robot.description import RobotDescription
-from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.kinematics import Kinematics, foot_positions
+from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import lying_posture
 
 
@@ -136,3 +138,45 @@ def test_postures_in_which_links_touch_are_out_of_reach(a1, home):
     ):
         with pytest.raises(ReachError, match=r"^link 'FL_foot' would touch link 'FR_foot'$"):
             refuse()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_floor_is_as_near_as_the_shapes_say(a1, skewed, seed):
+    """Against coal's own distances to a half-space, on floors that lean every way."""
+    random = np.random.default_rng(seed)
+    for robot in (a1, skewed):
+        position = random.uniform(robot.lower_limit, robot.upper_limit)
+        up = random.normal(size=3) / 4 + [0, 0, 1]
+        up /= np.linalg.norm(up)
+        poses = Kinematics(robot).joint_poses(position)
+        shanks = {leg.joint_ids[-1] for leg in robot.legs.values()}
+        shapes = [shape for shape in pairs_of(robot).shapes.geometryObjects if shape.parentJoint not in shanks]
+        floor = coal.Halfspace(up, -1.0)
+        truth = [distance_to(shape, poses[shape.parentJoint] * shape.placement, floor) for shape in shapes]
+        contact = floor_contact(robot, poses, up, -1.0 + min(truth))
+        assert contact.links == (link_of(shapes[int(np.argmin(truth))]), FLOOR)
+        assert contact.distance == pytest.approx(0.0, abs=1e-6)
+        assert floor_contact(robot, poses, up, -1.0 + min(truth) - 1.01 * pairs_of(robot).least) is None
+
+
+def distance_to(shape, pose, floor):
+    here = coal.Transform3s(pose.rotation, pose.translation)
+    return coal.distance(shape.geometry, here, floor, coal.Transform3s(), coal.DistanceRequest(), coal.DistanceResult())
+
+
+BELLY = """<link name="belly"><collision><geometry><box size="0.2 0.1 0.4"/></geometry></collision></link>
+<joint name="under" type="fixed"><parent link="trunk"/><child link="belly"/></joint>"""
+
+
+def test_a_crouch_that_puts_the_belly_on_the_floor_is_out_of_reach(tmp_path):
+    robot = load_text(tmp_path, quadruped_urdf(extra=BELLY))
+    stance = nominal_stance(robot)
+    com = Kinematics(robot).com(stance.joint_position)
+    room = stance.base_height - 0.2  # below a box that is 0.4 m high
+    for crouch, refused in ((room - 6e-3, False), (room - 3e-3, True)):
+        feet = feet_in_posture(stance, com, BodyPosture(crouch=crouch / stance.hip_height))
+        if refused:
+            with pytest.raises(ReachError, match=r"^link 'belly' would come within 3.0 mm of the floor$"):
+                check_posture(robot, stance, feet)
+        else:
+            check_posture(robot, stance, feet)

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,7 +19,7 @@ from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
 from equipoise.drivers.unitree.formats import FORMS
 from equipoise.recording.run_log_reader import read_log
-from equipoise.terminal.platform import print_rehearsal
+from equipoise.terminal.platform import print_checkup, print_rehearsal
 
 STATIC = ["--method", "static", "--quiet", "--no-pictures", "--yes"]
 
@@ -53,6 +54,17 @@ def test_the_doctor_looks_and_moves_nothing_whatever_form_of_packets_the_robot_s
     assert {finding["name"] for finding in table["findings"]} >= {"joint samples", "gravity against the stance"}
     assert len(table["joints"]) == 12
     assert not any(entry.get("mode") == "commanded" for entry in peer.log)
+
+
+def test_the_doctor_shows_our_gains_beside_the_makers(a1, capsys):
+    print_checkup(a1, "unitree-go2", [], [])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "unitree_a1 on unitree-go2: joint map" in shown
+    assert re.search(
+        r"Gains of the joints: \d+ Nm/rad and \d+\.\d Nm s/rad; .* The maker's example stands with 60 and 5;", shown
+    )
+    print_checkup(a1, "mujoco", [], [])
+    assert "Gains" not in capsys.readouterr().out
 
 
 @pytest.mark.realtime

@@ -9,13 +9,21 @@ class CollisionGeometry:
     def computeLocalAABB(self) -> None: ...
 
 class Box(CollisionGeometry):
+    halfSide: NDArray[np.float64]
     def __init__(self, x: float, y: float, z: float, /) -> None: ...
 
 class Sphere(CollisionGeometry):
+    radius: float
     def __init__(self, radius: float, /) -> None: ...
 
 class Capsule(CollisionGeometry):
+    radius: float
+    halfLength: float
     def __init__(self, radius: float, length: float, /) -> None: ...
+
+class Cylinder(CollisionGeometry):
+    radius: float
+    halfLength: float
 
 class DistanceResult:
     min_distance: float

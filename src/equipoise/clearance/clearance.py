@@ -14,16 +14,17 @@ from equipoise.clearance.pairs import Distances, pairs_of
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 
+FLOOR = "the floor"
 _ROUNDING = 1e-4  # [m] by which shapes that are too near already may come nearer
 _PART = 60  # postures that are gone through at once
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Two links that come too near to each other.
+    """Two links that come too near to each other, or one to the floor.
 
     Attributes:
-        links: names of the links.
+        links: names of the links; `FLOOR` stands for one.
         distance: distance between them [m]; negative: they are in each other.
     """
 
@@ -31,10 +32,10 @@ class Contact:
     distance: float
 
     def __str__(self) -> str:
-        first, second = (repr(link) for link in self.links)
+        first, second = (link if link == FLOOR else f"link {link!r}" for link in self.links)
         if self.distance <= 0:
-            return f"link {first} would touch link {second}"
-        return f"link {first} would come within {self.distance * 1000:.1f} mm of link {second}"
+            return f"{first} would touch {second}"
+        return f"{first} would come within {self.distance * 1000:.1f} mm of {second}"
 
 
 def contact_in(robot: RobotModel, joint_position: FloatArray) -> Contact | None:

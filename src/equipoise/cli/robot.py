@@ -68,7 +68,7 @@ def doctor(
         table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
         print(json_module.dumps({**table, "joints": joints}, indent=2))
     else:
-        print_checkup(f"{model.name} on {platform}", joints, findings)
+        print_checkup(model, platform, joints, findings)
     return int(any(finding.fine is False for finding in findings))
 
 

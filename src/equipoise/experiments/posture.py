@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import pinocchio as pin
 
 from equipoise.clearance.clearance import contact_in
+from equipoise.clearance.floor import floor_contact
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.kinematics import Kinematics, feet_under_base, inverse_kinematics
@@ -67,7 +71,8 @@ def check_posture(
         near: (nj,) joint positions of a posture near by, from which this one is sooner found; default the nominal ones [rad].
 
     Raises:
-        ReachError: a leg is too long or too short, a joint too near its limit, a motor too weak, or links touch.
+        ReachError: a leg is too long or too short, a joint too near its limit, a motor too weak, or links touch each other
+            or the floor.
     """
     position = inverse_kinematics(robot, feet_in_base, stance.joint_position if near is None else near)
     margin = np.minimum(position - robot.lower_limit, robot.upper_limit - position)
@@ -81,12 +86,14 @@ def check_posture(
         ratio = float(np.linalg.norm(foot - hip)) / robot.leg_length
         if not _SHORTEST_LEG < ratio < _LONGEST_LEG:
             raise ReachError(f"the {leg.name} leg would be {ratio:.0%} of its length")
-    _check_inside(stance, feet_in_base, kinematics.com(position))
+    turn = _turn_to_level(stance, feet_in_base)
+    _check_inside(stance, feet_in_base, turn, kinematics.com(position))
     torque = np.abs(static_torques(robot, position, standing)) / robot.effort_limit
     worst = int(np.argmax(torque))
     if torque[worst] > _TORQUE_MARGIN:
         raise ReachError(f"joint {robot.joint_names[worst]!r} would need {torque[worst]:.0%} of its torque limit")
     check_clear(robot, position)
+    _check_above_floor(robot, poses, feet_in_base, turn[:, 2], standing)
     return position
 
 
@@ -96,15 +103,35 @@ def check_clear(robot: RobotModel, joint_position: FloatArray) -> None:
         raise ReachError(str(contact))
 
 
-def _check_inside(stance: Stance, feet_in_base: FloatArray, com: FloatArray) -> None:
-    """A CoM near the edge of the feet tips the robot over."""
-    # Where the CoM is over the nominal stance's feet: the feet in the posture are those, moved rigidly.
+def _turn_to_level(stance: Stance, feet_in_base: FloatArray) -> FloatArray:
+    """(3, 3) matrix that turns rows from the base frame of a posture into that of the nominal stance, whose base is level.
+
+    The feet in the posture are those of the stance, moved rigidly; two of a diagonal that are lifted alike turn nothing.
+    """
     before, after = stance.feet_in_base, feet_in_base
     left, _, right = np.linalg.svd((after - after.mean(axis=0)).T @ (before - before.mean(axis=0)))
-    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    over = (com - after.mean(axis=0)) @ turn + before.mean(axis=0)
+    return np.asarray(left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right, dtype=float)
+
+
+def _check_inside(stance: Stance, feet_in_base: FloatArray, turn: FloatArray, com: FloatArray) -> None:
+    """A CoM near the edge of the feet tips the robot over."""
+    before = stance.feet_in_base
+    over = (com - feet_in_base.mean(axis=0)) @ turn + before.mean(axis=0)
     for axis, name in ((0, "front or rear"), (1, "left or right")):
         half = float(np.ptp(before[:, axis])) / 2
         room = min(before[:, axis].max() - over[axis], over[axis] - before[:, axis].min())
         if room < _INSIDE * half:
             raise ReachError(f"the centre of mass would be {room * 1000:.0f} mm inside the {name} feet")
+
+
+def _check_above_floor(
+    robot: RobotModel,
+    joint_poses: Sequence[pin.SE3],
+    feet_in_base: FloatArray,
+    up_in_base: FloatArray,
+    standing: tuple[str, ...],
+) -> None:
+    """Knees and trunk of a robot that crouches and leans are over the plane that its feet stand on."""
+    soles = [feet_in_base[LEG_NAMES.index(leg)] @ up_in_base - robot.legs[leg].foot_radius for leg in standing]
+    if (contact := floor_contact(robot, joint_poses, up_in_base, float(np.mean(soles)))) is not None:
+        raise ReachError(str(contact))

@@ -23,11 +23,14 @@ _HEAVY = 0.8  # of a torque limit
 
 
 def print_checkup(
-    name: str, joints: Sequence[tuple[str, str, float, float, float]], findings: Sequence[CheckupFinding]
+    robot: RobotModel,
+    platform: str,
+    joints: Sequence[tuple[str, str, float, float, float]],
+    findings: Sequence[CheckupFinding],
 ) -> None:
-    """A robot that was examined."""
+    """A robot that was examined, and the gains that a calibration would send it."""
     console = Console(emoji=False)
-    table = Table(title=f"{name}: joint map", title_justify="left", box=box.SIMPLE_HEAD)
+    table = Table(title=f"{escape(robot.name)} on {platform}: joint map", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("leg", "joint", "is at [rad]", "from", "to"):
         table.add_column(escape(column), justify="left" if column in ("leg", "joint") else "right")
     for leg, joint, position, lower, upper in joints:
@@ -40,6 +43,8 @@ def print_checkup(
     for finding in findings:
         if finding.advice:
             console.print(f"{finding.name}: {escape(finding.advice)}")
+    for line in gain_lines(robot, platform):
+        console.print(line)
     wrong = any(finding.fine is False for finding in findings)
     console.print("nothing was moved" if wrong else "nothing was moved; nothing speaks against a calibration")
 
