@@ -1,13 +1,16 @@
 """Motors of a simulated robot that swings its legs, against what was simulated."""
 
 import dataclasses
+import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from equipoise import Calibration, Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise.clearance.clearance import Clearance
 from equipoise.clearance.in_the_air import LegsInTheAir
-from equipoise.errors import ReachError, RecordingError
+from equipoise.errors import MissingDependencyError, ReachError, RecordingError
 from equipoise.experiments.legs_up import legs_up
 from equipoise.method.table import method_from_dict
 from equipoise.method.together import Together
@@ -50,6 +53,23 @@ def test_legs_touch_nothing_while_they_swing(a1, swung):
     low = legs_up(a1, nominal_stance(a1)).joint_position.copy()
     low[a1.legs["FL"].joints[1]] -= 1.5  # a thigh half down: the shank is in the floor
     assert not clearance.kept(low)
+
+
+def test_legs_that_would_meet_turn_up_one_pair_after_the_other(a1):
+    """A Mini Cheetah's knees are between its legs; an A1's all point one way."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            cheetah = load_robot("mini_cheetah")
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    assert len(legs_up(a1, nominal_stance(a1)).way) == 1
+    up = legs_up(cheetah, nominal_stance(cheetah))
+    assert len(up.way) == 2
+    clearance, through = Clearance(cheetah, up.folded), (up.folded, *up.way, *up.way_back)
+    for before, after in pairwise(through):
+        assert clearance.first_contact(np.linspace(before, after, 300)) is None
+    assert (through[-1] == up.folded).all()
 
 
 def test_gains_are_a_quarter_and_recorded(a1, swung):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
 from equipoise.alive import alive
+from equipoise.clearance.clearance import Clearance
 from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
@@ -25,7 +26,10 @@ _HIP_RANGE = 0.6  # [rad] from where it is when the robot lies
 _LIMIT_MARGIN = 0.08  # [rad] from a joint's limit
 _CLEAR = 0.01  # [m] on an A1, all through the motion
 _WAY = 25  # postures looked at on the way up
+_STEPS = 250  # in which links are looked for that meet: as near to each other as a platform's commands
 _DEEPER = 0.04  # of the leg length: by so much a foot on its way up may push the lying body up
+_ORDERS = ((LEG_NAMES,), (("RL", "RR"), ("FL", "FR")), (("FL", "FR"), ("RL", "RR")))
+"""Which legs turn up together, and after which: all, unless front and hind legs would meet on their way."""
 _FOLDED = 0.9  # of the distance from hip to foot when it lies: no leg is folded further
 
 
@@ -37,11 +41,18 @@ class LegsUp:
         folded: (nj,) joint positions of the robot lying over its feet, where it comes from [rad].
         joint_position: (nj,) joint positions with all legs up [rad].
         swing: (nj,) angles to either side that joints may be commanded through [rad].
+        way: postures to go through from `folded`, of which the last is `joint_position`, (nj,) each [rad].
     """
 
     folded: FloatArray
     joint_position: FloatArray
     swing: FloatArray
+    way: tuple[FloatArray, ...]
+
+    @property
+    def way_back(self) -> tuple[FloatArray, ...]:
+        """The same from `joint_position` to `folded`."""
+        return (*self.way[-2::-1], self.folded)
 
 
 @lru_cache(maxsize=16)
@@ -60,11 +71,38 @@ def legs_up(robot: RobotModel, stance: Stance) -> LegsUp:
         if position is not None:
             swing = np.empty_like(position)
             swing[robot.leg_joints] = of_leg
-            return LegsUp(folded, position, swing)
+            if (way := _free_way(robot, folded, position)) is not None:
+                return LegsUp(folded, position, swing, way)
     raise ReachError(
         f"{robot.name!r} cannot turn its legs up and swing them lying on its belly: within its joints' limits they would "
         "touch the floor, the trunk or each other, by the shapes of its model file. Leave motors out"
     )
+
+
+def _free_way(robot: RobotModel, folded: FloatArray, up: FloatArray) -> tuple[FloatArray, ...] | None:
+    """Postures to go through on which no links meet; None: they meet, whichever legs turn up first."""
+    for order in _ORDERS:
+        way = _in_order(robot, folded, up, order)
+        if Clearance(robot, folded).first_contact(_steps(folded, way)) is None:
+            return way
+    return None
+
+
+def _in_order(
+    robot: RobotModel, folded: FloatArray, up: FloatArray, order: tuple[tuple[str, ...], ...]
+) -> tuple[FloatArray, ...]:
+    way, here = list[FloatArray](), np.array(folded)
+    for legs in order:
+        joints = [joint for leg in legs for joint in robot.legs[leg].joints]
+        here[joints] = up[joints]
+        way.append(here.copy())
+    return tuple(way)
+
+
+def _steps(start: FloatArray, way: tuple[FloatArray, ...]) -> FloatArray:
+    """(n, nj) postures close to each other [rad]."""
+    share = np.linspace(0.0, 1.0, _STEPS)[:, None]
+    return np.concatenate([before + share * (after - before) for before, after in pairwise((start, *way))])
 
 
 def _with_leg_up(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from equipoise.conventions import FloatArray
@@ -37,7 +39,7 @@ def swing_legs(planted: PlantedRobot, stance: Stance, duration: float) -> None:
     gains = robot.gains(stance.hip_height) if "gains" in planted.platform.accepts else None
     kp, kd = (None, None) if gains is None else (SOFTER * gain for gain in gains)
     lie_down(planted, stance)
-    planted.play(planted.motion().phase(Phase.RAISE).move_joints(up.joint_position, _raising_time(up)))
+    _turn_legs(planted, Phase.RAISE, up.folded, up.way)
     motion = planted.motion().begin(MotorTrial(kp=kp, kd=kd))
     if kp is not None and kd is not None:
         joints = len(robot.joint_names)
@@ -49,15 +51,16 @@ def swing_legs(planted: PlantedRobot, stance: Stance, duration: float) -> None:
     time: FloatArray = np.arange(1.0, round((duration + 2 * ramp) / period) + 1) * period
     motion.swing_joints(swing_angles(robot, stance, up, time))
     planted.play(motion.hold(_REST))
-    planted.play(planted.motion().phase(Phase.FOLD).move_joints(up.folded, _raising_time(up)))
+    _turn_legs(planted, Phase.FOLD, up.joint_position, up.way_back)
     rise(planted, stance)
     planted.finish()
 
 
 def swing_time(robot: RobotModel, stance: Stance, duration: float) -> float:
     """Robot time of `swing_legs`, roughly [s]."""
-    around = 4.0 * stance.scale.time  # lying down, standing up
-    return duration + 2 * (RAMP_TIME * stance.scale.time + _REST + _raising_time(legs_up(robot, stance))) + around
+    up, around = legs_up(robot, stance), 4.0 * stance.scale.time  # lying down, standing up
+    turning = sum(_turning_time(before, after) for before, after in pairwise((up.folded, *up.way)))
+    return duration + 2 * (RAMP_TIME * stance.scale.time + _REST + turning) + around
 
 
 def swing_angles(robot: RobotModel, stance: Stance, up: LegsUp, time: FloatArray) -> FloatArray:
@@ -75,6 +78,13 @@ def swing_angles(robot: RobotModel, stance: Stance, up: LegsUp, time: FloatArray
     return grown[:, None] * shape * (up.swing / np.abs(shape).max(axis=0))
 
 
-def _raising_time(up: LegsUp) -> float:
+def _turn_legs(planted: PlantedRobot, phase: str, start: FloatArray, way: tuple[FloatArray, ...]) -> None:
+    motion = planted.motion().phase(phase)
+    for before, after in pairwise((start, *way)):
+        motion.move_joints(after, _turning_time(before, after))
+    planted.play(motion)
+
+
+def _turning_time(before: FloatArray, after: FloatArray) -> float:
     """[s]."""
-    return max(_SHORTEST, float(np.abs(up.joint_position - up.folded).max()) / _RAISING_SPEED)
+    return max(_SHORTEST, float(np.abs(after - before).max()) / _RAISING_SPEED)

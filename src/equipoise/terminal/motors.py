@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import floor, log10
+
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -10,13 +12,13 @@ from rich.table import Table
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 
-# Name of the quantity, label, factor from SI units, format.
+# Name of the quantity, label, factor from SI units, sign of the format.
 COLUMNS = (
-    ("coulomb_friction", "Coulomb [Nm]", 1.0, ".3f"),
-    ("viscous_friction", "viscous [Nm s/rad]", 1.0, ".4f"),
-    ("armature", "armature [kg m2]", 1.0, ".5f"),
-    ("relative_gain", "gain [%]", 100.0, "+.1f"),
-    ("delay", "delay [ms]", 1000.0, ".2f"),
+    ("coulomb_friction", "Coulomb [Nm]", 1.0, ""),
+    ("viscous_friction", "viscous [mNm s/rad]", 1000.0, ""),
+    ("armature", "armature [g m2]", 1000.0, ""),
+    ("relative_gain", "gain [%]", 100.0, "+"),
+    ("delay", "delay [ms]", 1000.0, ""),
 )
 
 
@@ -24,13 +26,16 @@ def print_motors(console: Console, result: Calibration) -> None:
     """Nothing, if the run did not look at motors."""
     if not result.motors:
         return
-    table = Table(title=f"{result.robot}: motors, 95 % +-", title_justify="left", box=box.SIMPLE_HEAD)
-    table.add_column("joint")
-    for _, label, *_ in COLUMNS:
-        table.add_column(escape(label), justify="right")
-    for joint in left_by_right(result):
-        motor = result.motors[joint].quantities
-        table.add_row(escape(joint), *(_cell(motor[name], factor, form) for name, _, factor, form in COLUMNS))
+    table = Table(
+        title=f"{result.robot}: motors, 95 % +-", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1)
+    )
+    table.add_column("joint", overflow="fold")
+    joints, columns = left_by_right(result), list[list[str]]()
+    for name, label, factor, sign in COLUMNS:
+        table.add_column(escape(label.replace(" [", "\n[")), justify="right", no_wrap=True)
+        columns.append(_cells([result.motors[joint].quantities[name] for joint in joints], factor, sign))
+    for joint, *cells in zip(joints, *columns, strict=True):
+        table.add_row(escape(joint), *cells)
     console.print(table)
     console.print(
         "Torques are in the unit in which the motors report them on average; gains are relative to their mean."
@@ -48,8 +53,21 @@ def left_by_right(result: Calibration) -> list[str]:
     return [joint for pair in pairs for joint in pair]
 
 
-def _cell(quantity: Quantity, factor: float, form: str) -> str:
+def _cells(quantities: list[Quantity], factor: float, sign: str) -> list[str]:
+    """A column; the narrowest interval says how many digits all have."""
+    halves = [quantity.half * factor for quantity in quantities if quantity.half]
+    form = f".{_decimals(min(halves, default=1.0))}f"
+    return [_cell(quantity, factor, sign, form) for quantity in quantities]
+
+
+def _decimals(half: float) -> int:
+    """Of a number whose interval is that wide to each side: its first digit, and the second of what begins with 1 or 2."""
+    place = floor(log10(half))
+    return max(0, -place + (half < 3 * 10.0**place))
+
+
+def _cell(quantity: Quantity, factor: float, sign: str, form: str) -> str:
     if quantity.value is None or quantity.half is None:
         return "-"
     outside = " (!)" if quantity.missed else ""
-    return f"{quantity.value * factor:{form}} +- {quantity.half * factor:{form.lstrip('+')}}{outside}"
+    return f"{quantity.value * factor:{sign}{form}} +- {quantity.half * factor:{form}}{outside}"
