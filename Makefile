@@ -18,6 +18,7 @@ BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balan
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 --mass 13.4 \
 	  --out runs/demo-$$(date +%Y%m%d-%H%M%S)
+	@echo "equipoise is in $(BIN): '. $(BIN)/activate' makes it a command here; 'equipoise --help' says what it can do"
 
 # What must keep up with real time comes second, when nothing else wants the cores; most of its time is waiting. Both are run,
 # whatever becomes of the first.

@@ -150,7 +150,14 @@ def test_assumptions_make_a_result_surer_and_stand_beside_it(a1, precise_run, tm
 def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
     print_calibration(precise_run.result.with_truth(precise_run.truth), [], verbose=True)
     shown = capsys.readouterr().out
-    for words in ("95 % +-", "truth", "identified", "estimate: ", "Base link alone"):
+    for words in (
+        "95 % +-",
+        "truth",
+        "identified",
+        "estimate: ",
+        "with all that is fixed to it",
+        "weak: less than ten times surer",
+    ):
         assert words in shown
 
 

@@ -13,7 +13,8 @@ PICTURES = {
     function.__name__.removeprefix("draw_"): function
     for function in (
         schematics.draw_lift, schematics.draw_tilt, schematics.draw_planes, results.draw_methods, results.draw_balance,
-        runs.draw_bisection, runs.draw_tipping, runs.draw_sway, runs.draw_sensors, runs.draw_plan, runs.draw_payload,
+        runs.draw_result, runs.draw_bisection, runs.draw_tipping, runs.draw_sway, runs.draw_sensors, runs.draw_plan,
+        runs.draw_payload,
     )
 }  # fmt: skip
 

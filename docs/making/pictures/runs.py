@@ -4,10 +4,12 @@ from functools import cache
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 from style import BLUE, FAINT, GREEN, INK, MUTED, ORANGE, draw_com, new_figure
 
 from equipoise import Precise, calibrate, find_delta, load_robot, nominal_stance, simulate
+from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.plan_view import plan_view
 from equipoise.method.table import method_named
 from equipoise.precise.routine import plan_ahead
@@ -23,13 +25,69 @@ def _robot():
 
 
 @cache
-def _run(method: str, payload: str | None = _PAYLOAD, budget: float | None = None, seed: int = 3):
+def _run(
+    method: str, payload: str | None = _PAYLOAD, budget: float | None = None, seed: int = 3, mass: float | None = None
+):
     """A calibration, its recordings, and what was drawn for the simulated sensors."""
-    settings = Precise(budget) if method == "precise" else method_named(method)()
+    settings = Precise(budget, mass=mass) if method == "precise" else method_named(method)()
     recordings = []
     with simulate(_robot(), "realistic", payload, seed=seed) as simulation:
         result = calibrate(simulation.platform, _robot(), settings, keep=recordings.append).with_truth(simulation.truth)
     return result, recordings, simulation.errors
+
+
+def draw_result() -> Figure:
+    """What `make demo` finds: lines of all lifts around the CoM, and each number against its interval."""
+    result = _run("precise", mass=13.4)[0]
+    figure = new_figure(8.2, 3.7)
+    left, right = figure.subplots(1, 2, width_ratios=[1.0, 1.25])
+    view = plan_view({result.robot: result}, lift_planes(result))
+    for line in view.lifts:
+        ends = 1000 * line.piece(view.centre, 0.04)
+        left.plot(ends[:, 1], ends[:, 0], color=_COLOURS[line.diagonal], linewidth=0.9, alpha=0.5)
+    places = {mark.kind: 1000 * mark.position for mark in view.marks}
+    (ellipse,) = (mark.ellipse for mark in view.found)
+    x, y = places["found"]
+    size = 2000 * ellipse.major, 2000 * ellipse.minor
+    left.add_patch(Ellipse((y, x), *size, angle=90 - np.degrees(ellipse.angle), facecolor=ORANGE, alpha=0.25, zorder=8))
+    draw_com(left, y, x, 0.45)
+    for kind, words in (("truth", "truth"), ("model", "model file")):
+        at = places[kind]
+        left.plot(at[1], at[0], "x", color=INK, markersize=7, mew=1.8, zorder=10)
+        left.annotate(words, (at[1], at[0]), (8, -2), textcoords="offset points", fontsize=9, va="center", color=INK)
+    left.set_aspect("equal")
+    left.set_xlim(y + 7, y - 7)
+    left.set_ylim(x - 7, x + 7)
+    left.set_title(f"{len(view.lifts)} lifts, seen from above [mm]")
+    left.grid()
+    _draw_numbers(right, [*result.composite][:7])
+    return figure
+
+
+def _draw_numbers(axes, quantities) -> None:
+    """Estimates with their intervals and the file's values, less the truth, in half intervals."""
+    for row, one in enumerate(quantities):
+        axes.plot(
+            [one.error / one.half - 1, one.error / one.half + 1], [row, row], color=ORANGE, linewidth=6, alpha=0.3
+        )
+        axes.plot(
+            one.error / one.half,
+            row,
+            "o",
+            color=ORANGE,
+            markersize=5,
+            label="estimate, 95 % interval" if not row else "",
+        )
+        axes.plot((one.model - one.truth) / one.half, row, "D", color=MUTED, mfc="none", markersize=6,
+                  label="model file" if not row else "")  # fmt: skip
+    axes.axvline(0, color=INK, linewidth=1)
+    axes.set_yticks(range(len(quantities)), [one.name.replace("com_", "CoM ") for one in quantities])
+    axes.tick_params(axis="y", length=0)
+    axes.invert_yaxis()
+    axes.set_xlabel("less the truth, in half intervals")
+    axes.set_title("What was found, and what the file says")
+    axes.spines["left"].set_visible(False)
+    axes.legend(loc="lower left")
 
 
 def draw_bisection() -> Figure:

@@ -125,18 +125,19 @@ def _print_precise(console: Console, result: Calibration) -> None:
             number(quantity.model, factor, form),
         )
     console.print(table)
+    base_link = escape(repr(result.model["base_link"]))
     console.print(
-        f"CoM from the origin of base link {escape(result.model['base_link'])!r}, x forward, z up; inertia about the CoM, in "
-        "the same axes."
+        f"CoM from the origin of base link {base_link}, x forward, z up; inertia about the CoM, in the same axes. Of 20 "
+        "intervals one is expected to miss the truth."
     )
-    if any(quantity.missed for quantity in result.composite):
-        console.print("(!): the truth is outside the interval; of twenty intervals one is expected to miss.")
+    for line in _legend(result):
+        console.print(line)
     base = result.base
     if base.mass.value is not None and np.isfinite(base.com_in_base.values).all():
         com = " ".join(f"{1000 * value:.2f}" for value in base.com_in_base.values)
         console.print(
-            f"Base link alone: {base.mass.value:.3f} kg, CoM {com} mm; its "
-            "inertia, covariances and the paper's stance-effective body are in the JSON form."
+            f"Base link {base_link} with all that is fixed to it: {base.mass.value:.3f} kg, CoM {com} mm; its inertia, "
+            "covariances and the paper's stance-effective body are in the JSON form."
         )
     notable = [finding.sentence for finding in result.sensors if finding.notable]
     if notable:
@@ -146,6 +147,21 @@ def _print_precise(console: Console, result: Calibration) -> None:
     failed = sum(not check.passed for check in result.checks)
     verdict = "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"
     console.print(f"{len(lifts)} lifts in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
+
+
+_LEGEND = {
+    "weak": "weak: less than ten times surer than before the run",
+    "not identified": "not identified: hardly surer than before the run",
+    "doubtful": "doubtful: a check failed",
+}
+
+
+def _legend(result: Calibration) -> list[str]:
+    """What the words and marks in the table mean that are not good news."""
+    said = [words for verdict, words in _LEGEND.items() if any(one.verdict == verdict for one in result.composite)]
+    if any(quantity.missed for quantity in result.composite):
+        said.append("(!): the truth is outside the interval")
+    return ["; ".join(said) + "."] if said else []
 
 
 def estimate_cells(quantity: Quantity, factor: float, form: str, with_truth: bool) -> list[str]:
