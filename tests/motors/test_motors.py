@@ -17,6 +17,7 @@ from equipoise.method.together import Together
 from equipoise.motors.method import Motors
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
+from equipoise.report.contents import run_contents
 from equipoise.robot.description import RobotDescription
 
 
@@ -85,6 +86,22 @@ def test_without_torques_the_commands_tell(a1, swung):
     for name, joint in result.joints.items():
         assert joint.coulomb_friction.value == pytest.approx(swung[0].joints[name].coulomb_friction.value, rel=0.3)
         assert joint.delay.value == pytest.approx(4e-3, abs=1e-3)
+
+
+def test_the_page_begins_with_the_motors_where_there_is_nothing_else(swung):
+    contents = run_contents(swung[0])
+    assert len(contents["numbers"]["rows"]) == 12
+    assert [row[0] for row in contents["numbers"]["rows"][:2]] == ["FL_hip_joint", "FR_hip_joint"]
+    assert "Coulomb friction 0.2" in contents["lead"]
+    (motors,) = (one for one in contents["sections"] if one["id"] == "motors")
+    figures, _ = motors["blocks"]
+    for found, name in zip(figures["figures"], ("coulomb_friction", "viscous_friction"), strict=False):
+        estimates, truths = found["data"]
+        first = getattr(swung[0].joints["FL_hip_joint"], name)
+        scale = estimates["x"][0] / first.value
+        assert estimates["error_x"]["array"][0] == pytest.approx(scale * first.half, rel=1e-3)
+        assert truths["x"][0] == pytest.approx(scale * first.truth, rel=1e-3)
+    assert "scene" not in {one["id"] for one in contents["sections"]}
 
 
 def test_a_result_is_saved_and_read(swung, tmp_path):

@@ -15,6 +15,7 @@ from equipoise.precise.posterior import Posterior, body_jacobian, total_mass
 from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.routine import plan_ahead
 from equipoise.report.blocks import Block, items, table, text
+from equipoise.report.motors import motors_alone
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS
@@ -42,6 +43,8 @@ def advice_blocks(result: Calibration) -> list[Block]:
     robot = result.robot_model
     if robot is None:
         return []
+    if motors_alone(result):
+        return [text("--what base,motors finds mass, centre of mass and inertia in the same run.")]
     posterior = result.evidence.posterior if isinstance(result.evidence, PosteriorEvidence) else None
     try:
         return _ahead(robot) if posterior is None else _further(outlook(result, robot, posterior), result)

@@ -8,6 +8,7 @@ from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.plan_view import plan_view
 from equipoise.report.advice import advice_blocks
 from equipoise.report.blocks import Block, section, table
+from equipoise.report.motors import motor_blocks, motor_sentence, motor_table, motors_alone
 from equipoise.report.numbers import BODIES, numbers, numbers_table, tell
 from equipoise.report.plan_view import plan_view_block
 from equipoise.report.progress import progress_figures
@@ -32,9 +33,10 @@ def run_contents(result: Calibration) -> Block:
             {"type": "figures", "figures": closing} if closing else None, progress_figures(result), tilt_figures(result),
             trial_table(result),
         ]),
-        section("scene", "In space", [scene(result, planes)]),
+        section("scene", "In space", [] if motors_alone(result) else [scene(result, planes)]),
         section("sways", "Sways", sway_blocks(result)),
         section("residuals", "Residuals", [residual_figures(result, planes)]),
+        section("motors", "Motors", motor_blocks(result)),
         section("sensors", "Sensors", sensor_blocks(result)),
         section("help", "What would help", advice_blocks(result)),
         section("bodies", "Other bodies", _other_bodies(result)),
@@ -47,10 +49,17 @@ def run_contents(result: Calibration) -> Block:
         "subtitle": _subtitle(result),
         "lead": _lead(result),
         "alerts": alerts(result),
-        "numbers": numbers_table(numbers(result), _heading("composite")),
+        "numbers": _numbers(result),
         "plan_view": plan_view_block(plan_view({result.robot: result}, planes)),
         "sections": [one for one in sections if one is not None],
     }
+
+
+def _numbers(result: Calibration) -> Block:
+    """Of the whole robot, or of its motors if that is all there is."""
+    if motors_alone(result):
+        return motor_table(result)
+    return numbers_table(numbers(result), _heading("composite"))
 
 
 def alerts(result: Calibration) -> list[Block]:
@@ -86,8 +95,10 @@ def _lead(result: Calibration) -> str:
         names = ("forward", "left", "up")[: len(shifts)]
         along = ", ".join(f"{tell(shift, '+.1f')} mm {name}" for shift, name in zip(shifts, names, strict=True))
         said.append(f"Its centre of mass is {np.linalg.norm(shifts):.1f} mm from where the file has it ({along}).")
+    if result.motors:
+        said.append(motor_sentence(result))
     missing = [label for one, (_, label, *_) in zip(result.composite, ROWS, strict=True) if one.value is None]
-    if missing:
+    if missing and not motors_alone(result):
         names = ", ".join(label.split(" [")[0] for label in missing)
         said.append(f"The method {result.method} does not find the whole robot's {names}.")
     if result.assumptions:

@@ -20,6 +20,7 @@ COLUMNS = (
     ("relative_gain", "gain [%]", 100.0, "+"),
     ("delay", "delay [ms]", 1000.0, ""),
 )
+UNITS = "Torques are in the unit in which the motors report them on average; gains are relative to their mean."
 
 
 def print_motors(console: Console, result: Calibration) -> None:
@@ -30,18 +31,23 @@ def print_motors(console: Console, result: Calibration) -> None:
         title=f"{result.robot}: motors, 95 % +-", title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1)
     )
     table.add_column("joint", overflow="fold")
-    joints, columns = left_by_right(result), list[list[str]]()
-    for name, label, factor, sign in COLUMNS:
+    for _, label, *_ in COLUMNS:
         table.add_column(escape(label.replace(" [", "\n[")), justify="right", no_wrap=True)
-        columns.append(_cells([result.motors[joint].quantities[name] for joint in joints], factor, sign))
-    for joint, *cells in zip(joints, *columns, strict=True):
+    for joint, *cells in motor_rows(result):
         table.add_row(escape(joint), *cells)
     console.print(table)
-    console.print(
-        "Torques are in the unit in which the motors report them on average; gains are relative to their mean."
-    )
+    console.print(UNITS)
     if any(one.missed for motor in result.motors.values() for one in motor.quantities.values()):
         console.print("(!): what was simulated is outside the interval.")
+
+
+def motor_rows(result: Calibration, plus_minus: str = "+-") -> list[list[str]]:
+    """Of each joint its name and what was found, as of `COLUMNS`."""
+    joints, columns = left_by_right(result), list[list[str]]()
+    for name, _, factor, sign in COLUMNS:
+        quantities = [result.motors[joint].quantities[name] for joint in joints]
+        columns.append(_cells(quantities, factor, sign, f" {plus_minus} "))
+    return [list(row) for row in zip(joints, *columns, strict=True)]
 
 
 def left_by_right(result: Calibration) -> list[str]:
@@ -53,11 +59,11 @@ def left_by_right(result: Calibration) -> list[str]:
     return [joint for pair in pairs for joint in pair]
 
 
-def _cells(quantities: list[Quantity], factor: float, sign: str) -> list[str]:
+def _cells(quantities: list[Quantity], factor: float, sign: str, plus_minus: str) -> list[str]:
     """A column; the narrowest interval says how many digits all have."""
     halves = [quantity.half * factor for quantity in quantities if quantity.half]
     form = f".{_decimals(min(halves, default=1.0))}f"
-    return [_cell(quantity, factor, sign, form) for quantity in quantities]
+    return [_cell(quantity, factor, sign, form, plus_minus) for quantity in quantities]
 
 
 def _decimals(half: float) -> int:
@@ -66,8 +72,8 @@ def _decimals(half: float) -> int:
     return max(0, -place + (half < 3 * 10.0**place))
 
 
-def _cell(quantity: Quantity, factor: float, sign: str, form: str) -> str:
+def _cell(quantity: Quantity, factor: float, sign: str, form: str, plus_minus: str) -> str:
     if quantity.value is None or quantity.half is None:
         return "-"
     outside = " (!)" if quantity.missed else ""
-    return f"{quantity.value * factor:{sign}{form}} +- {quantity.half * factor:{form}}{outside}"
+    return f"{quantity.value * factor:{sign}{form}}{plus_minus}{quantity.half * factor:{form}}{outside}"
