@@ -93,11 +93,13 @@ class EstimateOutput(Output):
         out: JSON file to save the result in, and the page of the same name beside it. A run's own result is not replaced.
         report: Leave out the page.
         verbose: Show every piece of a log, and how long each stage of the estimate took.
+        explain: Show where the uncertainty comes from, and what would make it less.
     """
 
     out: File = None
     report: Flag = True
     verbose: Verbose = False
+    explain: Flag = False
 
 
 def estimate(
@@ -156,6 +158,7 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     from equipoise.cli.report import try_to_save
     from equipoise.logs.reader import is_log
     from equipoise.terminal.calibration import print_calibration
+    from equipoise.terminal.uncertainty import print_budget
 
     try:
         folder = RunFolder.open(path)
@@ -176,6 +179,8 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
         print(result.to_json(), end="")
         return
     print_calibration(result, files, output.verbose, kept)
+    if output.explain:
+        print_budget(result)
     if asked != method and output.out is None:
         file = path / "again.json"
         print(f"not kept, and not what {path / RESULT} holds: to keep, see and export it add --out {file}")
@@ -191,6 +196,7 @@ def _estimate_log(
     from equipoise.precise.method import Precise
     from equipoise.terminal.calibration import print_calibration
     from equipoise.terminal.log import print_log_report
+    from equipoise.terminal.uncertainty import print_budget
 
     model, method = load(robot, description), Precise(**given)
     joint_map = None if source.joint_map is None else read_joint_map(source.joint_map)
@@ -212,6 +218,8 @@ def _estimate_log(
     else:
         print_log_report(found.report, output.verbose)
         print_calibration(result, files, output.verbose, output.out)
+        if output.explain:
+            print_budget(result)
 
 
 def audit(robot: Robot, *, description: Described = RobotFlags(), output: Output = Output()) -> int:  # noqa: B008

@@ -14,6 +14,7 @@ from equipoise.experiments.progress import Progress
 from equipoise.experiments.sway import SwaySettings
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
+from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import judge
 from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.lift_design import AMPLITUDES, lift_feet, lift_settings, turned_feet
@@ -221,6 +222,7 @@ class Precise(Method):
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
             assumptions=self.assumptions,
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior),
+            budget=budget_of(posterior),
             timings=timings,
         )
 

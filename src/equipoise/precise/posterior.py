@@ -25,7 +25,7 @@ from equipoise.precise.gauss_newton import NormalEquations, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import INERTIAL, Unknowns
-from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, TiltBlock, TorqueBlock
+from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel
@@ -50,6 +50,7 @@ class Posterior:
         x: (size,) most probable unknowns.
         covariance: (size, size) covariance of x.
         information: (size, size) information that each motion adds, by motion index.
+        information_by_kind: the same by the kind of its equations.
         gradient: (size,) gradient of each motion's squared residuals, halved, by motion index.
         robot_body, base_body, stance_effective_body: bodies at the estimate.
         robot_covariance, base_covariance, stance_effective_covariance: (10, 10) covariance of each, in the order of
@@ -67,6 +68,7 @@ class Posterior:
     x: FloatArray
     covariance: FloatArray
     information: dict[int, FloatArray]
+    information_by_kind: dict[type[ResidualBlock], FloatArray]
     gradient: dict[int, FloatArray]
     robot_body: InertialParameters
     base_body: InertialParameters
@@ -194,8 +196,10 @@ class MapProblem:
         unknowns, start = self.unknowns, self.unknowns.start()
         by_motion: dict[int, FloatArray] = {}
         gradients: dict[int, FloatArray] = {}
+        by_kind: dict[type[ResidualBlock], FloatArray] = {}
         for block in self.blocks:
             for motion, own, pull in block.by_motion(x):
+                by_kind[type(block)] = by_kind.get(type(block), 0.0) + own
                 by_motion[motion] = by_motion.get(motion, 0.0) + own
                 gradients[motion] = gradients.get(motion, 0.0) + pull
         _, prior = prior_rows(unknowns, x, self.mass)
@@ -213,6 +217,7 @@ class MapProblem:
             x=x,
             covariance=covariance,
             information=by_motion,
+            information_by_kind=by_kind,
             gradient=gradients,
             robot_body=unknowns.robot_body(x),
             base_body=unknowns.base_body(x),

@@ -18,6 +18,7 @@ from equipoise.report.scene import scene
 from equipoise.report.sensors import sensor_blocks
 from equipoise.report.sway import sway_blocks
 from equipoise.report.trials import bracket_figure, error_figure, tilt_figures, trial_table
+from equipoise.report.uncertainty import uncertainty_blocks
 from equipoise.result.calibration import Calibration
 from equipoise.terminal.calibration import ROWS
 
@@ -38,6 +39,7 @@ def run_contents(result: Calibration) -> Block:
         section("residuals", "Residuals", [residual_figures(result, planes)]),
         section("motors", "Motors", motor_blocks(result)),
         section("sensors", "Sensors", sensor_blocks(result)),
+        section("uncertainty", "Where the uncertainty comes from", uncertainty_blocks(result)),
         section("help", "What would help", advice_blocks(result)),
         section("bodies", "Other bodies", _other_bodies(result)),
         section("checks", "Checks", [_checks(result)]),

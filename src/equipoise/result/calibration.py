@@ -21,6 +21,7 @@ from equipoise.recording.recording import Recording
 from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
 from equipoise.result.findings import Check, JointFindings, Motor, SensorFinding
 from equipoise.result.quantity import Quantity
+from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
@@ -144,6 +145,7 @@ class Calibration:
         evidence: data that pictures show; not in the JSON form.
         robot_model: model that was used; not in the JSON form.
         motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.
+        budget: sources of the uncertainty of the whole robot's parameters, the largest first; `precise` only.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
 
@@ -168,6 +170,7 @@ class Calibration:
     timings: Mapping[str, float] = field(default_factory=dict[str, float])
     held: Mapping[str, float] = field(default_factory=dict[str, float])
     motors: Mapping[str, Motor] = field(default_factory=dict[str, Motor])
+    budget: tuple[UncertaintySource, ...] = ()
 
     @property
     def trustworthy(self) -> bool:
@@ -271,6 +274,7 @@ class Calibration:
             "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
             **({"motors": {name: motor.to_dict() for name, motor in self.motors.items()}} if self.motors else {}),
             "checks": [dataclasses.asdict(check) for check in self.checks],
+            "budget": [source.to_dict() for source in self.budget],
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
             "trials": [dataclasses.asdict(trial) for trial in self.trials],
@@ -342,6 +346,7 @@ class Calibration:
             assumptions=tuple(table.get("assumptions", ())),
             sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
             checks=tuple(Check(**check) for check in table["checks"]),
+            budget=tuple(UncertaintySource.from_dict(source) for source in table.get("budget", ())),
             motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
         )
         return result if truth is None else result.with_truth(inertia_from_dict(truth))

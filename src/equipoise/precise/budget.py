@@ -1,0 +1,100 @@
+"""Where the uncertainty of a result comes from: a budget, as the Guide to the Expression of Uncertainty in Measurement has it.
+
+With the information L = sum of L_k of all sources (priors of groups of unknowns, the scale, the noise of each kind of
+measurement), the covariance C = L^-1 = sum of C L_k C: each term is what the errors of one source do to the estimate, and
+they add up to all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.precise.posterior import Posterior, body_jacobian, body_prior_rows
+from equipoise.precise.residual_blocks import PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
+from equipoise.result.uncertainty import UncertaintySource
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Rows of the table of unknowns that people think of as one, and what would make less of their errors."""
+
+    name: str
+    rows: tuple[str, ...]
+    remedy: str
+
+
+GROUPS = (
+    _Group(
+        "masses and CoMs of the legs", ("leg_mass", "leg_mass_common", "link_com", "link_com_common"),
+        "--legs trusted, where the model file's legs were weighed",
+    ),
+    _Group(
+        "lengths of the legs, hips, feet' radii",
+        ("link_length", "link_length_common", "hip_position", "foot_radius", "foot_radius_each"),
+        "--legs trusted, where they were measured",
+    ),
+    _Group(
+        "joint zeros, springs and play", ("joint_zero", "compliance", "play", "eccentricity"),
+        "more robot time (--budget); a jig for the zeros (--priors)",
+    ),
+    _Group(
+        "IMU: mounting, gains, biases, clock",
+        (
+            "imu_tilt", "accelerometer_bias", "accelerometer_gain", "accelerometer_drift", "gyro_drift", "gyro_gain",
+            "gyro_misalignment", "clock_offset",
+        ),
+        "more robot time (--budget)",
+    ),
+    _Group("a cable's pull", ("pull",), "--cable none, where there is none; --turn"),
+    _Group(
+        "feet and floor", ("rolling", "floor_slope", "floor_warp", "foothold_change"), "a hard, level floor; --turn"
+    ),
+    _Group(
+        "torque constants, friction, rotors",
+        ("torque_gain_common", "torque_gain", "coulomb", "rotor_spin", "viscous", "armature"), "a scale (--mass)",
+    ),
+)  # fmt: skip
+_BASE = UncertaintySource("what was believed of the base", np.zeros(10), "more robot time (--budget)")
+_BLOCKS: tuple[tuple[type[ResidualBlock], str, str], ...] = (
+    (TiltBlock, "noise of the lifts", "more robot time (--budget)"),
+    (PlantedBlock, "noise of moves over planted feet", "more robot time (--budget); a hard floor"),
+    (TorqueBlock, "noise of joint torques", "a scale (--mass)"),
+)
+
+
+def budget_of(posterior: Posterior) -> tuple[UncertaintySource, ...]:
+    """Shares of each source in the variance of the whole robot's parameters, the largest sum first."""
+    jacobian = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
+    reach = jacobian @ posterior.covariance
+    variance = np.diag(posterior.robot_covariance)
+    found = [
+        UncertaintySource(name, np.einsum("ij,jk,ik->i", reach, information, reach) / variance, remedy)
+        for name, information, remedy in _sources(posterior)
+    ]
+    return tuple(sorted(found, key=lambda source: -float(source.shares.sum())))
+
+
+def _sources(posterior: Posterior) -> Iterator[tuple[str, FloatArray, str]]:
+    """Name, (size, size) information and remedy of each source that there is."""
+    unknowns, x, mass = posterior.unknowns, posterior.x, posterior.problem.mass
+    believed = _information(body_prior_rows(unknowns, x, None)[1])
+    yield _BASE.name, believed, _BASE.remedy
+    if mass is not None:
+        yield "the scale", _information(body_prior_rows(unknowns, x, mass)[1]) - believed, "a better scale (--mass-sd)"
+    for group in GROUPS:
+        columns = unknowns.columns(*(row for row in group.rows if unknowns.estimates(row)))
+        if len(columns):
+            information = np.zeros((unknowns.size, unknowns.size))
+            information[columns, columns] = 1.0
+            yield group.name, information, group.remedy
+    for kind, name, remedy in _BLOCKS:
+        if kind in posterior.information_by_kind:
+            yield name, posterior.information_by_kind[kind], remedy
+
+
+def _information(jacobian: FloatArray) -> FloatArray:
+    return np.asarray(jacobian.T @ jacobian, dtype=float)

@@ -1,0 +1,39 @@
+"""Where the uncertainty of a result comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.robot.inertial import COMPONENTS
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintySource:
+    """One source of errors.
+
+    Attributes:
+        name: what errs, in words.
+        shares: (10,) its part of the variance of each of the whole robot's parameters, in the order of COMPONENTS; those of
+            all sources add up to one.
+        remedy: what would make it less, in words.
+    """
+
+    name: str
+    shares: FloatArray
+    remedy: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        shares = {name: round(float(share), 4) for name, share in zip(COMPONENTS, self.shares, strict=True)}
+        return {"source": self.name, "variance_shares": shares, "remedy": self.remedy}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> UncertaintySource:
+        """From the JSON form."""
+        shares = table["variance_shares"]
+        return cls(table["source"], np.array([shares[name] for name in COMPONENTS]), table["remedy"])
