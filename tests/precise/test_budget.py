@@ -36,7 +36,7 @@ def test_a_share_is_what_an_error_of_the_source_does_to_the_estimate(precise_run
         gradient[column] -= 1.0  # of 1/2 (x - 1)^2 in place of 1/2 x^2
         x = posterior.x - np.linalg.solve(equations.information, gradient - equations.gradient)
         moved.append(unknowns.robot_body(x).com - posterior.robot_body.com)
-    (source,) = (one for one in precise_run.result.budget if one.name.startswith("lengths"))
+    (source,) = (one for one in precise_run.result.budget if one.name.startswith("lengths of the legs"))
     variance = np.diag(posterior.robot_covariance)[1:4]
     assert np.square(moved).sum(axis=0) / variance == pytest.approx(source.shares[1:4], rel=0.05)
 

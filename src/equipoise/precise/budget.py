@@ -7,7 +7,7 @@ they add up to all of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from equipoise.conventions import FloatArray
 from equipoise.precise.posterior import Posterior, body_jacobian, body_prior_rows
 from equipoise.precise.residual_blocks import PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
 from equipoise.result.uncertainty import UncertaintySource
+
+_SCALE, _TIME = "a scale (--mass)", "more robot time (--budget)"
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ GROUPS = (
         "--legs trusted, where the model file's legs were weighed",
     ),
     _Group(
-        "lengths of the legs, hips, feet' radii",
+        "lengths of the legs, hips, foot radii",
         ("link_length", "link_length_common", "hip_position", "foot_radius", "foot_radius_each"),
         "--legs trusted, where they were measured",
     ),
@@ -47,7 +49,7 @@ GROUPS = (
             "imu_tilt", "accelerometer_bias", "accelerometer_gain", "accelerometer_drift", "gyro_drift", "gyro_gain",
             "gyro_misalignment", "clock_offset",
         ),
-        "more robot time (--budget)",
+        _TIME,
     ),
     _Group("a cable's pull", ("pull",), "--cable none, where there is none; --turn"),
     _Group(
@@ -55,14 +57,13 @@ GROUPS = (
     ),
     _Group(
         "torque constants, friction, rotors",
-        ("torque_gain_common", "torque_gain", "coulomb", "rotor_spin", "viscous", "armature"), "a scale (--mass)",
+        ("torque_gain_common", "torque_gain", "coulomb", "rotor_spin", "viscous", "armature"), _SCALE,
     ),
 )  # fmt: skip
-_BASE = UncertaintySource("what was believed of the base", np.zeros(10), "more robot time (--budget)")
 _BLOCKS: tuple[tuple[type[ResidualBlock], str, str], ...] = (
-    (TiltBlock, "noise of the lifts", "more robot time (--budget)"),
+    (TiltBlock, "noise of the lifts", _TIME),
     (PlantedBlock, "noise of moves over planted feet", "more robot time (--budget); a hard floor"),
-    (TorqueBlock, "noise of joint torques", "a scale (--mass)"),
+    (TorqueBlock, "noise of joint torques", _SCALE),
 )
 
 
@@ -73,16 +74,20 @@ def budget_of(posterior: Posterior) -> tuple[UncertaintySource, ...]:
     variance = np.diag(posterior.robot_covariance)
     found = [
         UncertaintySource(name, np.einsum("ij,jk,ik->i", reach, information, reach) / variance, remedy)
-        for name, information, remedy in _sources(posterior)
+        for name, information, remedy in _sources(posterior, {_SCALE: _TIME} if posterior.problem.mass else {})
     ]
     return tuple(sorted(found, key=lambda source: -float(source.shares.sum())))
 
 
-def _sources(posterior: Posterior) -> Iterator[tuple[str, FloatArray, str]]:
-    """Name, (size, size) information and remedy of each source that there is."""
+def _sources(posterior: Posterior, instead: Mapping[str, str]) -> Iterator[tuple[str, FloatArray, str]]:
+    """Name, (size, size) information and remedy of each source that there is.
+
+    Args:
+        instead: remedies that were taken already, and what else there is.
+    """
     unknowns, x, mass = posterior.unknowns, posterior.x, posterior.problem.mass
     believed = _information(body_prior_rows(unknowns, x, None)[1])
-    yield _BASE.name, believed, _BASE.remedy
+    yield "what was believed of the base", believed, _TIME
     if mass is not None:
         yield "the scale", _information(body_prior_rows(unknowns, x, mass)[1]) - believed, "a better scale (--mass-sd)"
     for group in GROUPS:
@@ -90,10 +95,10 @@ def _sources(posterior: Posterior) -> Iterator[tuple[str, FloatArray, str]]:
         if len(columns):
             information = np.zeros((unknowns.size, unknowns.size))
             information[columns, columns] = 1.0
-            yield group.name, information, group.remedy
+            yield group.name, information, instead.get(group.remedy, group.remedy)
     for kind, name, remedy in _BLOCKS:
         if kind in posterior.information_by_kind:
-            yield name, posterior.information_by_kind[kind], remedy
+            yield name, posterior.information_by_kind[kind], instead.get(remedy, remedy)
 
 
 def _information(jacobian: FloatArray) -> FloatArray:

@@ -39,7 +39,7 @@ def run_contents(result: Calibration) -> Block:
         section("residuals", "Residuals", [residual_figures(result, planes)]),
         section("motors", "Motors", motor_blocks(result)),
         section("sensors", "Sensors", sensor_blocks(result)),
-        section("uncertainty", "Where the uncertainty comes from", uncertainty_blocks(result)),
+        section("uncertainty", "Uncertainty", uncertainty_blocks(result)),
         section("help", "What would help", advice_blocks(result)),
         section("bodies", "Other bodies", _other_bodies(result)),
         section("checks", "Checks", [_checks(result)]),
