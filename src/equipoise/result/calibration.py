@@ -20,6 +20,7 @@ from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.recording.recording import Recording
 from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
 from equipoise.result.findings import Check, JointFindings, Motor, SensorFinding
+from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
 from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
@@ -259,6 +260,10 @@ class Calibration:
             for index, axis in enumerate(AXES)
             if axis in self.moments and (moment := self.moments[axis].value) is not None
         }
+
+    def _repr_html_(self) -> str:
+        """In a notebook: the whole robot, and what speaks against it."""
+        return notebook_table(self.robot, self.method, self.composite, self.warnings)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
