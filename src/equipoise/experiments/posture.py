@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -47,6 +48,7 @@ def feet_in_posture(
     return feet_under_base(feet, target - posture.rotation @ com, posture.rotation)
 
 
+@lru_cache(maxsize=16)
 def stance_line(stance: Stance, diagonal: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Left direction, forward normal and midpoint of a support line of the nominal stance, in the base frame."""
     right, left = sorted(DIAGONALS[diagonal], key=lambda leg: leg[1], reverse=True)

@@ -77,6 +77,7 @@ class Predictor:
     com: FloatArray
     heading: float = 0.0
     _stood: dict[LiftDesign, _OnTwoFeet] = field(default_factory=dict[LiftDesign, "_OnTwoFeet"], init=False)
+    _rested: dict[BodyPosture, RestReading] = field(default_factory=dict[BodyPosture, RestReading], init=False)
 
     @cached_property
     def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -162,14 +163,17 @@ class Predictor:
     def move(self, before: BodyPosture, after: BodyPosture) -> PlantedMove:
         """What a move over planted feet would look like; how the feet roll does not matter for what it teaches."""
         mounting = np.array(self.robot.imu_in_base.rotation)
-        rests = [self._rest(posture, mounting) for posture in (before, after)]
         turned = mounting.T @ before.rotation.T @ after.rotation @ mounting
-        return PlantedMove(rests[0], rests[1], turned, np.zeros((4, 3)), heading=self.heading)
+        return PlantedMove(self.rest(before), self.rest(after), turned, np.zeros((4, 3)), heading=self.heading)
 
-    def _rest(self, posture: BodyPosture, mounting: FloatArray) -> RestReading:
-        feet = feet_in_posture(self.stance, self.com, posture)
-        position = check_posture(self.robot, self.stance, feet)
-        return RestReading(position, GRAVITY * posture.rotation[2] @ mounting)
+    def rest(self, posture: BodyPosture) -> RestReading:
+        """What a rest over planted feet would look like; raises ReachError."""
+        if posture not in self._rested:
+            feet = feet_in_posture(self.stance, self.com, posture)
+            position = check_posture(self.robot, self.stance, feet)
+            felt = GRAVITY * posture.rotation[2] @ np.array(self.robot.imu_in_base.rotation)
+            self._rested[posture] = RestReading(position, felt)
+        return self._rested[posture]
 
     def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> RunEvidence:
         """All of them as evidence; motions are numbered lifts first."""

@@ -270,7 +270,8 @@ class TiltNoise:
     def of(cls, lift: LiftSamples) -> TiltNoise:
         """Of a lift as its sensors are at rest."""
         alive()
-        integrate, count = integral(lift), len(lift.joint_position)
+        count = len(lift.joint_position)
+        integrate = integral(count, lift.step)
         ramp = _BIAS_FLOOR * lift.step * np.arange(count)
         force = integrate @ lift.acceleration_noise @ integrate.T + np.outer(ramp, ramp)
         return cls(force, lift.angular_velocity_noise, lift.velocity_noise, _TILT_FLOOR**2 * np.eye(count))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +36,7 @@ _SURE = 2.0  # standard deviations
 _FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in the robot's way
 
 
+@lru_cache(maxsize=4)  # asked for before a robot is moved, and again by whoever shows it
 def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
     return plan_for(nominal_candidates(robot, settings.beliefs), stance, settings)

@@ -38,12 +38,14 @@ class SplineFit:
     def at(self, time: FloatArray, derivative: int = 0) -> FloatArray:
         """(n, k) values, or a derivative, at (n,) times."""
         curve = self.spline.derivative(derivative) if derivative else self.spline
-        return np.asarray(sum(weight * curve(time + later) for later, weight in _mean_about(self.reach)), dtype=float)
+        later, weights = _mean_about(self.reach)
+        return np.tensordot(weights, curve(later[:, None] + time), axes=1)
 
     def noise(self, time: FloatArray, derivative: int = 0) -> FloatArray:
         """(n, n) covariance of `at`; for samples as in `factor`."""
-        parts = [_basis(self.spline.t, time + later, derivative).toarray() * w for later, w in _mean_about(self.reach)]
-        basis: FloatArray = np.sum(parts, axis=0)
+        later, weights = _mean_about(self.reach)
+        at_all = _basis(self.spline.t, (later[:, None] + time).ravel(), derivative).toarray()
+        basis = np.tensordot(weights, at_all.reshape(len(weights), len(time), -1), axes=1)
         return np.asarray(basis @ cho_solve_banded((self.factor, True), basis.T), dtype=float)
 
 
@@ -87,13 +89,12 @@ def fit_spline(
     return SplineFit(BSpline(knots, cho_solve_banded((factor, True), moment), _DEGREE), factor, reach)
 
 
-def _mean_about(reach: float) -> list[tuple[float, float]]:
+def _mean_about(reach: float) -> tuple[FloatArray, FloatArray]:
     """Times from a moment, and their weights: a mean of three, four times over, which falls softly to zero at the reach."""
     if not reach:
-        return [(0.0, 1.0)]
+        return np.zeros(1), np.ones(1)
     weights: FloatArray = reduce(np.convolve, [np.full(3, 1 / 3)] * 4)
-    later = reach * np.linspace(-1.0, 1.0, len(weights) + 2)[1:-1]
-    return list(zip(later.tolist(), weights.tolist(), strict=True))
+    return reach * np.linspace(-1.0, 1.0, len(weights) + 2)[1:-1], weights
 
 
 def _basis(knots: FloatArray, time: FloatArray, derivative: int = 0) -> csr_array:

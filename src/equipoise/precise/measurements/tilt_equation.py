@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ from equipoise.precise.measurements.momenta import BASE, Momenta
 from equipoise.precise.measurements.support_line import Feet, RollingLine, SupportLine
 from equipoise.precise.measurements.traced import Traced, contract, cross, dot, length, tanh, turned
 from equipoise.precise.unknowns import TracedValues, Values, inputs_of
-from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 _ROLLING = 0.03  # [rad/s] at which feet roll, and do not creep
@@ -80,7 +81,7 @@ class TiltEquation:
         ends = np.cumsum(counts)
         self.trials = [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
         # Integration is linear: one matrix per trial is faster than a call per trial and evaluation.
-        self._integrals = [integral(lift) for lift in lifts]
+        self._integrals = [integral(len(lift.joint_position), lift.step) for lift in lifts]
         self._samples = _Samples.of(robot, legs, lifts)
         self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
         self._one_by_one = self._samples.one_by_one([(trial.start + trial.stop) // 2 for trial in self.trials])
@@ -146,9 +147,12 @@ class TiltEquation:
         return y
 
 
-def integral(lift: LiftSamples) -> FloatArray:
-    """(n, n) matrix that integrates what is sampled in a lift, from its first sample to each."""
-    return np.asarray(cumulative_simpson(np.eye(len(lift.joint_position)), dx=lift.step, axis=0, initial=0))
+@lru_cache(maxsize=256)  # lifts that are planned have all the same
+def integral(count: int, step: float) -> FloatArray:
+    """(count, count) matrix that integrates samples a step [s] apart, from the first one to each."""
+    matrix = np.asarray(cumulative_simpson(np.eye(count), dx=step, axis=0, initial=0))
+    matrix.setflags(write=False)
+    return matrix
 
 
 def _gradients(of: Traced, by: TracedValues, names: Sequence[str]) -> Derivatives:
@@ -206,18 +210,12 @@ class _Samples:
             legs,
             np.array(robot.imu_in_base.rotation),
             np.array(robot.imu_in_base.translation),
-            JointReadings.of(
-                legs,
-                *(
-                    np.concatenate(parts)
-                    for parts in zip(*(_joint_parts(robot, legs, lift) for lift in lifts), strict=True)
-                ),
-            ),
+            _joint_readings(robot, legs, lifts),
             joined("angular_velocity_in_imu"),
             joined("angular_acceleration_in_imu"),
             joined("acceleration_in_imu"),
             joined("up_in_imu"),
-            tuple(np.repeat([lift.stance_feet for lift in lifts], counts, axis=0).T),
+            _stance_feet(lifts),
             np.repeat([lift.when for lift in lifts], counts),
             np.repeat([lift.heading for lift in lifts], counts),
         )
@@ -334,31 +332,47 @@ class _Samples:
         return pull[0] * forward + pull[1] * cross(up, forward)
 
 
-def _joint_parts(robot: RobotModel, legs: LegChains, lift: LiftSamples) -> tuple[FloatArray, ...]:
-    """Positions, velocities, torques, their rates of change, accelerations."""
-    torque = carried_torque(robot, legs, lift)
-    rate = np.gradient(torque, lift.step, axis=0)
-    return lift.joint_position, lift.joint_velocity, torque, rate, lift.joint_acceleration
+def _joint_readings(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> JointReadings:
+    """Of all samples of some lifts, with the torques that they carry."""
+    torque = carried_torque(robot, legs, lifts)
+    ends = np.cumsum([len(lift.joint_position) for lift in lifts])[:-1]
+    rates = [np.gradient(part, lift.step, axis=0) for part, lift in zip(np.split(torque, ends), lifts, strict=True)]
+    position, velocity, acceleration = (
+        np.concatenate([getattr(lift, f"joint_{name}") for lift in lifts])
+        for name in ("position", "velocity", "acceleration")
+    )
+    return JointReadings.of(legs, position, velocity, torque, np.concatenate(rates), acceleration)
 
 
-def carried_torque(robot: RobotModel, legs: LegChains, lift: LiftSamples) -> FloatArray:
+def carried_torque(robot: RobotModel, legs: LegChains, lifts: Sequence[LiftSamples]) -> FloatArray:
     """(n, nj) joint torques by which the standing legs carry the robot's weight [Nm]; zero in the lifted ones.
 
     The floor pushes with the robot's mass times the specific force, near enough for how far joints give: by the model's mass
     and CoM, and without what the two feet push against each other, which hardly changes in a lift.
     """
-    count, joints = lift.joint_position.shape
-    force = robot.mass * lift.acceleration_in_imu @ np.array(robot.imu_in_base.rotation).T
-    feet, pair = legs.feet(lift.joint_position), list(lift.stance_feet)
-    left, right = (feet[:, foot] for foot in pair)
-    along, com = left - right, composite_parameters(robot, lift.joint_position[0]).com
+    counts, kinematics = [len(lift.joint_position) for lift in lifts], Kinematics(robot)
+    position = np.concatenate([lift.joint_position for lift in lifts])
+    acceleration = np.concatenate([lift.acceleration_in_imu for lift in lifts])
+    com = np.repeat([kinematics.com(lift.joint_position[0]) for lift in lifts], counts, axis=0)
+    force = robot.mass * acceleration @ np.array(robot.imu_in_base.rotation).T
+    each, (on_left, on_right) = np.arange(len(position)), _stance_feet(lifts)
+    feet = legs.feet(position)
+    left, right = feet[each, on_left], feet[each, on_right]
+    along = left - right
     part = np.einsum("ni,ni->n", com - right, along) / np.einsum("ni,ni->n", along, along)
-    pushes = np.zeros((count, 4, 3))
-    pushes[:, pair] = np.stack([part[:, None] * force, (1 - part)[:, None] * force], axis=1)
-    torque = np.zeros((count, joints))
+    pushes = np.zeros((len(position), 4, 3))
+    pushes[each, on_left], pushes[each, on_right] = part[:, None] * force, (1 - part)[:, None] * force
+    torque = np.zeros(position.shape)
     for moved in legs.joints.T:
-        velocity = np.zeros((count, joints))
+        velocity = np.zeros(position.shape)
         velocity[:, moved] = 1.0
-        moving = legs.motion(lift.joint_position, velocity, np.zeros((count, 3)))
+        moving = legs.motion(position, velocity, np.zeros((len(position), 3)))
         torque[:, moved] = -np.einsum("nli,nli->nl", pushes, moving.foot_velocity)
     return torque
+
+
+def _stance_feet(lifts: Sequence[LiftSamples]) -> Feet:
+    """(n,) indices of the left stance foot of each sample of some lifts, and of the right one."""
+    return tuple(
+        np.repeat([lift.stance_feet for lift in lifts], [len(lift.joint_position) for lift in lifts], axis=0).T
+    )

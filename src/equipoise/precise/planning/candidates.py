@@ -11,7 +11,6 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
-from equipoise.experiments.posture import check_posture, feet_in_posture
 from equipoise.precise.lift_design import AMPLITUDES, LiftChecks, LiftDesign
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import Unknowns
@@ -85,7 +84,7 @@ class Candidates:
             if posture is not None:
                 found._add_lifts(posture)
         for wanted in _PLANTED_POSTURES:
-            posture = found._largest(wanted, found._check_planted)
+            posture = found._largest(wanted, found.predictor.rest)
             if posture is not None:
                 found.postures.append(posture)
         if not found.lifts:
@@ -104,12 +103,8 @@ class Candidates:
         """(size, size) information of a lift, or of a posture's move, by its number in `rows`."""
         return self.rows[index].T @ self.rows[index]
 
-    def _check_planted(self, posture: BodyPosture) -> None:
-        predictor = self.predictor
-        check_posture(predictor.robot, predictor.stance, feet_in_posture(predictor.stance, predictor.com, posture))
-
     def _check_lifts(self, posture: BodyPosture) -> None:
-        self._check_planted(posture)
+        self.predictor.rest(posture)
         for diagonal in DIAGONALS:
             self._checks.check(LiftDesign(posture, diagonal, 1))
 
@@ -117,7 +112,7 @@ class Candidates:
     def _checks(self) -> LiftChecks:
         return LiftChecks(self.predictor.robot, self.predictor.stance, self.predictor.com, self.doubt)
 
-    def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], None]) -> BodyPosture | None:
+    def _largest(self, wanted: BodyPosture, check: Callable[[BodyPosture], object]) -> BodyPosture | None:
         """The posture, or a smaller one in its direction, that passes a check."""
         reason = ""
         for size in _SIZES:
