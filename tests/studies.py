@@ -34,7 +34,9 @@ class Inline(Executor):
 
 
 def cheap_trial(study, trial, logs=None):
-    """A trial without a robot. It kills its process where the environment tells it to: always, or the first time."""
+    """A trial without a robot. It kills its process where the environment tells it to: always, or the first time; or hangs."""
+    if str(trial) == os.environ.get("HANGING_TRIAL"):
+        time.sleep(60)
     if str(trial) == os.environ.get("LETHAL_TRIAL"):
         once = os.environ.get("LETHAL_ONCE")
         if once is None or not Path(once).exists():

@@ -95,7 +95,7 @@ def test_a_scheduler_without_workers_a_worker_with_threads_and_a_worker_that_is_
         pytest.warns(UserWarning, match="1 workers with 2 threads run 1 trials at once"),
         dask_cluster(cluster.address) as (_, at_once),
     ):
-        assert at_once == 1
+        assert at_once() == 1
 
     cluster.add()
     process = start_study(tmp_path / "study", "--trials", TRIALS, "--executor", "dask", "--scheduler", cluster.address)

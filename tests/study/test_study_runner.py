@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +17,7 @@ from studies import STATIC, TIMES, Inline, alive, cheap_trial, eventually, facts
 from equipoise import ComSearchSettings, Paper, RunFolder, errors
 from equipoise.errors import OutputError, SettingsError, WorkerError
 from equipoise.study import runner, trial
+from equipoise.study.executors import ended_after
 from equipoise.study.runner import LOST, run_study
 from equipoise.study.store import read_rows
 from equipoise.study.study import Study
@@ -167,16 +169,43 @@ def test_a_trial_whose_worker_dies_once_runs_again(cheap, tmp_path, monkeypatch)
     assert [(row["trial"], row["status"]) for row in rows] == [(0, "ok")]
 
 
+@POSIX
+def test_a_trial_that_hangs_is_ended_and_lost_alone(cheap, tmp_path, monkeypatch):
+    monkeypatch.setenv("HANGING_TRIAL", "1")
+    rows = run_study(STATIC, 3, tmp_path / "study", workers=1, limit=0.3)
+    assert [row["status"] for row in rows] == ["ok", LOST, "ok"]
+    assert rows[1]["message"] == "the process that ran it died twice: out of memory? Or it took longer than 0.3 s"
+
+
+def test_a_process_that_is_nobodys_worker_is_not_ended():
+    assert ended_after(1e-3, time.sleep, 0.05) is None
+
+
+def test_workers_that_come_while_a_study_runs_are_used(tmp_path, monkeypatch):
+    meeting, counts = threading.Barrier(12), iter([1])
+
+    def together(study, trial, logs):
+        if trial >= 3:
+            meeting.wait(timeout=10)  # so many run at once, or it breaks
+        return cheap_trial(study, trial, logs)
+
+    monkeypatch.setattr(runner, "run_trial", together)
+    monkeypatch.setattr(runner, "_COUNTED", 0.0)
+    with ThreadPoolExecutor(12) as threads:
+        rows = run_study(STATIC, 27, tmp_path / "study", threads, lambda: next(counts, 4))
+    assert {row["status"] for row in rows} == {"ok"}
+
+
 class Brittle(Inline):
     """Breaks when it is given a certain trial, as a pool does whose worker died a moment ago."""
 
     def __init__(self, trial, error):
         self.trial, self.error = trial, error
 
-    def submit(self, function, /, study, trial, logs):
+    def submit(self, function, /, limit, run, study, trial, logs):
         if trial == self.trial:
             raise self.error
-        return super().submit(function, study, trial, logs)
+        return super().submit(function, limit, run, study, trial, logs)
 
 
 def test_a_pool_that_breaks_between_two_looks_is_replaced(cheap, tmp_path, monkeypatch):

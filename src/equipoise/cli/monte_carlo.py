@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from equipoise.cli.flags import (
     described,
 )
 from equipoise.cli.methods import refuse_flags_of_other_methods
-from equipoise.cli.settings import Verb, chosen, flags_class, read_flags, settings_of, shaped
+from equipoise.cli.settings import Verb, chosen, flags_class, read_flags, seconds, settings_of, shaped
 from equipoise.errors import SettingsError
 
 DEFAULT_METHODS = "paper"
@@ -81,6 +81,7 @@ def monte_carlo(
     workers: Count = None,
     executor: Literal["process", "dask"] = "process",
     scheduler: Annotated[str | None, arg(metavar="tcp://HOST:PORT", help_behavior_hint="")] = None,
+    trial_limit: Annotated[str, arg(metavar="TIME")] = "30min",
     method: Any = None,
     simulation: DrawnFlags = DrawnFlags(),
     description: Described = RobotFlags(),  # noqa: B008
@@ -98,6 +99,7 @@ def monte_carlo(
         workers: Processes; default one for each core.
         executor: process: on this machine; dask: on the cluster of --scheduler.
         scheduler: Address of a Dask scheduler.
+        trial_limit: Longest time that a trial may take; then its process is ended, and the trial is lost if that was twice.
     """
     from equipoise.method.table import method_named
     from equipoise.pictures.files import save_figures
@@ -114,8 +116,9 @@ def monte_carlo(
     methods = tuple(read_flags(method_named(name), method) for name in names(method.methods))
     study = Study(robot, methods, **drawn, description=described(description))
     folder = output.out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
-    with _executor(executor, scheduler) as (pool, threads), StudyLine(output.silent) as line:
-        rows = run_study(study, trials, folder, pool, threads if workers is None else workers, line.update)
+    with _executor(executor, scheduler) as (pool, count), StudyLine(output.silent) as line:
+        at_once = count if workers is None else workers
+        rows = run_study(study, trials, folder, pool, at_once, line.update, seconds(trial_limit) or 0.0)
     summaries = summarize(rows)
     # Sizes that vary with the robots alone vary together: nothing tells their shares apart.
     costs = [slope for used in study.methods if study.vary_noise for slope in slopes(rows, used.name)]
@@ -151,7 +154,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 @contextmanager
-def _executor(kind: str, scheduler: str | None) -> Generator[tuple[Executor | None, int | None]]:
+def _executor(kind: str, scheduler: str | None) -> Generator[tuple[Executor | None, Callable[[], int] | None]]:
     from equipoise.study.executors import dask_cluster
 
     if (kind == "dask") != (scheduler is not None):

@@ -12,12 +12,14 @@ import os
 import signal
 import threading
 import warnings
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import TypeVar
 
 from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
 
+Result = TypeVar("Result")
 _PATIENCE = 10  # [s] for a scheduler to answer
 
 
@@ -53,9 +55,28 @@ def _begin_worker() -> None:
         threading.Thread(target=follow, daemon=True).start()
 
 
+def ended_after(limit: float, function: Callable[..., Result], *arguments: object) -> Result:
+    """What a function returns. A worker process that takes longer for it ends at once, as one that crashes does.
+
+    Nothing milder stops what hangs in an engine. A caller's own process is never ended.
+
+    Args:
+        limit: longest time that the function may take [s].
+    """
+    if multiprocessing.parent_process() is None:
+        return function(*arguments)
+    end = threading.Timer(limit, os._exit, (1,))
+    end.daemon = True
+    end.start()
+    try:
+        return function(*arguments)
+    finally:
+        end.cancel()
+
+
 @contextmanager
-def dask_cluster(scheduler: str) -> Generator[tuple[Executor, int]]:
-    """The workers of a Dask cluster as an executor, and how many trials they run at once: one each.
+def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]]:
+    """The workers of a Dask cluster as an executor, and what says how many trials they run at once now: one each.
 
     Trials of a worker that dies run again on another one.
 
@@ -81,6 +102,13 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, int]]:
     except (OSError, ValueError) as error:  # TimeoutError is an OSError
         log.setLevel(level)
         raise WorkerError(f"no Dask scheduler answers at {scheduler!r}: {error}") from error
+
+    def workers_now() -> int:
+        with suppress(OSError):  # a scheduler that is gone is noticed by its trials
+            now: list[int] = list(client.nthreads().values())
+            return len(now)
+        return 1
+
     try:
         threads: list[int] = list(client.nthreads().values())
         if not threads:
@@ -91,7 +119,7 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, int]]:
                 f"dask worker {scheduler} --nworkers {sum(threads)} --nthreads 1",
                 stacklevel=3,
             )
-        yield client.get_executor(pure=False), len(threads)
+        yield client.get_executor(pure=False), workers_now
     finally:
         client.close()
         log.setLevel(level)

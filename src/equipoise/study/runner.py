@@ -12,16 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from equipoise.errors import SettingsError, WorkerError
-from equipoise.study.executors import ctrl_c_held, process_pool
+from equipoise.study.executors import ctrl_c_held, ended_after, process_pool
 from equipoise.study.store import FAILURES, TrialStore
 from equipoise.study.study import Study
 from equipoise.study.trial import SUCCEEDED, Row, check_study, run_trial
 from equipoise.threads import ONE_THREAD
 
 LOST = "WorkerLost"
-"""Status of a trial whose worker process died of it, twice."""
+"""Status of a trial whose worker process died of it, twice, or was ended because it took too long."""
 
 _IN_FLIGHT_PER_WORKER = 3  # so that no worker waits for its next trial
+_LIMIT = 1800.0  # [s]; the slowest robots and engines take some minutes
+_COUNTED = 1.0  # [s] for which a number of workers is believed
 _PATIENCE = 1.0  # [s] between looks at Ctrl-C, which `wait` would keep from us on some systems
 
 
@@ -49,8 +51,9 @@ def run_study(
     trials: int,
     folder: str | Path,
     executor: Executor | None = None,
-    workers: int | None = None,
+    workers: int | Callable[[], int] | None = None,
     report: Callable[[StudyProgress], None] | None = None,
+    limit: float = _LIMIT,
 ) -> list[Row]:
     """Run what a folder lacks of a study's first `trials` trials; returns the rows of all of them.
 
@@ -59,8 +62,10 @@ def run_study(
         trials: number of trials; more than in an earlier run extends it.
         folder: folder of the study; made if need be, and gone on with if it holds this study.
         executor: executor of `concurrent.futures`; None: a process for each core. It is not shut down.
-        workers: number of trials that run at once; default the number of cores that this process may use.
+        workers: number of trials that run at once, or function that says how many do now, of workers that come and go;
+            default the number of cores that this process may use.
         report: function that is called after every trial.
+        limit: longest time that a trial may take [s]; then its process is ended. One that is ended twice is lost.
 
     A script that calls this without an executor does so below `if __name__ == "__main__":`, as with any process pool.
 
@@ -72,13 +77,15 @@ def run_study(
     """
     if trials < 1:
         raise SettingsError(f"{trials} trials are none; ask for one at least")
-    if workers is not None and workers < 1:
+    if limit <= 0:
+        raise SettingsError(f"a limit of {limit:g} s leaves a trial no time; give it minutes")
+    if isinstance(workers, int) and workers < 1:
         raise SettingsError(f"{workers} workers do nothing; give one at least")
     check_study(study)
     store = TrialStore(folder, study)
     missing = deque(trial for trial in range(trials) if trial not in store.done)
     if missing:
-        crew = _Crew(executor, workers or _cores())
+        crew = _Crew(executor, workers or _cores(), limit)
         try:
             _run(study, missing, _Arrivals(store, trials, len(missing), report), crew)
         finally:
@@ -140,7 +147,7 @@ def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) ->
                     f"the workers lack a package: {error}; install there what is installed here"
                 ) from error
             except Exception as error:  # of the executor: trials raise nothing
-                rows = _lost(study, trial, error)
+                rows = _lost(study, trial, repr(error))
             suspects.discard(trial)
             arrivals.add(rows)
         arrivals.store.flush_if_due()
@@ -150,31 +157,43 @@ def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) ->
             crew.replace()
             if len(died) == 1 and died[0] in suspects:  # alone, and it was in flight the last time too
                 suspects.discard(died[0])
-                arrivals.add(_lost(study, died[0], None))
+                why = f"the process that ran it died twice: out of memory? Or it took longer than {crew.limit:g} s"
+                arrivals.add(_lost(study, died[0], why))
             else:
                 suspects.update(died)
                 missing.extendleft(sorted(died, reverse=True))
 
 
-def _lost(study: Study, trial: int, error: Exception | None) -> list[Row]:
-    message = "the process that ran it died twice: out of memory?" if error is None else repr(error)
+def _lost(study: Study, trial: int, message: str) -> list[Row]:
     return [{"trial": trial, "method": method.name, "status": LOST, "message": message} for method in study.methods]
 
 
 class _Crew:
     """An executor, ours or the caller's; ours is replaced when a process of it dies."""
 
-    def __init__(self, given: Executor | None, workers: int) -> None:
-        self._given, self._workers = given, workers
+    def __init__(self, given: Executor | None, workers: int | Callable[[], int], limit: float) -> None:
+        self._given, self._workers, self.limit = given, workers, limit
         self._own: Executor | None = None
-        self.width = _IN_FLIGHT_PER_WORKER * workers
+        self._counted, self._count = -float("inf"), 1
+
+    @property
+    def width(self) -> int:
+        """How many trials to have in flight now."""
+        return _IN_FLIGHT_PER_WORKER * self._at_once()
+
+    def _at_once(self) -> int:
+        if isinstance(self._workers, int):
+            return self._workers
+        if time.monotonic() - self._counted > _COUNTED:
+            self._counted, self._count = time.monotonic(), max(1, self._workers())
+        return self._count
 
     def submit(self, study: Study, trial: int, logs: str) -> Future[list[Row]]:
         executor = self._given or self._own
         if executor is None:
-            executor = self._own = process_pool(self._workers)
+            executor = self._own = process_pool(self._at_once())
         with ctrl_c_held(), _one_thread_each():
-            return executor.submit(run_trial, study, trial, logs)
+            return executor.submit(ended_after, self.limit, run_trial, study, trial, logs)
 
     def replace(self) -> None:
         if self._given is not None:
@@ -182,7 +201,7 @@ class _Crew:
                 "the workers are gone; what arrived is kept: start them again and repeat the command to go on"
             )
         self.dismiss()
-        self._own = process_pool(self._workers)
+        self._own = process_pool(self._at_once())
         with ctrl_c_held(), _one_thread_each():
             begun = self._own.submit(os.getpid)
         try:
