@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors)
+  guard report view robots motors size)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -84,6 +84,10 @@ bench-balance: $(ROBOTS_STAMP)
 
 bench-speed: $(DEV_STAMP)
 	$(BIN)/python benchmarks/speed.py
+
+# What the installed packages weigh: a second.
+bench-size: $(DEV_STAMP)
+	$(BIN)/python benchmarks/size.py
 
 # Half an hour on two cores; each part that is there stays. Remove benchmarks/results/monte_carlo.json to begin anew.
 bench-monte-carlo: $(ROBOTS_STAMP)

@@ -15,6 +15,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from commit import commit
+
 from equipoise.threads import ONE_THREAD
 
 AS_TYPED = {key: value for key, value in os.environ.items() if key not in ONE_THREAD}
@@ -22,11 +24,16 @@ os.environ.update(ONE_THREAD)
 
 import mujoco
 import numpy as np
+from mujoco import rollout
 
 import equipoise
-from equipoise import Paper, Precise, RunFolder, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Paper, Precise, RunFolder, calibrate, estimate, load_robot, nominal_stance, simulate
+from equipoise.method.method import Method
 from equipoise.precise import sway
+from equipoise.precise.plan import make_plan
+from equipoise.precise.planning.candidates import Candidates
 from equipoise.recording.recording import Recording
+from equipoise.robot.inertial import composite_parameters
 
 RESULTS = Path(__file__).parent / "results"
 # By a small process: one that is begun has been as large as the process that began it. Linux counts in kilobytes.
@@ -37,6 +44,8 @@ used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(used.ru_utime + used.ru_stime, used.ru_maxrss)
 """
 REPEATS = 7
+STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+OVER_ROLLOUT = {"paper": 1.15, "precise": 1.7}
 
 
 def timed(function: Callable[[], object]) -> float:
@@ -144,6 +153,61 @@ def commands() -> list[str]:
     return [f"| {what} | {seconds:.1f} | {megabytes:.0f} | {target} |" for what, seconds, megabytes, target in rows]
 
 
+def calibration_and_rollout(method: Method, noise: str, timestep: float | None) -> tuple[float, float]:
+    """CPU seconds of a calibration, and of `mujoco.rollout` with its commands."""
+    robot = load_robot("unitree_a1")
+    with simulate(robot, noise, seed=7, timestep=timestep) as simulation:
+        platform = simulation.platform
+        model, run = platform._model, platform._run
+        initial = np.zeros(mujoco.mj_stateSize(model, STATE))
+        mujoco.mj_getState(model, platform._data, initial, STATE)
+        controls: list[np.ndarray] = []
+        platform._run = lambda control, raw: (controls.append(control), run(control, raw))
+        whole = timed(lambda: calibrate(platform, robot, method))
+        commands, engine, data = np.concatenate(controls), rollout.Rollout(nthread=0), mujoco.MjData(model)
+        alone = min(timed(lambda: engine.rollout(model, data, initial[None], commands[None])) for _ in range(3))
+    return whole, alone
+
+
+def over_rollout(method: Method, noise: str, timestep: float | None = None) -> str:
+    """Row of a whole calibration beside `mujoco.rollout` of the same commands, the second of two: the first plans anew."""
+    calibration_and_rollout(method, noise, timestep)
+    whole, alone = calibration_and_rollout(method, noise, timestep)
+    target = OVER_ROLLOUT[method.name]
+    return (
+        f"| `{method.name}`, `{noise}` | {whole:.2f} | {alone:.2f} | {whole / alone:.2f} | {target} | "
+        f"{verdict(whole / alone <= target)} |"
+    )
+
+
+def thinking() -> list[str]:
+    """Rows of what a calibration by `precise` thinks: estimate and plans, least of several."""
+    robot = load_robot("unitree_a1")
+    stance, method, recordings = nominal_stance(robot), Precise(), list[Recording]()
+    with simulate(robot, "stress", seed=7) as simulation:
+        calibrate(simulation.platform, robot, method, keep=recordings.append)
+    com = composite_parameters(robot, stance.joint_position).com
+    found = [Candidates.of(robot, stance, com, method.beliefs)]
+    steps: dict[str, tuple[Callable[[], object], float]] = {
+        "an estimate of 120 s with all unknowns, its checks and reading what was recorded": (
+            lambda: estimate(robot, recordings, method), 1.0,
+        ),
+        "a plan for a robot that was not planned for": (
+            lambda: make_plan(Candidates.of(robot, stance, com, method.beliefs), 100.0), 0.5,
+        ),
+        "a plan from candidates that are known": (lambda: make_plan(found[0], 100.0), 0.3),
+    }  # fmt: skip
+    rows: list[str] = []
+    for what, (step, target) in steps.items():
+        seconds = min(timed(step) for _ in range(3))
+        rows.append(f"| {what} | {seconds:.2f} | {target} | {verdict(seconds <= target)} |")
+    return rows
+
+
+def verdict(met: bool) -> str:
+    return "met" if met else "**missed**"
+
+
 def main() -> None:
     one_round()
     rounds = [one_round() for _ in range(REPEATS)]
@@ -155,8 +219,8 @@ def main() -> None:
     lines = [
         "# Speed of a whole `paper` calibration of the A1",
         "",
-        f"`make bench-speed`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {REPEATS} rounds on one core, "
-        "CPU seconds, medians. Motion, sensing and estimating; without start-up, storage and pictures.",
+        f"`make bench-speed` at commit {commit()}; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {REPEATS} "
+        "rounds on one core, CPU seconds, medians. Motion, sensing and estimating; without start-up, storage and pictures.",
         "",
         "| what | CPU s | over `mj_step` |",
         "|---|---|---|",
@@ -165,7 +229,7 @@ def main() -> None:
         f"| `mj_step` alone, as many steps, the robot standing | {alone:.3f} | 1 |",
         f"| `mj_step` with the calibration's own commands | {replay:.3f} | {replay / alone:.2f} |",
         "",
-        f"Target: at most 1.5 times `mj_step` alone: **{'met' if statistics.median(ratios) <= 1.5 else 'missed'}**; against "
+        f"Target: at most 1.5 times `mj_step` alone: {verdict(statistics.median(ratios) <= 1.5)}; against "
         f"the same motion replayed: {routine / replay:.2f}.",
         "",
         f"Storage beside it: {store:.3f} s wall for {megabytes:.1f} MB.",
@@ -179,6 +243,19 @@ def main() -> None:
         "| as typed, with interpreter, imports and reading | CPU s | most memory [MB] | target |",
         "|---|---|---|---|",
         *commands(),
+        "",
+        "Whole calibrations beside `mujoco.rollout` of the same commands, one core, CPU seconds; both in one process, "
+        "one after the other, as other programs run on this machine. With `stress` friction follows load: it is set before "
+        "every engine step, which costs a third of the step.",
+        "",
+        "| | calibration | `mujoco.rollout` | ratio | target | |",
+        "|---|---|---|---|---|---|",
+        over_rollout(Paper(), "realistic", 1e-3),
+        *(over_rollout(Precise(), noise) for noise in ("ideal", "realistic", "stress")),
+        "",
+        "| what `precise` thinks, interpreter and imports left out | CPU s | target | |",
+        "|---|---|---|---|",
+        *thinking(),
     ]
     text = "\n".join(lines) + "\n"
     (RESULTS / "speed.md").write_text(text, encoding="utf-8")

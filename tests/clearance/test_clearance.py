@@ -63,7 +63,7 @@ def test_whatever_is_gone_through_nothing_touches(a1, home, seed):
     nearest = np.array([distances.all(position).min() for position in positions])
     gone = 0
     clearance = Clearance(a1, home)
-    while gone < len(positions) and clearance.first_contact(positions[gone : gone + 1]) is None:
+    while gone < len(positions) and clearance.next_contact(positions[gone]) is None:
         gone += 1
     assert (nearest[:gone] > 0).all()
     assert gone == len(positions) or nearest[gone] < pairs.least

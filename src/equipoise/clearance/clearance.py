@@ -84,6 +84,7 @@ class Clearance:
         self._here, self._travelled = joint_position, np.zeros(len(pairs.first))  # [m] along each route
         self._allowed = np.minimum(distance - _ROUNDING, pairs.least)  # [m] of each pair
         self._due = np.maximum(distance, pairs.least)  # [m] travelled by when to look at each pair again
+        self._soonest = self._soonest_of_routes()
 
     def first_contact(self, joint_positions: FloatArray) -> Contact | None:
         """Go through (n, nj) postures [rad]; the first contact ends the way.
@@ -94,18 +95,26 @@ class Clearance:
         parts = (joint_positions[start : start + _PART] for start in range(0, len(joint_positions), _PART))
         return next((contact for part in parts if (contact := self._go(part)) is not None), None)
 
+    def next_contact(self, joint_position: FloatArray) -> Contact | None:
+        """`first_contact` of the next (nj,) posture alone [rad], as a control loop asks at every step."""
+        travelled = self._travelled + np.abs(joint_position - self._here) @ self._pairs.reach
+        if (travelled > self._soonest).any():
+            return self._look(joint_position, travelled)
+        self._here, self._travelled = joint_position, travelled
+        return None
+
     def _go(self, joint_positions: FloatArray) -> Contact | None:
-        turned = np.abs(np.diff(joint_positions, axis=0, prepend=self._here[None]))
+        turned = np.abs(joint_positions - np.concatenate([self._here[None], joint_positions[:-1]]))
         travelled = self._travelled + np.cumsum(turned @ self._pairs.reach, axis=0)
         index = 0
-        while (late := (travelled[index:] > self._soonest()).any(axis=1)).any():
+        while (late := (travelled[index:] > self._soonest).any(axis=1)).any():
             index += int(np.argmax(late))
             if (contact := self._look(joint_positions[index], travelled[index])) is not None:
                 return contact
         self._here, self._travelled = joint_positions[-1], travelled[-1]
         return None
 
-    def _soonest(self) -> FloatArray:
+    def _soonest_of_routes(self) -> FloatArray:
         """(routes,) distance travelled at which to look at a pair of each route again [m]."""
         return np.minimum.reduceat(self._due, self._pairs.first)
 
@@ -120,4 +129,5 @@ class Clearance:
                 return Contact(self._pairs.links[pair], distance)
             self._allowed[pair] = min(max(self._allowed[pair], distance - _ROUNDING), least)
             self._due[pair] = along[pair] + max(distance, least)
+        self._soonest = self._soonest_of_routes()
         return None

@@ -38,7 +38,7 @@ class ClearanceChecks:
         if known.sent.limp:  # limp joints are where somebody has moved them
             self._begin(command, known)
         if not command.limp:
-            _refuse(self._clearance.first_contact(command.position[None]))
+            _refuse(self._clearance.next_contact(command.position))
 
 
 def _refuse(contact: Contact | None) -> None:

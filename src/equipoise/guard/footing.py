@@ -6,6 +6,8 @@ feedback loop has none.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from equipoise.conventions import FloatArray
 from equipoise.robot.floor import Vector, floor_normal_by_diagonals
 from equipoise.robot.kinematics import foot_positions
@@ -22,14 +24,19 @@ def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) 
         stance: stance in which all feet stand.
         joint_position: (nj,) joint positions [rad].
     """
-    usual, _ = _diagonals(stance.feet_in_base)
     apart, up = _diagonals(foot_positions(robot, joint_position))
-    return abs(apart - usual) > _LIFTED * stance.scale.length, up
+    return abs(apart - _usually_apart(stance)) > _LIFTED * stance.scale.length, up
 
 
 def feet_are_lifted(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
     """The first half of `look_at_feet`."""
     return look_at_feet(robot, stance, joint_position)[0]
+
+
+@lru_cache(maxsize=4)
+def _usually_apart(stance: Stance) -> float:
+    """How far the diagonals are apart where all feet stand [m]."""
+    return _diagonals(stance.feet_in_base)[0]
 
 
 def _diagonals(feet: FloatArray) -> tuple[float, Vector]:

@@ -113,9 +113,9 @@ class SampleFilter:
             self._since += step
             self._since *= sample.joint_position == last.joint_position
         if last is not None and new_imu:
-            same = np.array_equal(sample.angular_velocity_in_imu, last.angular_velocity_in_imu)
-            same = same and np.array_equal(sample.acceleration_in_imu, last.acceleration_in_imu)
-            self._imu_since = (self._imu_since + imu - self._imu) * same
+            same = (sample.angular_velocity_in_imu == last.angular_velocity_in_imu).all()
+            same = same and (sample.acceleration_in_imu == last.acceleration_in_imu).all()
+            self._imu_since = self._imu_since + imu - self._imu if same else 0.0
         self._last = sample
         self._joints, self._imu = max(self._joints, sample.time), max(self._imu, imu)
         self.counts.fresh += 1
@@ -147,24 +147,29 @@ class SampleFilter:
 
     def _check_frozen(self, target: FloatArray) -> None:
         """Sensors that do not change while the joints are sent elsewhere."""
-        low, high = self._sent_low, self._sent_high
-        np.minimum(low, target, out=low, where=self._since > 0)
-        np.maximum(high, target, out=high, where=self._since > 0)
-        np.copyto(low, target, where=self._since == 0)
-        np.copyto(high, target, where=self._since == 0)
+        self._check_frozen_joints(target)
+        if self._imu_since == 0.0:
+            self._moved, self._imu_target = 0.0, target
+            return
+        self._moved = max(self._moved, float(np.abs(target - self._imu_target).max()))
+        if self._imu_since > _FROZEN_TIME and self._moved > _FROZEN_MOVE:
+            raise SensorError(
+                f"the IMU is frozen: it has read exactly the same for {self._imu_since:.2f} s while the robot moved"
+            )
+
+    def _check_frozen_joints(self, target: FloatArray) -> None:
+        low, high, same = self._sent_low, self._sent_high, self._since > 0
+        if not same.any():
+            low[:] = high[:] = target
+            return
+        np.copyto(low, np.where(same, np.minimum(low, target), target))
+        np.copyto(high, np.where(same, np.maximum(high, target), target))
         frozen = (self._since > _FROZEN_TIME) & (high - low > _FROZEN_MOVE)
         if frozen.any():
             joint = int(np.argmax(frozen))
             raise SensorError(
                 f"the encoder of joint {self._names[joint]!r} is frozen: it has read exactly the same for "
                 f"{self._since[joint]:.2f} s while the joint was sent through {high[joint] - low[joint]:.2f} rad"
-            )
-        if self._imu_since == 0.0:
-            self._moved, self._imu_target = 0.0, target
-        self._moved = max(self._moved, float(np.abs(target - self._imu_target).max()))
-        if self._imu_since > _FROZEN_TIME and self._moved > _FROZEN_MOVE:
-            raise SensorError(
-                f"the IMU is frozen: it has read exactly the same for {self._imu_since:.2f} s while the robot moved"
             )
 
     def _complain(self) -> None:

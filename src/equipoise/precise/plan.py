@@ -199,18 +199,21 @@ def make_plan(
             if lift.posture == candidates.lifts[0].posture and lift.turn is None:
                 information += 2 * candidates.information(index)
     total = budget - left
-    parts = [_Part(candidates, left, used)]
+    covariance = np.asarray(np.linalg.inv(information), dtype=float)
+    parts = [_Part(candidates, Steps(candidates, covariance, weights), left / (1 + turn), used)]
     if turn:
-        parts = [_Part(candidates, left / 2, used), _Part(candidates.turned(), left / 2, ())]
+        other = candidates.turned()
+        parts.append(_Part(other, Steps(other, covariance, weights), left / 2, ()))
     while True:
         alive()
-        covariance = np.asarray(np.linalg.inv(information), dtype=float)
-        choices = [(part.best(covariance, weights), part) for part in parts]
-        best, part = max(choices, key=lambda choice: choice[0][0])
+        best, part = max(((part.best(), part) for part in parts), key=lambda choice: choice[0][0])
         if best[1] is None:
             break
-        cost, more = part.take(best[1])
-        information = information + more
+        cost, taken = part.take(best[1])
+        information = information + taken.T @ taken
+        for each in parts:
+            each.steps.learn(taken, covariance)
+        covariance = np.asarray(np.linalg.inv(information), dtype=float)
         total += cost
     if not any(part.lifts for part in parts) and not searched:
         least = durations.search + durations.posture + durations.replant + durations.lift + durations.end
@@ -231,12 +234,13 @@ class _Part:
     """What is planned for a robot that faces one way.
 
     Args:
+        steps: what each of the candidates would teach.
         left: robot time for it [s].
         used: lifts that were done already.
     """
 
-    def __init__(self, candidates: Candidates, left: float, used: Sequence[LiftDesign]) -> None:
-        self._candidates, self._left, self._steps = candidates, left, Steps(candidates)
+    def __init__(self, candidates: Candidates, steps: Steps, left: float, used: Sequence[LiftDesign]) -> None:
+        self._candidates, self._left, self.steps = candidates, left, steps
         self._durations = Durations.of(candidates.predictor.stance)
         self._visited: dict[BodyPosture, list[LiftDesign]] = {}
         often = math.ceil(FEW_LIFTS / len(candidates.lifts))
@@ -253,7 +257,7 @@ class _Part:
         order = sorted(self._visited.items(), key=lambda item: len(item[1]) == 0)
         return tuple(Visit(posture, tuple(lifts)) for posture, lifts in order)
 
-    def best(self, covariance: FloatArray, weights: FloatArray) -> tuple[float, int | None]:
+    def best(self) -> tuple[float, int | None]:
         """As of `Steps.best`, of what there is time for; zero and None if there is nothing."""
         count = len(self._candidates.lifts)
         possible = [index for index, times in self._remaining.items() if times > 0]
@@ -262,20 +266,20 @@ class _Part:
             for index in [*possible, *range(count, count + len(self._candidates.postures))]
             if (cost := self._cost(index)) is not None and cost <= self._left
         }
-        return self._steps.best(costs, self._visited, covariance, weights) or (0.0, None)
+        return self.steps.best(costs, self._visited) or (0.0, None)
 
     def take(self, index: int) -> tuple[float, FloatArray]:
-        """Plan a candidate; its robot time, the way to its posture included [s], and the information that it adds."""
+        """Plan a candidate; its robot time, the way to its posture included [s], and (m, size) rows of what it tells."""
         candidates, cost = self._candidates, self._cost(index) or 0.0
         count = len(candidates.lifts)
-        more = sum(candidates.information(part) for part in self._steps.parts(index, self._visited))
+        rows = self.steps.rows(self.steps.parts(index, self._visited))
         self._left -= cost
         if index < count:
             self._visited.setdefault(candidates.lifts[index].posture, []).append(candidates.lifts[index])
             self._remaining[index] -= 1
         else:
             self._visited.setdefault(candidates.postures[index - count], [])
-        return cost, np.asarray(more, dtype=float)
+        return cost, rows
 
     def _cost(self, index: int) -> float | None:
         """Robot time of a candidate, the way to its posture included [s]; None if it is done already."""

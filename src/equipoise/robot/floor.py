@@ -20,10 +20,9 @@ def floor_normal_by_diagonals(feet_in_base: FloatArray) -> Vector:
     Args:
         feet_in_base: (4, 3) foot positions FL FR RL RR in the base frame [m].
     """
-    (ax, ay, az), (bx, by, bz) = (
-        (feet_in_base[2] - feet_in_base[1]).tolist(),
-        (feet_in_base[0] - feet_in_base[3]).tolist(),
-    )
+    front_left, front_right, rear_left, rear_right = feet_in_base.tolist()
+    ax, ay, az = (a - b for a, b in zip(rear_left, front_right, strict=True))
+    bx, by, bz = (a - b for a, b in zip(front_left, rear_right, strict=True))
     x, y, z = az * by - ay * bz, ax * bz - az * bx, ay * bx - ax * by
     length = max((x * x + y * y + z * z) ** 0.5, 1e-9)
     return x / length, y / length, z / length

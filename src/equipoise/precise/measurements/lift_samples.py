@@ -131,8 +131,10 @@ def read_lift(
         None if joints.velocity is None else joints.velocity[joint_part], encoder_noise / velocity_noise,
         reach,
     )  # fmt: skip
-    angular_velocity = fit_spline(imu.time[imu_part], gyro[imu_part], _KNOT * clock, reach=reach)
-    acceleration = fit_spline(imu.time[imu_part], imu.acceleration_in_imu[imu_part], _KNOT * clock, reach=reach)
+    felt = np.hstack([gyro, imu.acceleration_in_imu])[imu_part]  # read at the same times: one fit
+    of_imu = fit_spline(imu.time[imu_part], felt, _KNOT * clock, reach=reach)
+    angular_velocity, acceleration = np.hsplit(of_imu.at(time), 2)
+    imu_noise = of_imu.noise(time)
     return LiftSamples(
         diagonal,
         float(start),
@@ -140,13 +142,13 @@ def read_lift(
         position.at(time),
         position.at(time, derivative=1),
         position.at(time, derivative=2),
-        angular_velocity.at(time),
-        angular_velocity.at(time, derivative=1),
-        acceleration.at(time),
+        angular_velocity,
+        of_imu.at(time, derivative=1)[:, :3],
+        acceleration,
         at_times(time, imu.time, up_in_imu),
         encoder_noise**2 * position.noise(time, derivative=1),
-        gyro_noise**2 * angular_velocity.noise(time),
-        accelerometer_noise**2 * acceleration.noise(time),
+        gyro_noise**2 * imu_noise,
+        accelerometer_noise**2 * imu_noise,
     )
 
 

@@ -84,14 +84,14 @@ class TorqueSamples:
             return None
         time = np.arange(start, end, _STEP * time_scale)
         knot = _KNOT * time_scale
-        position = fit_spline(joints.time, joints.position, knot).spline
-        torque = fit_spline(joints.time, joints.torque, knot).spline
-        angular_velocity = fit_spline(imu.time, imu.angular_velocity_in_imu - gyro_bias, knot).spline
-        acceleration = fit_spline(imu.time, imu.acceleration_in_imu, knot).spline
+        of_joints = fit_spline(joints.time, np.hstack([joints.position, joints.torque]), knot).spline
+        turning = imu.angular_velocity_in_imu - gyro_bias
+        of_imu = fit_spline(imu.time, np.hstack([turning, imu.acceleration_in_imu]), knot).spline
+        (position, torque), (angular_velocity, acceleration) = (np.hsplit(of(time), 2) for of in (of_joints, of_imu))
+        (velocity, _), (angular_acceleration, _) = (np.hsplit(of.derivative()(time), 2) for of in (of_joints, of_imu))
         return cls(
-            position(time), position.derivative()(time), position.derivative(2)(time), torque(time),
-            angular_velocity(time), angular_velocity.derivative()(time), acceleration(time),
-            np.full(len(time), np.median(np.diff(joints.time))),
+            position, velocity, np.hsplit(of_joints.derivative(2)(time), 2)[0], torque,
+            angular_velocity, angular_acceleration, acceleration, np.full(len(time), np.median(np.diff(joints.time))),
         )  # fmt: skip
 
     def part(self, samples: slice) -> TorqueSamples:

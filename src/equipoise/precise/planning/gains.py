@@ -20,16 +20,23 @@ class Steps:
 
         W C J^T (1 + J C J^T)^-1 J C W^T,
 
-    which takes systems of as many equations as J has rows instead of as there are unknowns.
+    which takes systems of as many equations as J has rows instead of as there are unknowns. What is kept of each candidate,
+    J C J^T and J C W^T, follows C as steps are taken.
+
+    Args:
+        covariance: (size, size) covariance C of the unknowns before the first step.
+        weights: (10, size) weights W of these.
     """
 
-    def __init__(self, candidates: Candidates) -> None:
+    def __init__(self, candidates: Candidates, covariance: FloatArray, weights: FloatArray) -> None:
         self._count = len(candidates.lifts)
         self._move = [self._count + candidates.postures.index(lift.posture) for lift in candidates.lifts]
         self._posture = [*(lift.posture for lift in candidates.lifts), *candidates.postures]
-        self._rows = _as_few_rows(candidates.rows)
-        self._transposed = np.swapaxes(self._rows, 1, 2).copy()
-        self._moves_transposed = self._transposed[self._move]
+        self._rows, self._weights = _as_few_rows(candidates.rows), weights
+        seen = self._times(covariance)
+        self._noise = np.eye(self._rows.shape[1]) + seen @ _transposed(self._rows)
+        self._shared = seen[: self._count] @ _transposed(self._rows[self._move])
+        self._effect = self._times(covariance @ weights.T)
 
     def parts(self, index: int, visited: Container[BodyPosture]) -> tuple[int, ...]:
         """What is done for a candidate: the lift, and before it the move to its posture; or a move."""
@@ -37,13 +44,25 @@ class Steps:
             return (index,)
         return (index, self._move[index])
 
-    def best(
-        self,
-        costs: Mapping[int, float],
-        visited: Container[BodyPosture],
-        covariance: FloatArray,
-        weights: FloatArray,
-    ) -> tuple[float, int] | None:
+    def rows(self, parts: Sequence[int]) -> FloatArray:
+        """(m, size) J of what is done, as few rows as say the same."""
+        return np.concatenate([self._rows[part] for part in parts])
+
+    def learn(self, taken: FloatArray, covariance: FloatArray) -> None:
+        """Follow a step that is taken.
+
+        Args:
+            taken: (m, size) J of that step.
+            covariance: (size, size) covariance of the unknowns before it.
+        """
+        across = covariance @ taken.T
+        seen = self._times(across)
+        told = seen @ np.linalg.inv(np.eye(len(taken)) + taken @ across)
+        self._noise -= told @ _transposed(seen)
+        self._shared -= told[: self._count] @ _transposed(seen[self._move])
+        self._effect -= told @ (self._weights @ across).T
+
+    def best(self, costs: Mapping[int, float], visited: Container[BodyPosture]) -> tuple[float, int] | None:
         """The candidate that lowers the sum of the weighted variances most per second; None if there is none.
 
         Returns:
@@ -51,26 +70,30 @@ class Steps:
 
         Args:
             costs: robot time of those that are possible, by their index [s].
-            covariance: (size, size) covariance of the unknowns.
-            weights: (10, size) weights of these.
         """
-        size = len(covariance)
-        seen = (self._rows.reshape(-1, size) @ covariance).reshape(self._rows.shape)
-        effect = (seen.reshape(-1, size) @ weights.T).reshape(len(seen), -1, len(weights))
-        noise = np.eye(self._rows.shape[1]) + seen @ self._transposed
+        noise, effect = self._noise, self._effect
         alone = [index for index in costs if len(self.parts(index, visited)) == 1]
         lowered = dict(zip(alone, _lowered(noise[alone], effect[alone]), strict=True))
         lifts = [index for index in costs if len(self.parts(index, visited)) == 2]
         if lifts:
             moves = [self._move[index] for index in lifts]
-            shared = seen[lifts] @ self._moves_transposed[lifts]
-            both = np.block([[noise[lifts], shared], [np.swapaxes(shared, 1, 2), noise[moves]]])
+            shared = self._shared[lifts]
+            both = np.block([[noise[lifts], shared], [_transposed(shared), noise[moves]]])
             lowered |= dict(
                 zip(lifts, _lowered(both, np.concatenate([effect[lifts], effect[moves]], axis=1)), strict=True)
             )
         gains = {index: lowered[index] / cost for index, cost in costs.items()}
         best = max(gains, key=lambda index: gains[index], default=None)
         return (gains[best], best) if best is not None and gains[best] > 0 else None
+
+    def _times(self, columns: FloatArray) -> FloatArray:
+        """(k, m, c) of all candidates' rows and (size, c) columns."""
+        flat = self._rows.reshape(-1, len(columns)) @ columns
+        return flat.reshape(*self._rows.shape[:2], -1)
+
+
+def _transposed(matrices: FloatArray) -> FloatArray:
+    return np.swapaxes(matrices, -1, -2)
 
 
 def _lowered(noise: FloatArray, effect: FloatArray) -> list[float]:
