@@ -61,7 +61,7 @@ def commands_of(trial: int, timestep: float) -> tuple[mujoco.MjModel, np.ndarray
             mujoco.mj_getState(model, data, initial, STATE)
             controls: list[np.ndarray] = []
             roll = platform._roll
-            platform._roll = lambda control: controls.append(control) or roll(control)
+            platform._roll = lambda control, turn=0.0: controls.append(control) or roll(control, turn)
             calibrate(platform, drawn.robot, Paper())
     return model, initial, np.concatenate(controls)
 
@@ -252,7 +252,7 @@ def report(found: dict[str, object]) -> str:
             f"Engine steps a second of a whole study on {CORES} processes (drawing, building, planning, sensing, estimating "
             "and storing included), and of `mujoco.rollout` alone: the same models, horizons, commands and number of "
             "processes, before and after the study, which begins on processes that have done fifteen trials each. "
-            "Target: 0.85.",
+            "Target: 0.87.",
             "", "| engine step | a study | `mujoco.rollout` alone | ratio | | calibrations a second |",
             "|---|---|---|---|---|---|",
         ]  # fmt: skip
@@ -260,7 +260,7 @@ def report(found: dict[str, object]) -> str:
             ratio = row["study"] / row["alone"]
             lines.append(
                 f"| {1000 * row['timestep']:g} ms | {row['study']:,.0f} | {row['alone']:,.0f} | {ratio:.2f} | "
-                f"{verdict(ratio >= 0.85)} | {row['trials_per_second']:.2f} |"
+                f"{verdict(ratio >= 0.87)} | {row['trials_per_second']:.2f} |"
             )
     if "growth" in found:
         part = found["growth"]

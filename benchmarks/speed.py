@@ -63,7 +63,7 @@ def one_round() -> tuple[float, float, float, int, list[Recording]]:
     start.qpos[:], start.qvel[:] = platform._data.qpos, platform._data.qvel
     controls: list[np.ndarray] = []
     roll = platform._roll
-    platform._roll = lambda control: controls.append(control) or roll(control)
+    platform._roll = lambda control, turn=0.0: controls.append(control) or roll(control, turn)
     recordings: list[Recording] = []
     routine = timed(lambda: calibrate(platform, robot, Paper(), keep=recordings.append))
     played = np.concatenate(controls)

@@ -18,6 +18,7 @@ from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.precise.plan import Durations, Goals, make_plan, name_components
 from equipoise.precise.planning.candidates import Candidates, describe
+from equipoise.precise.planning.gains import Steps
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.predict import Predictor
 from equipoise.precise.residual_blocks import TiltBlock
@@ -99,6 +100,23 @@ def test_the_least_budget_that_is_named_is_enough(candidates):
     assert make_plan(candidates, least, aside=3.3).lifts >= 1
     with pytest.raises(SettingsError):
         make_plan(candidates, least - 1, aside=3.3)
+
+
+def test_steps_that_were_taken_count_as_if_all_were_looked_at_anew(candidates):
+    size = candidates.unknowns.size
+    random = np.random.default_rng(4)
+    weights, covariance = random.normal(size=(10, size)), np.eye(size)
+    steps, costs = Steps(candidates, covariance, weights), dict.fromkeys(range(len(candidates.rows)), 1.0)
+    visited = set()
+    for _ in range(3):
+        gain, best = steps.best(costs, visited)
+        taken = steps.rows(steps.parts(best, visited))
+        visited.add(steps._posture[best])
+        steps.learn(taken, covariance)
+        covariance = np.linalg.inv(np.linalg.inv(covariance) + taken.T @ taken)
+        anew, same = Steps(candidates, covariance, weights).best(costs, visited)
+        gain, best = steps.best(costs, visited)
+        assert (best, gain) == (same, pytest.approx(anew, rel=1e-7))
 
 
 def test_lifts_are_sure_to_tell_what_the_model_cannot(plans, trusted):

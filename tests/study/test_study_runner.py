@@ -77,6 +77,11 @@ def test_progress_counts_what_was_there(cheap, tmp_path):
     assert told[-1].remaining == 0
 
 
+def test_a_limit_that_leaves_no_time_is_refused(tmp_path):
+    with pytest.raises(SettingsError, match="a limit of 0 s leaves a trial no time; give it minutes"):
+        run_study(STATIC, 1, tmp_path / "study", Inline(), limit=0.0)
+
+
 @pytest.mark.parametrize(("trials", "workers"), [(0, 1), (-3, 1), (1, 0), (1, -2)])
 def test_no_trials_and_no_workers_are_refused(trials, workers, tmp_path):
     with pytest.raises(SettingsError, match="one"):
