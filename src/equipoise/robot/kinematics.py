@@ -187,7 +187,7 @@ def _nearest_posture(
         errors = feet_in_base - feet
         transposed = jacobians.transpose(0, 2, 1)
         normal = transposed @ jacobians + damping
-        steps: FloatArray = np.linalg.solve(normal, transposed @ errors[:, :, None])[:, :, 0]
+        steps = np.asarray(np.linalg.solve(normal, transposed @ errors[:, :, None])[:, :, 0], dtype=float)
         stepped = position.copy()
         stepped[joints] += _within(steps, -_MAX_JOINT_STEP, _MAX_JOINT_STEP)
         stepped = _within(stepped, robot.lower_limit, robot.upper_limit)
