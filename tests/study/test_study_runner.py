@@ -225,9 +225,9 @@ def test_a_pool_that_breaks_between_two_looks_is_replaced(cheap, tmp_path, monke
 class Cancelling(Inline):
     """Cancels from a certain trial on, as Dask's client does when the scheduler is gone."""
 
-    def submit(self, function, /, study, trial, logs):
+    def submit(self, function, /, limit, run, study, trial, logs):
         if trial < 2:
-            return super().submit(function, study, trial, logs)
+            return super().submit(function, limit, run, study, trial, logs)
         future = Future()
         future.cancel()
         future.set_running_or_notify_cancel()
