@@ -22,8 +22,8 @@ from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_di
 from equipoise.result.findings import Check, JointFindings, Motor, SensorFinding
 from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
-from equipoise.result.uncertainty import UncertaintySource
 from equipoise.result.requirements import verdicts
+from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
