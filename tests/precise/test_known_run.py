@@ -254,3 +254,9 @@ def test_what_is_required_and_not_met_has_an_exit_code(folder, precise_run, word
 def test_an_unknown_requirement_is_refused(folder, capsys):
     assert main(["estimate", str(folder), "--require", "indentified"]) == 2
     assert "did you mean 'identified'?" in capsys.readouterr().err
+
+
+def test_a_budget_of_a_run_that_knows_another_names_it_as_a_source(later):
+    (source,) = [source for source in later[2].budget if source.name.startswith("what the earlier run left open")]
+    assert 0.1 < source.shares[1] < 1
+    np.testing.assert_allclose(sum(each.shares for each in later[2].budget), 1, atol=1e-6)

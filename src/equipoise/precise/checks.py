@@ -255,7 +255,9 @@ def _torques_carry_the_mass(posterior: Posterior) -> Check:
     # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
     # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
     mean, before = unknowns.believed("torque_gain")
-    told = max(float((before - posterior.covariance[gains, gains]).sum()), _TOLD)
+    told = float((before - posterior.covariance[gains, gains]).sum())
+    if unknowns.belief is not None:  # what half a minute adds may be less than rounding
+        told = max(told, _TOLD)
     common = float((posterior.x[gains] - mean).sum())
     size = abs(common) / float(np.sqrt(told))
     off = common / told * unknowns.priors.torque_gain

@@ -115,7 +115,7 @@ class Unknowns:
     def columns(self, *names: str) -> NDArray[np.intp]:
         """Places of some blocks in the vector, in the order of the names."""
         places: NDArray[np.intp] = np.arange(self.size)
-        return np.concatenate([places[self[name]] for name in names])
+        return np.concatenate([places[:0], *(places[self[name]] for name in names)])
 
     def labels(self, row: Unknown) -> tuple[str, ...]:
         """What there is one of an unknown of."""
