@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.known.both_runs import both_runs
+from equipoise.precise.known.known_run import KnownRun
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.parameters import base_vector
+from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.screening import screen
 from equipoise.precise.two_runs import ScaleReadings, TwoRuns, estimate_two_runs
 from equipoise.precise.unknowns import Priors
@@ -97,6 +100,20 @@ def find_delta(
     runs = estimate_two_runs(robot, stance, evidences, priors, scale)
     warnings = () if runs.converged else ("the estimate did not settle: something does not fit at all",)
     return _delta(robot, stance, runs, warnings)
+
+
+def find_delta_since(robot: RobotModel, known: KnownRun, evidence: PosteriorEvidence) -> Delta:
+    """What was added since an earlier run, by a run that knows it.
+
+    Args:
+        evidence: evidence of the result of such a run.
+
+    Raises:
+        SettingsError: the earlier run is of another robot.
+    """
+    known.check(robot)
+    runs = both_runs(known, evidence.posterior, evidence.changes)
+    return _delta(robot, nominal_stance(robot), runs, tuple(change.sentence for change in evidence.changes))
 
 
 def _delta(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str, ...]) -> Delta:

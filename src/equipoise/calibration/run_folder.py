@@ -7,6 +7,8 @@ unrecorded.json     what was sensed and sent that makes no recording, as it was:
 metadata.yaml       what rosbag2 wants to know of that, once the run is over
 truth.json          simulation only
 calibration.json    the result
+posterior.json      what the next run of this robot may know, of a method that keeps such
+known.json          that of an earlier run, where this one began with it
 report.html         all of it on a page
 """
 
@@ -49,6 +51,7 @@ from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.run/3"
 RESULT = "calibration.json"
+POSTERIOR = "posterior.json"
 LOG = "recording.mcap"
 HEADER = "run.json"
 UNRECORDED = "unrecorded.json"
@@ -97,6 +100,7 @@ class RunFolder:
             },
             "description": dataclasses.asdict(robot.description),
             "settings": method.to_dict(),
+            **({"attachments": [*method.attachments()]} if method.attachments() else {}),
             "provenance": dict(provenance),
         }
         try:
@@ -105,6 +109,8 @@ class RunFolder:
                 raise OutputError(f"the output folder {str(path)!r} holds {holds}; name a new one with --out")
             path.mkdir(parents=True, exist_ok=True)
             write_file(path / _MODEL, robot.source.xml)
+            for name, table in method.attachments().items():
+                write_file(path / f"{name}.json", json.dumps(table) + "\n")
             log = RunLog(path / LOG)
             write_file(path / HEADER, json.dumps(header, indent=2) + "\n")  # whoever finds a header finds the rest
         except OutputError:
@@ -228,11 +234,16 @@ class RunFolder:
 
     def method(self) -> Method:
         """The method of the run with its settings; raises PluginError if the package that brings it cannot be used."""
-        table = self._header["settings"]
+        table = {**self._header["settings"], **self._attached()}
         try:
             return method_from_dict(_settings_before_3(table) if self._header["schema"] in _READ else table)
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {_told(error)}") from error
+
+    def _attached(self) -> dict[str, Any]:
+        """Settings that have a file each."""
+        damaged = f"the run {str(self.path)!r} is damaged"
+        return {name: _read_json(self.path / f"{name}.json", damaged) for name in self._header.get("attachments", ())}
 
     def save_truth(self, truth: RobotInertia, motors: Mapping[str, Mapping[str, float]] | None = None) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
@@ -271,9 +282,16 @@ class RunFolder:
         return dataclasses.replace(Calibration.load(self.path / RESULT), robot_model=self.robot())
 
     def save(self, calibration: Calibration) -> Path:
-        """Write the result."""
+        """Write the result, and what the next run may know of this one."""
+        self.keep_for_the_next(calibration)
         calibration.save(self.path / RESULT)
         return self.path / RESULT
+
+    def keep_for_the_next(self, calibration: Calibration) -> None:
+        """Write what the next run of this robot may know, if the result has its evidence and the method keeps such."""
+        kept = None if calibration.evidence is None else calibration.evidence.keepsake(calibration.settings)
+        if kept is not None:
+            write_file(self.path / POSTERIOR, json.dumps(kept) + "\n")
 
 
 def _settings_before_3(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -25,6 +25,7 @@ VERBS = {
     "report": ("report", "a page to read and to show: a run, or several compared"),
     "export": ("export", "write the result into the file that your controller reads"),
     "delta": ("delta", "what was added between two calibrations"),
+    "weigh": ("weigh", "what is on a robot now beside its last calibration, in half a minute"),
     "doctor": ("robot", "look at a robot without moving it"),
     "record": ("robot", "log a robot's sensors without moving it"),
     "balance": ("balance", "stand on two feet in simulation, to test a centre of mass"),

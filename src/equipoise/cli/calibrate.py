@@ -21,12 +21,14 @@ from equipoise.cli.flags import (
     NoiseName,
     Output,
     PlatformName,
+    Required,
     RobotFlags,
     RobotOrNone,
     SettingsGiven,
     Verbose,
     WithEffects,
     WithoutEffects,
+    exit_code,
     load,
 )
 from equipoise.cli.methods import method_asked_for, method_flags, owners, read_method, refuse_flags_of_other_methods
@@ -159,9 +161,12 @@ class RunFlags(ShownFlags):
 
     Attributes:
         out: Run folder; default runs/ROBOT-TIME.
+        require: End with 11 where the result is less than that, as identified,checks: all that the method estimates is
+            identified; all checks passed; or com_x, com_y and other quantities are identified.
     """
 
     out: File = None
+    require: Required = None
 
 
 def calibrate(
@@ -174,7 +179,7 @@ def calibrate(
     description: Described = RobotFlags(),  # noqa: B008
     place: Any = None,
     output: RunFlags = RunFlags(),
-) -> None:
+) -> int:
     """Find a quadruped's mass, centre of mass and inertia, in simulation or on the robot.
 
     The run folder keeps every recording. On a robot a guard watches every command and sample, and lets it down on any trouble.
@@ -190,9 +195,10 @@ def calibrate(
         resume: Go on with the run in this folder behind its last complete trial, as it began: no other settings may be given.
     """
     from equipoise.calibration.routine import check
+    from equipoise.result.requirements import read_requirements, verdicts
 
     del resume  # a run that is gone on with is what `_resume` does
-    asked, where = read_method(method), place.place()
+    asked, where, required = read_method(method), place.place(), read_requirements(output.require)
     if repeat < 1:
         raise SettingsError(f"--repeat is {repeat}; it must be 1 or more")
     if repeat > 1 and output.rerun is not None:
@@ -204,7 +210,7 @@ def calibrate(
     check(model, asked)
     if dry_run:
         rehearsed(model, asked, where.platform, output.json)
-        return
+        return 0
     confirm(where, model, asked, getattr(place, "yes", True))
     now = datetime.now(timezone.utc)
     out = output.out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
@@ -213,11 +219,13 @@ def calibrate(
         _say_what(robot, where, asked, out)
     with Session(where, model) as session:
         if repeat == 1:
-            folder = _begun(session, out, asked, facts)
+            folder = begun(session, out, asked, facts)
             with output.watch.over(folder, output.silent):
-                output.show(_run(session, folder, asked, output.silent), folder)
+                results = [run_into(session, folder, asked, output.silent)]
+                output.show(results[0], folder)
         else:
-            _repeated(session, out, asked, facts, repeat, output)
+            results = _repeated(session, out, asked, facts, repeat, output)
+    return max(exit_code(required, verdicts(result.composite, result.checks)) for result in results)
 
 
 def _resume(
@@ -249,7 +257,7 @@ def _resume(
     with Session(place, model) as session:
         folder, content = RunFolder.resume(resume, repeats=place.simulated)
         with output.watch.over(folder, output.silent):
-            output.show(_run(session, folder, method, output.silent, content), folder)
+            output.show(run_into(session, folder, method, output.silent, content), folder)
 
 
 def calibrate_for(arguments: Sequence[str]) -> Verb:
@@ -259,18 +267,7 @@ def calibrate_for(arguments: Sequence[str]) -> Verb:
         SettingsError: a flag belongs to another method or another kind of platform.
     """
     name = method_asked_for(arguments)
-    platform = chosen(arguments, "--platform", DEFAULT_PLATFORM)
-    kinds = {"simulators": SimulationFlags, "real robots": PlatformFlags}
-    own = "simulators" if Place(platform).simulated else "real robots"
-    flags = method_flags(name, arguments)
-    verbs = {
-        kind: shaped(
-            calibrate,
-            method=flags,
-            place=Annotated[place, arg(name="simulation" if kind == "simulators" else "platform")],
-        )
-        for kind, place in kinds.items()
-    }
+    verbs = _by_place(calibrate, method=method_flags(name, arguments))
     if "--help" not in arguments and chosen(arguments, "--resume", ""):
         for flag in unknown_flags(_resume, arguments):
             if owners(flag) or any(flag in flag_names(verb) for verb in verbs.values()):
@@ -278,12 +275,39 @@ def calibrate_for(arguments: Sequence[str]) -> Verb:
                     f"--resume goes on as the run began; --{flag.replace('_', '-')} cannot be given with it"
                 )
         return _resume
-    for flag in unknown_flags(verbs[own], arguments):
+    verb = _at_place(verbs, arguments)
+    refuse_flags_of_other_methods(verb, arguments, f"--method {name}")
+    return verb
+
+
+def placed(verb: Verb, arguments: Sequence[str], method: Any) -> Verb:
+    """A verb that calibrates, with the flags of the platform that is asked for.
+
+    Args:
+        method: class of the method's flags.
+
+    Raises:
+        SettingsError: a flag belongs to another kind of platform.
+    """
+    return _at_place(_by_place(verb, method), arguments)
+
+
+def _by_place(verb: Verb, method: Any) -> dict[str, Verb]:
+    kinds = {"simulators": ("simulation", SimulationFlags), "real robots": ("platform", PlatformFlags)}
+    return {
+        kind: shaped(verb, method=method, place=Annotated[place, arg(name=name)])
+        for kind, (name, place) in kinds.items()
+    }
+
+
+def _at_place(verbs: Mapping[str, Verb], arguments: Sequence[str]) -> Verb:
+    platform = chosen(arguments, "--platform", DEFAULT_PLATFORM)
+    own = verbs["simulators" if Place(platform).simulated else "real robots"]
+    for flag in unknown_flags(own, arguments):
         for kind, verb in verbs.items():
             if flag in flag_names(verb):
                 raise SettingsError(f"--{flag.replace('_', '-')} is for {kind}; {platform} is none")
-    refuse_flags_of_other_methods(verbs[own], arguments, f"--method {name}")
-    return verbs[own]
+    return own
 
 
 def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> None:
@@ -307,14 +331,14 @@ def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> Non
     print(f"{whose}, {where}{load}, method {method.name}, into {out}", file=sys.stderr)
 
 
-def _begun(session: Session, out: Path, method: Method, facts: Mapping[str, Any]) -> RunFolder:
+def begun(session: Session, out: Path, method: Method, facts: Mapping[str, Any]) -> RunFolder:
     """The folder of a run that is about to be made."""
     from equipoise.calibration.run_folder import RunFolder
 
     return RunFolder.create(out, session.robot, method, {**facts, **session.facts})
 
 
-def _run(
+def run_into(
     session: Session, folder: RunFolder, method: Method, quiet: bool, content: LogContent | None = None
 ) -> Calibration:
     """One run, its result on disk."""
@@ -330,7 +354,7 @@ def _repeated(
     facts: Mapping[str, Any],
     count: int,
     output: RunFlags,
-) -> None:
+) -> list[Calibration]:
     """Several runs on one robot, and how much they differ."""
     from equipoise.calibration.repeatability import repeatability, to_dict
     from equipoise.report.page import REPORT, save_comparison, save_report
@@ -340,9 +364,9 @@ def _repeated(
     for number in range(count):
         if not output.silent:
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
-        folder = _begun(session, out / f"{number + 1:02d}", method, {**facts, "repetition": number})
+        folder = begun(session, out / f"{number + 1:02d}", method, {**facts, "repetition": number})
         with output.watch.over(folder, output.silent, stays=number + 1 == count):
-            result = _run(session, folder, method, output.silent)
+            result = run_into(session, folder, method, output.silent)
         results[folder.path.name] = result
         if output.report:
             save_report(result, folder.path)
@@ -356,3 +380,4 @@ def _repeated(
     else:
         print_repeatability(session.robot.name, repeated, count)
         print(f"saved: {out}" + (f"\nsee {out / REPORT}" if output.report else ""))
+    return [*results.values()]

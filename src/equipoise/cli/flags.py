@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,6 +58,7 @@ WithoutEffects = UseAppendAction[
 ]
 ContactsName = Annotated[Literal["own", "file"], arg(help=_CONTACTS)]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
+Required = Annotated[str | None, arg(metavar="WORDS", help_behavior_hint="")]
 Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdout.", help_behavior_hint="")]
 
 
@@ -96,6 +97,16 @@ def load(robot: str, flags: RobotFlags) -> Any:
     from equipoise.robot.catalog import load_robot
 
     return load_robot(robot, described(flags))
+
+
+def exit_code(required: Sequence[str], verdicts: Mapping[str, bool]) -> int:
+    """0, or where something that was required is not so, which is told on stderr, the code that says so."""
+    from equipoise.result.requirements import UNMET
+
+    unmet = [word for word in required if not verdicts[word]]
+    for word in unmet:
+        print(f"required, and not met: {word}", file=sys.stderr)
+    return UNMET if unmet else 0
 
 
 def described(flags: RobotFlags) -> RobotDescription:

@@ -8,12 +8,25 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
 from equipoise.cli.calibrate import DEFAULT_PLATFORM, rehearsed
-from equipoise.cli.flags import Described, Duration, File, Flag, Output, Robot, RobotFlags, Topic, Verbose, load
+from equipoise.cli.flags import (
+    Described,
+    Duration,
+    File,
+    Flag,
+    Output,
+    Required,
+    Robot,
+    RobotFlags,
+    Topic,
+    Verbose,
+    exit_code,
+    load,
+)
 from equipoise.cli.methods import (
     DEFAULT_METHOD,
     method_asked_for,
@@ -24,6 +37,9 @@ from equipoise.cli.methods import (
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
 from equipoise.errors import LogError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
+
+if TYPE_CHECKING:
+    from equipoise.result.calibration import Calibration
 
 
 def plan(
@@ -94,12 +110,15 @@ class EstimateOutput(Output):
         report: Leave out the page.
         verbose: Show every piece of a log, and how long each stage of the estimate took.
         explain: Show where the uncertainty comes from, and what would make it less.
+        require: End with 11 where the result is less than that, as identified,checks: all that the method estimates is
+            identified; all checks passed; or com_x, com_y and other quantities are identified.
     """
 
     out: File = None
     report: Flag = True
     verbose: Verbose = False
     explain: Flag = False
+    require: Required = None
 
 
 def estimate(
@@ -109,7 +128,7 @@ def estimate(
     source: Annotated[LogFlags, arg(name="log")] = LogFlags(),
     description: Described = RobotFlags(),  # noqa: B008
     output: EstimateOutput = EstimateOutput(),
-) -> None:
+) -> int:
     """Estimate again from a run's recordings, or from a log that is not ours. Needs no robot and no simulator.
 
     Logs are rosbag2 bags (a folder, an .mcap or a .db3 file) with JointState and Imu or unitree_go/LowState, and .csv and
@@ -118,15 +137,18 @@ def estimate(
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
     """
-    given = given_flags(method)
+    from equipoise.result.requirements import read_requirements, verdicts
+
+    given, required = given_flags(method), read_requirements(output.require)
     if source.robot is not None:
-        _estimate_log(log, source.robot, source, description, given, output)
+        result = _estimate_log(log, source.robot, source, description, given, output)
     elif source != LogFlags() or description != RobotFlags():
         raise SettingsError(
             "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"
         )
     else:
-        _estimate_run(log, given, output)
+        result = _estimate_run(log, given, output)
+    return exit_code(required, verdicts(result.composite, result.checks))
 
 
 def estimate_for(arguments: Sequence[str]) -> Verb:
@@ -153,7 +175,7 @@ def _method_of(arguments: Sequence[str]) -> str:
     return DEFAULT_METHOD
 
 
-def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) -> None:
+def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) -> Calibration:
     from equipoise.calibration.run_folder import RESULT, RunFolder
     from equipoise.cli.report import try_to_save
     from equipoise.logs.reader import is_log
@@ -175,20 +197,23 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     elif asked == method:  # the run's page is of the run's result
         files = try_to_save(result, path) if output.report else []
     kept = output.out or (path if asked == method and folder.complete else None)
+    if asked == method and folder.complete:
+        folder.keep_for_the_next(result)
     if output.json:
         print(result.to_json(), end="")
-        return
+        return result
     print_calibration(result, files, output.verbose, kept)
     if output.explain:
         print_budget(result)
     if asked != method and output.out is None:
         file = path / "again.json"
         print(f"not kept, and not what {path / RESULT} holds: to keep, see and export it add --out {file}")
+    return result
 
 
 def _estimate_log(
     path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: EstimateOutput
-) -> None:
+) -> Calibration:
     from equipoise.cli.report import try_to_save
     from equipoise.logs.joint_names import read_joint_map
     from equipoise.logs.offline import estimate_log
@@ -220,6 +245,7 @@ def _estimate_log(
         print_calibration(result, files, output.verbose, output.out)
         if output.explain:
             print_budget(result)
+    return result
 
 
 def audit(robot: Robot, *, description: Described = RobotFlags(), output: Output = Output()) -> int:  # noqa: B008

@@ -33,6 +33,7 @@ class SettingFlag:
         default: value where the flag is not given.
         words: help of the flag.
         read: function that reads the value from a file, which is what the flag is given then; None: it is the value.
+        metavar: word for that file in help.
     """
 
     name: str
@@ -41,6 +42,7 @@ class SettingFlag:
     default: Any
     words: str
     read: Callable[[Path], Any] | None = None
+    metavar: str = "FILE"
 
     @property
     def is_by_name(self) -> bool:
@@ -68,7 +70,7 @@ class SettingFlag:
             return UseAppendAction[given]
         hint = "" if self.default is None or self.default in ((), {}) else None
         kind = (str | None) if self.is_time else self.kind
-        metavar = "FILE" if self.read is not None else _metavar(plain, self.words)
+        metavar = self.metavar if self.read is not None else _metavar(plain, self.words)
         return Annotated[kind, arg(help=words, metavar=metavar, help_behavior_hint=hint)]
 
 
@@ -83,7 +85,8 @@ def _settings_in(kind: type[Any], prefix: str, path: tuple[str, ...]) -> Iterato
         below = field.metadata.get("prefix", f"{field.name}_")
         if (read := field.metadata.get("file")) is not None:
             told = words.get(field.name, "")
-            yield SettingFlag(field.name, (*path, field.name), str | None, None, told, read)
+            shown = field.metadata.get("metavar", "FILE")
+            yield SettingFlag(field.name, (*path, field.name), str | None, None, told, read, shown)
             continue
         if dataclasses.is_dataclass(hints[field.name]):
             if below is not None:

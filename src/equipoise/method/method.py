@@ -30,7 +30,7 @@ class Method(ABC):
     A field may be a dataclass of settings itself. On the command line fields are flags, with what the docstring's
     "Attributes" say as help; `metadata={"prefix": "sway_"}` of a field that holds settings begins the names of their flags,
     and None as a prefix leaves them without flags. `metadata={"file": read}` makes one flag of such a field, a file that
-    `read` reads.
+    `read` reads; `"metavar"` beside it is what help calls that file.
 
     Attributes:
         name: name that users choose it by, as in `--method precise`.
@@ -126,6 +126,10 @@ class Method(ABC):
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
         """Columns of a study's table that only this method fills, of a result with its evidence."""
         del result, stance
+        return {}
+
+    def attachments(self) -> Mapping[str, Mapping[str, Any]]:
+        """Settings that are too large to stand among the others, whole, as JSON values by name; a run has a file of each."""
         return {}
 
     def to_dict(self) -> dict[str, Any]:

@@ -57,8 +57,11 @@ class Forecast(Protocol):
             before.
         deviation: (10,) predicted standard deviations of these.
         left_out: motions that the robot cannot do, and why.
+        without: (10,) what the same time would give if no earlier run were known; None: none is.
     """
 
+    @property
+    def without(self) -> FloatArray | None: ...
     @property
     def robot_time(self) -> float: ...
     @property

@@ -87,5 +87,8 @@ class Together(Method):
     def study_columns(self, result: Calibration, stance: Stance) -> Mapping[str, Any]:
         return self.base.study_columns(result, stance)
 
+    def attachments(self) -> Mapping[str, Mapping[str, Any]]:
+        return self.base.attachments()
+
     def to_dict(self) -> dict[str, Any]:
         return {**self.base.to_dict(), AND_MOTORS: self.motors.to_dict()}

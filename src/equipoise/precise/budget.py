@@ -90,7 +90,11 @@ def _sources(posterior: Posterior, instead: Mapping[str, str]) -> Iterator[tuple
     yield "what was believed of the base", believed, _TIME
     if mass is not None:
         yield "the scale", _information(body_prior_rows(unknowns, x, mass)[1]) - believed, "a better scale (--mass-sd)"
-    for group in GROUPS:
+    if unknowns.belief is not None:
+        information = np.zeros((unknowns.size, unknowns.size))
+        information[unknowns.tabled, unknowns.tabled] = unknowns.belief.information
+        yield "what the earlier run left open, and what may have changed since", information, _TIME
+    for group in GROUPS if unknowns.belief is None else ():
         columns = unknowns.columns(*(row for row in group.rows if unknowns.estimates(row)))
         if len(columns):
             information = np.zeros((unknowns.size, unknowns.size))

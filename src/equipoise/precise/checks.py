@@ -31,6 +31,7 @@ _FEWEST_SIDE = 3  # motions before and after a change: one or two that differ ar
 _CHANGE = 0.1  # of what is not known of the base beforehand: what moves on a robot is no new robot
 _SMALL_SHIFT = 0.1  # of a posterior standard deviation: first order is not surer than that, and nobody minds less
 _IMPLAUSIBLE = 4.0  # prior standard deviations: some sixty sensor errors are looked at
+_TOLD = 0.05  # variance that a run took away at least; in units of the prior
 _TORQUE_MISFIT = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
 _LEGS_DIFFER = 4.0
 # [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
@@ -253,8 +254,11 @@ def _torques_carry_the_mass(posterior: Posterior) -> Check:
         return Check("mass", posterior.torque_misfit < _TORQUE_MISFIT, balance)
     # The best estimate of an error that all gains have in common. An estimated gain is drawn to zero as far as the run does
     # not tell it (most joints of a standing robot carry little), and by chance has the variance that the run took away.
-    told = float((np.eye(gains.stop - gains.start) - posterior.covariance[gains, gains]).sum())
-    common = float(posterior.x[gains].sum())
+    mean, before = unknowns.believed("torque_gain")
+    told = float((before - posterior.covariance[gains, gains]).sum())
+    if unknowns.belief is not None:  # what half a minute adds may be less than rounding
+        told = max(told, _TOLD)
+    common = float((posterior.x[gains] - mean).sum())
     size = abs(common) / float(np.sqrt(told))
     off = common / told * unknowns.priors.torque_gain
     message = (

@@ -11,7 +11,7 @@ from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 
-_ITERATIONS, _HALVINGS = 8, 8
+_ITERATIONS, _HALVINGS, _PATIENCE = 8, 8, 4
 # Largest part of a step, in posterior standard deviations of the unknown: with one so small a round is done, whose noise
 # levels hang on the unknowns little; with one so small the estimate is; and a larger last one is none.
 _NEAR, _CONVERGED, _SETTLED = 0.3, 1e-2, 0.5
@@ -87,6 +87,24 @@ def solve(problem: Problem, start: FloatArray, rounds: int) -> tuple[FloatArray,
         problem.let_go()
         problem.prepare(x)
         x, left = _descend(problem, x, _CONVERGED)
+    except np.linalg.LinAlgError as error:
+        raise RecordingError(f"the recordings do not determine an estimate: {error}") from error
+    return x, left < _SETTLED
+
+
+def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
+    """As `solve`, at the noise levels as they are.
+
+    Raises:
+        RecordingError: what was recorded does not determine the unknowns.
+    """
+    try:
+        problem.prepare(start)
+        x, left = start, np.inf
+        for _ in range(_PATIENCE):  # what is told little is found slowly
+            x, left = _descend(problem, x, _CONVERGED)
+            if left < _CONVERGED:
+                break
     except np.linalg.LinAlgError as error:
         raise RecordingError(f"the recordings do not determine an estimate: {error}") from error
     return x, left < _SETTLED

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from equipoise.errors import ReachError, SettingsError
 from equipoise.experiments.planted import PlantedRobot
@@ -17,8 +17,12 @@ from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, s
 from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import judge
 from equipoise.precise.findings.sensor_findings import sensor_findings
+from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
+from equipoise.precise.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
+from equipoise.precise.known.short_plan import forecast_after
+from equipoise.precise.known.short_routine import ShortRoutine
 from equipoise.precise.lift_design import AMPLITUDES, lift_feet, lift_settings, turned_feet
-from equipoise.precise.measurements.evidence import MotionReading, read_evidence
+from equipoise.precise.measurements.evidence import MotionReading, RunEvidence, read_evidence
 from equipoise.precise.plan import Durations, Goals, Plan
 from equipoise.precise.planning.candidates import describe
 from equipoise.precise.posterior import Posterior, estimate_posterior
@@ -36,7 +40,7 @@ from equipoise.robot.inertial import COMPONENTS, composite_parameters, nominal_i
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
 
-_BUDGET = 120.0  # [s] on an A1
+_BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known
 _CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
 _SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance and unevenness over their priors
 _OF_SURFACE = ("rolling", "floor_warp", "foothold_change")
@@ -65,6 +69,8 @@ class Precise(Method):
         legs: whether masses, CoMs and lengths of the legs may be off the file's, as ever, or are `trusted` to be right to 3 %
             in mass; trusted legs make the CoM's height and the inertia surer.
         priors: what is believed before anything is measured; a TOML file of standard deviations by name.
+        known: an earlier run of the same robot, whose sensors, legs and friction are known then: the run's folder. Half a
+            minute does (default budget 30 s on an A1) for the CoM; what changed since is named.
     """
 
     name: ClassVar[str] = "precise"
@@ -73,7 +79,7 @@ class Precise(Method):
         "centre of mass and inertia with intervals, its sensors calibrated on the way"
     )
     estimates: ClassVar[tuple[str, ...]] = COMPONENTS
-    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd", "cable", "legs", "surface", "priors")
+    judging: ClassVar[tuple[str, ...]] = ("mass", "mass_sd", "cable", "legs", "surface", "priors", "known")
 
     budget: float | None = None
     mass: float | None = None
@@ -85,6 +91,7 @@ class Precise(Method):
     surface: Literal["hard", "carpet"] = "hard"
     goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
     priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
+    known: KnownRun | None = field(default=None, metadata={"file": KnownRun.read, "metavar": "RUN"})
 
     def __post_init__(self) -> None:
         for name, least, most in (("budget", 20.0, 3600.0), ("mass", 0.05, 5000.0), ("mass_sd", 1e-4, 500.0)):
@@ -96,9 +103,28 @@ class Precise(Method):
         for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted")), ("surface", _SURFACES)):
             if getattr(self, name) not in known:
                 raise SettingsError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(known)}")
+        if self.known is not None and self.turn:
+            raise SettingsError(
+                "turn needs no earlier run, and a run after one does not turn; leave one of the two out"
+            )
+        if self.known is not None and self.legs not in ("unknown", self.known.legs):
+            raise SettingsError(
+                f"legs is {self.legs!r}, and was {self.known.legs!r} in the earlier run, which knows them as that said"
+            )
 
     @property
     def beliefs(self) -> Priors:
+        """The priors, with what was said of cable, surface, turn and legs, and what an earlier run has of what is kept."""
+        said = self._said
+        return said if self.known is None else self.known.priors_of(said, self._same_scale)
+
+    @property
+    def _same_scale(self) -> bool:
+        """Whether the scale is taken to be that of the earlier run: who says how sure a scale is has another one."""
+        return self.known is not None and None not in (self.known.weighed, self.mass) and self.mass_sd is None
+
+    @property
+    def _said(self) -> Priors:
         """The priors, with what was said of cable, surface, turn and legs."""
         wider = dict.fromkeys(_OF_SURFACE, _SURFACES[self.surface]) | {"pull": _CABLES[self.cable]}
         priors = replace(self.priors, **{name: factor * getattr(self.priors, name) for name, factor in wider.items()})
@@ -113,30 +139,41 @@ class Precise(Method):
         """What somebody said who knows more than the priors."""
         said = ("no cable pulls at the robot",) if self.cable == "none" else ()
         trusted = f"masses of the legs are the file's to {_TRUSTED_MASS:.0%}, their CoMs and lengths exactly"
-        return said if self.legs == "unknown" else (*said, trusted)
+        legs = self.legs if self.known is None else self.known.legs
+        said = said if legs == "unknown" else (*said, trusted)
+        return said if self.known is None else (*said, f"sensors, legs and friction are those of {self.known.name}")
 
     def budget_for(self, stance: Stance) -> float:
         """[s]."""
-        return self.budget or _BUDGET * stance.scale.time
+        return self.budget or (_BUDGET if self.known is None else _BUDGET_AFTER) * stance.scale.time
 
     @property
     def scale(self) -> tuple[float, float] | None:
         """The scale's mass and its standard deviation [kg], or None."""
         if self.mass is None:
             return None
-        return self.mass, self.mass_sd or 0.005 * self.mass
+        return self.mass, self.mass_sd or (SCALE_NOISE if self._same_scale else SCALE_GAIN) * self.mass
 
     def weighed(self, mass: float, deviation: float) -> Precise:
         return replace(self, mass=mass, mass_sd=deviation)
+
+    def to_dict(self) -> dict[str, Any]:
+        own = {name: value for name, value in super().to_dict().items() if name != "known"}
+        return own if self.known is None else {**own, "known": self.known.reference}
+
+    def attachments(self) -> Mapping[str, Mapping[str, Any]]:
+        return {} if self.known is None else {"known": self.known.to_dict()}
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
         """Refuse a budget that is too small (SettingsError), and a robot that can do no lift, or not lie (ReachError)."""
         if self.turn and not lies(robot, stance, lying_posture(robot, stance)[0]):
             raise ReachError(f"{robot.name!r} cannot lie down over its feet to be turned; leave the turn out")
-        plan_ahead(robot, stance, self)
+        self.forecast(robot, stance)
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Plan:
-        return plan_ahead(robot, stance, self)
+        return (
+            plan_ahead(robot, stance, self) if self.known is None else forecast_after(robot, stance, self, self.known)
+        )
 
     def expected_trials(self, stance: Stance) -> int:
         return round(self.budget_for(stance) / Durations.of(stance).lift)
@@ -149,23 +186,25 @@ class Precise(Method):
         report: Callable[[Progress], None] | None = None,
     ) -> None:
         """Search, planned trials, sway."""
-        PreciseRoutine(planted, planted.robot, stance, self, recordings, report).run()
+        kind = PreciseRoutine if self.known is None else ShortRoutine
+        kind(planted, planted.robot, stance, self, recordings, report).run()
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
-        plan = plan_ahead(robot, stance, self)
+        plan = self.forecast(robot, stance)
         postures, time = _planned_postures(robot, stance, plan), plan.robot_time
-        if self.sway:
+        search, sway = (4, self.sway) if self.known is None else (2, False)
+        if sway:
             time += sway_time(stance)
             postures += sway_postures(robot, stance, SwaySettings())
         doing = (
             f"moves its body over planted feet through {len(plan.visits)} postures, lifts two diagonal feet "
-            f"{plan.lifts + 4} times{', is turned by hand half-way, lying limp' if self.turn else ''}"
-            f"{', sways' if self.sway else ''}"
+            f"{plan.lifts + search} times{', is turned by hand half-way, lying limp' if self.turn else ''}"
+            f"{', sways' if sway else ''}"
         )
         return Course(doing, time, tuple(postures))
 
     def reading(self, robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> PreciseReading:
-        return PreciseReading(robot, stance, recordings, self.beliefs, self.scale)
+        return PreciseReading(robot, stance, recordings, self.beliefs, self.scale, self.known)
 
     def estimate(
         self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance, lifts_needed: bool = True
@@ -184,10 +223,12 @@ class Precise(Method):
         with _Timed(timings, "read the recordings"):
             evidence = read_evidence(robot, stance, recordings)
         with _Timed(timings, "estimate"):
-            posterior = estimate_posterior(robot, stance, evidence, self.beliefs, self.scale, lifts_needed=lifts_needed)
+            posterior, changes = self._posterior(robot, stance, evidence, lifts_needed)
         with _Timed(timings, "check"):
-            checks = tuple(sorted(judge(robot, evidence, posterior), key=lambda check: check.passed))
-            findings = tuple(sensor_findings(posterior))
+            looked_at = judge(robot, evidence, posterior)
+            looked_at += [] if self.known is None else [check_of_changes(changes, self.known)]
+            checks = tuple(sorted(looked_at, key=lambda check: check.passed))
+            findings = (*map(Change.finding, changes), *sensor_findings(posterior))
         nominal = nominal_inertia(robot, stance.joint_position)
         well = all(check.passed for check in checks)
 
@@ -221,10 +262,17 @@ class Precise(Method):
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
             assumptions=self.assumptions,
-            evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior),
+            evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes),
             budget=budget_of(posterior),
             timings=timings,
         )
+
+    def _posterior(
+        self, robot: RobotModel, stance: Stance, evidence: RunEvidence, lifts_needed: bool
+    ) -> tuple[Posterior, tuple[Change, ...]]:
+        if self.known is None:
+            return estimate_posterior(robot, stance, evidence, self.beliefs, self.scale, lifts_needed=lifts_needed), ()
+        return estimate_after(robot, stance, evidence, self.beliefs, self.scale, self.known, lifts_needed)
 
 
 def _planned_postures(robot: RobotModel, stance: Stance, plan: Plan) -> list[RehearsedPosture]:

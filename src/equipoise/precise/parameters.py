@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -21,6 +25,29 @@ INERTIAL = ("base", *LINKS)
 """Unknowns that the inertial parameters are made of."""
 
 
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is believed of the table's unknowns beforehand, from an earlier run.
+
+    Attributes:
+        mean: (n,) most probable values, in units of their priors.
+        covariance: (n, n) covariance of these.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+
+    @cached_property
+    def information(self) -> FloatArray:
+        """(n, n) inverse of the covariance."""
+        return np.asarray(np.linalg.inv(self.covariance), dtype=float)
+
+    @cached_property
+    def whitening(self) -> FloatArray:
+        """(n, n) matrix that turns differences from the mean into white ones."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=float)
+
+
 class Unknowns:
     """The vector of unknowns: ten log-Cholesky parameters of the base, then everything else in units of its prior.
 
@@ -34,7 +61,10 @@ class Unknowns:
         torque_scale: m g h of the robot over that of an A1.
         model_links: (4 links,) inertial parameters of the leg links by the model, as of `momenta`.
         of_links: (4 links, open) derivative of these by the values of LINKS that are not held.
+        belief: what an earlier run says of them; None: there is none, and priors are as the table has them.
     """
+
+    belief: Belief | None = None
 
     def __init__(self, robot: RobotModel, stance: Stance, priors: Priors) -> None:
         self.robot, self.stance, self.priors, self.rows = robot, stance, priors, priors.estimated
@@ -59,6 +89,25 @@ class Unknowns:
     def __getitem__(self, name: str) -> slice:
         return self._slices[name]
 
+    def has(self, name: str) -> bool:
+        """Whether the table has a row of a name."""
+        return name in self._slices
+
+    def believed(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of a block before the run, in units of its prior."""
+        own = self[name]
+        if self.belief is None:
+            size = int(own.stop - own.start)
+            return np.zeros(size), np.eye(size)
+        within = slice(own.start - self.tabled.start, own.stop - self.tabled.start)
+        return self.belief.mean[within], self.belief.covariance[within, within]
+
+    def believing(self, belief: Belief) -> Unknowns:
+        """The same unknowns after an earlier run."""
+        after = copy(self)
+        after.belief = belief
+        return after
+
     def estimates(self, name: str) -> bool:
         """Whether the unknown of a row is not held."""
         return self[name].stop > 0
@@ -66,7 +115,7 @@ class Unknowns:
     def columns(self, *names: str) -> NDArray[np.intp]:
         """Places of some blocks in the vector, in the order of the names."""
         places: NDArray[np.intp] = np.arange(self.size)
-        return np.concatenate([places[self[name]] for name in names])
+        return np.concatenate([places[:0], *(places[self[name]] for name in names)])
 
     def labels(self, row: Unknown) -> tuple[str, ...]:
         """What there is one of an unknown of."""

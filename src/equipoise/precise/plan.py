@@ -88,6 +88,9 @@ class Plan:
         body: (10,) parameters of the whole robot as it was thought to be, in the order of COMPONENTS.
         left_out: postures and lifts that the robot cannot do, and why.
         turn_after: number of visits after which the robot is turned to face the other way; None: it is not.
+        before_search: number of visits before the search.
+        search: lifts of the search on each diagonal, in words.
+        without: (10,) standard deviations that the same time would give if no earlier run were known; None: none is.
     """
 
     visits: tuple[Visit, ...]
@@ -97,6 +100,9 @@ class Plan:
     body: FloatArray
     left_out: tuple[str, ...] = ()
     turn_after: int | None = None
+    before_search: int = 0
+    search: str = "passive x 2"
+    without: FloatArray | None = None
 
     @property
     def lifts(self) -> int:
@@ -105,10 +111,8 @@ class Plan:
 
     def trials(self) -> list[tuple[str, dict[str, str]]]:
         """Postures in order, and the lifts in each by diagonal, in words."""
-        rows = [
-            ("search, nominal", dict.fromkeys(DIAGONALS, "passive x 2")),
-            *((describe(visit.posture), {name: visit.turns(name) for name in DIAGONALS}) for visit in self.visits),
-        ]
+        rows = [(describe(visit.posture), {name: visit.turns(name) for name in DIAGONALS}) for visit in self.visits]
+        rows.insert(self.before_search, ("search, nominal", dict.fromkeys(DIAGONALS, self.search)))
         if self.turn_after is not None:
             rows.insert(1 + self.turn_after, ("turned by 180 deg", dict.fromkeys(DIAGONALS, "")))
         return rows
@@ -130,6 +134,7 @@ class Plan:
             ],
             "predicted_deviation": name_components(self.deviation),
             "left_out": list(self.left_out),
+            **({} if self.without is None else {"predicted_deviation_without_known": name_components(self.without)}),
         }
 
 

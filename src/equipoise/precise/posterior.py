@@ -24,7 +24,7 @@ from equipoise.errors import RecordingError
 from equipoise.precise.gauss_newton import NormalEquations, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import INERTIAL, Unknowns
+from equipoise.precise.parameters import INERTIAL, Belief, Unknowns
 from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
@@ -151,6 +151,20 @@ class MapProblem:
         problem.blocks = [block.laid_out(problem.unknowns, at) for block in self.blocks]
         return problem, at, places
 
+    def believing(self, belief: Belief) -> MapProblem:
+        """The same after an earlier run, which says more than priors of the scale of masses too."""
+        problem = copy(self)
+        problem.unknowns, problem.anchored = self.unknowns.believing(belief), False
+        return problem
+
+    def at_shown_noise(self, x: FloatArray) -> MapProblem:
+        """The same at the noise that feet on the floor show, where that is less than what is allowed for."""
+        problem = copy(self)
+        problem.blocks = [
+            block.at_shown_noise(x) if isinstance(block, PlantedBlock) else block for block in self.blocks
+        ]
+        return problem
+
     def prepare(self, x: FloatArray) -> None:
         """Noise levels of a round."""
         for block in self.blocks:
@@ -258,7 +272,11 @@ def prior_rows(unknowns: Unknowns, x: FloatArray, mass: tuple[float, float] | No
     """Residuals of the priors and of the scale, and their derivative."""
     residual, jacobian = body_prior_rows(unknowns, x, mass)
     rows = unknowns.tabled
-    return np.concatenate([residual, x[rows]]), np.concatenate([jacobian, np.eye(unknowns.size)[rows]])
+    tabled, columns = x[rows], np.eye(unknowns.size)[rows]
+    if unknowns.belief is not None:
+        whitening = unknowns.belief.whitening
+        tabled, columns = whitening @ (tabled - unknowns.belief.mean), whitening @ columns
+    return np.concatenate([residual, tabled]), np.concatenate([jacobian, columns])
 
 
 def body_prior_rows(
@@ -279,11 +297,24 @@ def body_prior_rows(
     rows.append((x[lengths] - unknowns.start()[lengths]) / _ROOT_LENGTHS)
     columns.append(np.eye(unknowns.size)[lengths] / _ROOT_LENGTHS)
     total, total_jacobian = total_mass(unknowns, x)
-    known = [(robot.mass, priors.mass * robot.mass)] + ([] if mass is None else [mass])
-    for value, sd in known:
-        rows.append(np.array([(total - value) / sd]))
-        columns.append(total_jacobian[None] / sd)
+    rows.append(np.array([(total - robot.mass) / (priors.mass * robot.mass)]))
+    columns.append(total_jacobian[None] / (priors.mass * robot.mass))
+    if mass is not None:
+        reading, derivative = _scale_reading(unknowns, x, total, total_jacobian)
+        rows.append(np.array([(reading - mass[0]) / mass[1]]))
+        columns.append(derivative[None] / mass[1])
     return np.concatenate(rows), np.concatenate(columns)
+
+
+def _scale_reading(unknowns: Unknowns, x: FloatArray, total: float, derivative: FloatArray) -> tuple[float, FloatArray]:
+    """What a scale reads of a mass, and the derivative of that: the mass itself, unless its gain is unknown."""
+    if not unknowns.has("scale_gain"):
+        return total, derivative
+    gain = unknowns["scale_gain"]
+    factor = 1 + float(unknowns.value(x, "scale_gain")[0])
+    read = factor * derivative
+    read[gain] += total * unknowns.scale[gain]
+    return factor * total, read
 
 
 def total_mass(unknowns: Unknowns, x: FloatArray) -> tuple[float, FloatArray]:

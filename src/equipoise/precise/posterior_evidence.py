@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from equipoise.precise.known.changes import Change
+from equipoise.precise.known.known_run import KnownRun
 from equipoise.precise.measurements.evidence import MotionReading
 from equipoise.precise.posterior import Posterior
 from equipoise.result.calibration import Evidence
@@ -16,7 +20,12 @@ class PosteriorEvidence(Evidence):
     Attributes:
         motions: readings of the recordings, in order.
         posterior: estimate with its information by motion.
+        changes: what changed since the earlier run that is known.
     """
 
     motions: tuple[MotionReading, ...]
     posterior: Posterior
+    changes: tuple[Change, ...] = ()
+
+    def keepsake(self, settings: Mapping[str, Any]) -> dict[str, Any]:
+        return KnownRun.of(self.posterior, settings).to_dict()

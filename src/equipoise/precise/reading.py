@@ -9,6 +9,8 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.experiments.tilt import SupportPlane
 from equipoise.method.reading import ComEstimate, LiftPlane
+from equipoise.precise.known.changes import estimate_after
+from equipoise.precise.known.known_run import KnownRun
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence, read_evidence
 from equipoise.precise.measurements.support_planes import centre_shift
 from equipoise.precise.posterior import estimate_posterior
@@ -46,7 +48,9 @@ class PreciseReading:
         recordings: Sequence[Recording],
         priors: Priors,
         scale: tuple[float, float] | None,
+        known: KnownRun | None = None,
     ) -> None:
+        self._known = known
         self._robot, self._stance, self._priors, self._scale = robot, stance, priors, scale
         self._motions = read_evidence(robot, stance, recordings).motions
 
@@ -58,9 +62,11 @@ class PreciseReading:
     def estimate(self, trials: int) -> ComEstimate:
         """The posterior of the first trials."""
         motions = self._motions[:trials]
-        posterior = estimate_posterior(
-            self._robot, self._stance, RunEvidence(motions), self._priors, self._scale,
-            lifts_needed=any(motion.lift for motion in motions),
-        )  # fmt: skip
+        told = (self._robot, self._stance, RunEvidence(motions), self._priors, self._scale)
+        lifts = any(motion.lift for motion in motions)
+        if self._known is None:
+            posterior = estimate_posterior(*told, lifts_needed=lifts)
+        else:
+            posterior, _ = estimate_after(*told, self._known, lifts_needed=lifts)
         covariance = posterior.robot_covariance[1:4, 1:4]
         return ComEstimate(trials, posterior.robot_body.com, NORMAL_95 * np.sqrt(np.diag(covariance)), covariance)

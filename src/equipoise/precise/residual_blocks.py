@@ -36,6 +36,7 @@ _TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
 # and the accelerometer's wanders from rest to rest [rad]. Twice what an ideal robot shows: each rest ends one move and begins
 # the next, and springs and feet that sag are the same in all.
 _FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
+_QUIETEST = 0.3  # of these, what robots with ordinary sensors show
 # Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
 _FRICTION_UNKNOWN = 1.0
 _FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
@@ -367,6 +368,12 @@ class PlantedBlock(_MotionBlock):
         columns = self._by_unknowns(x, by).reshape(-1, 20, len(self.columns))
         jacobian = self._whitened(columns).reshape(-1, len(self.columns))
         return self._whitened(rows.reshape(-1, 20, 1)).ravel(), jacobian
+
+    def at_shown_noise(self, x: FloatArray) -> PlantedBlock:
+        """The same rows at the noise that they show at x, where that is less than what is allowed for."""
+        shown = copy(self)
+        shown.scale = self.scale * max(_QUIETEST, min(1.0, float(np.median(self.normalised_residual(x)))))
+        return shown
 
     def _whitened(self, rows: FloatArray) -> FloatArray:
         """(moves, 20, k) of such."""

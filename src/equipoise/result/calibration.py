@@ -22,6 +22,7 @@ from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_di
 from equipoise.result.findings import Check, JointFindings, Motor, SensorFinding
 from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
+from equipoise.result.requirements import verdicts
 from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
@@ -116,6 +117,15 @@ class Evidence:
     """
 
     recordings: tuple[Recording, ...]
+
+    def keepsake(self, settings: Mapping[str, Any]) -> dict[str, Any] | None:
+        """What the next run of the robot may know of this one, as JSON values; None: nothing.
+
+        Args:
+            settings: settings of the method, as JSON values.
+        """
+        del settings
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,6 +290,7 @@ class Calibration:
             **({"motors": {name: motor.to_dict() for name, motor in self.motors.items()}} if self.motors else {}),
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "budget": [source.to_dict() for source in self.budget],
+            "verdicts": verdicts(self.composite, self.checks),
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
             "trials": [dataclasses.asdict(trial) for trial in self.trials],

@@ -244,10 +244,12 @@ def print_plan(robot: str, plan: Forecast) -> None:
     console.print(table)
     console.print("[italic]Predicted, for ordinary sensors and a scale[/italic]")  # wider than its table
     accuracy = Table(box=box.SIMPLE_HEAD)
-    for column in ("parameter", "model", "95 % +-"):
+    columns = [plan.deviation] if plan.without is None else [plan.deviation, plan.without]
+    for column in ("parameter", "model", "95 % +-", "nothing known")[: 2 + len(columns)]:
         accuracy.add_column(column, justify="left" if column == "parameter" else "right")
-    for (_, label, factor, form), value, deviation in zip(ROWS, plan.body, plan.deviation, strict=True):
-        accuracy.add_row(escape(label), format(value * factor, form), format(NORMAL_95 * deviation * factor, form))
+    for (_, label, factor, form), value, *deviations in zip(ROWS, plan.body, *columns, strict=True):
+        cells = (format(NORMAL_95 * deviation * factor, form) for deviation in deviations)
+        accuracy.add_row(escape(label), format(value * factor, form), *cells)
     console.print(accuracy)
     console.print(
         "Lifts: passive, or with the body turning to and fro about an axis. Postures without lifts are moves over planted "

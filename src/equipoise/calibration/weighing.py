@@ -1,0 +1,112 @@
+"""What is on a robot now, beside its last calibration: one answer from a run of half a minute."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from equipoise.calibration.delta import Delta, find_delta_since
+from equipoise.errors import NotEstimatedError
+from equipoise.precise.known.known_run import KnownRun
+from equipoise.precise.posterior_evidence import PosteriorEvidence
+from equipoise.result.calibration import Calibration
+from equipoise.result.requirements import verdicts
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
+
+SCHEMA = "equipoise.weighing/1"
+Answer = Literal["nothing", "moved", "added", "removed"]
+# No controller notices less: a hundredth of the robot's mass, and a millimetre of its CoM on an A1.
+_SMALL_MASS, _SMALL_SHIFT = 0.01, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """What was found.
+
+    Attributes:
+        delta: what was added since the earlier run, or taken off.
+        result: result of the run itself.
+        answer: "nothing" that matters; something "moved" on the robot; or was "added" or "removed".
+        sentence: answer in one line.
+    """
+
+    delta: Delta
+    result: Calibration
+    answer: Answer
+    sentence: str
+
+    @property
+    def verdicts(self) -> dict[str, bool]:
+        """What is met of requirements: of the payload, or where there is none of its mass being none."""
+        found = verdicts(self.delta.payload, self.result.checks)
+        # Of a payload's inertia nobody asks half a minute; that nothing is there is told.
+        told = [one for one in ("mass", "com_x", "com_y") if self.answer != "nothing"]
+        return {**found, "identified": all(found[name] for name in told)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        checks = [
+            {"name": check.name, "passed": check.passed, "message": check.message} for check in self.result.checks
+        ]
+        return {
+            **self.delta.to_dict(),
+            "schema": SCHEMA,
+            "answer": self.answer,
+            "sentence": self.sentence,
+            "robot_time": _robot_time(self.result),
+            "checks": checks,
+            "verdicts": self.verdicts,
+        }
+
+
+def weigh(robot: RobotModel, known: KnownRun, result: Calibration) -> Weighing:
+    """What is on a robot beside its earlier run.
+
+    Args:
+        result: result of `calibrate` or `estimate` by a method that knows the earlier run.
+
+    Raises:
+        NotEstimatedError: the result is not that of such a method, or comes from a file.
+        SettingsError: the earlier run is of another robot.
+    """
+    if not isinstance(result.evidence, PosteriorEvidence):
+        raise NotEstimatedError("what is on a robot is told by a run with --known, estimated here; this result is none")
+    delta = find_delta_since(robot, known, result.evidence)
+    answer = _answer(robot, delta)
+    return Weighing(delta, result, answer, _sentence(robot, known, delta, answer, _robot_time(result)))
+
+
+def _answer(robot: RobotModel, delta: Delta) -> Answer:
+    mass, shift = delta.change.mass, [delta.change.com_in_base.x, delta.change.com_in_base.y]
+    limit = _SMALL_SHIFT * nominal_stance(robot).scale.length
+    sure = [abs(one.value or 0.0) > (one.half or 0.0) for one in (mass, *shift)]
+    heavy = sure[0] and abs(mass.value or 0.0) > _SMALL_MASS * robot.mass
+    shifted = any(sure[1:]) and math.hypot(*(one.value or 0.0 for one in shift)) > limit
+    if not heavy and not shifted:
+        return "nothing"
+    if not sure[0]:
+        return "moved"
+    return "removed" if delta.removed else "added"
+
+
+def _sentence(robot: RobotModel, known: KnownRun, delta: Delta, answer: Answer, time: float) -> str:
+    payload, change = delta.payload, delta.change
+    more = f"{change.mass.value or 0.0:+.3f} +- {change.mass.half or 0.0:.3f} kg"
+    x, y = (f"{1000 * (one.value or 0.0):+.1f} +- {1000 * (one.half or 0.0):.1f}" for one in [*change.com_in_base][:2])
+    since = f"since {known.name}; {time:.0f} s of robot time"
+    if answer == "nothing":
+        return f"{robot.name}: too small to matter: {more}, CoM x {x} mm, y {y} mm {since}"
+    if answer == "moved" or payload.com_in_base.x.value is None:
+        return f"{robot.name}: something on it moved: CoM x {x} mm, y {y} mm, {more} {since}"
+    place = " ".join(f"{1000 * one:.0f}" for one in payload.com_in_base.values)
+    off = " ".join(f"{NORMAL_95 * 1000 * one:.0f}" for one in payload.com_in_base.deviations)
+    what = "taken off" if answer == "removed" else "added"
+    mass = f"{payload.mass.value or 0.0:.3f} +- {payload.mass.half or 0.0:.3f} kg"
+    return f"{robot.name}: {mass} {what} at x y z = {place} +- {off} mm in the base frame {since}"
+
+
+def _robot_time(result: Calibration) -> float:
+    return sum(trial.duration for trial in result.trials)
