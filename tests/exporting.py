@@ -12,12 +12,16 @@ from equipoise.errors import ModelWarning
 from equipoise.exports.subject import seen_from
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, model_facts
+from equipoise.result.findings import Motor, SensorFinding
+from equipoise.result.quantity import Quantity
+from equipoise.result.statistics import verdict_of
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components, composite_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 # 4 % of a robot's mass, off centre, with an inertia that is not diagonal.
 _SHARE, _COM = 0.04, np.array([0.07, -0.03, 0.11])
+_TILT = (-0.004, 0.002, 0.007)
 _GYRATION = np.array([[0.005, 0.0004, -0.0002], [0.0004, 0.006, 0.0003], [-0.0002, 0.0003, 0.004]])
 
 # Files that a user may have: a const.xacro as legged_control's, an SDF as Gazebo's and the <inertial> of its trunk.
@@ -70,10 +74,45 @@ def found(robot, added=None, verdicts=None, **changes):
     return dataclasses.replace(result, **changes)
 
 
+def with_joints(result):
+    """The same with what was found of sensors and motors: another number for every joint and axis.
+
+    The first joint's zero and gain are not identified, the second joint's are weak.
+    """
+    names = list(result.joint_position)
+    deviations = {names[0]: 4e-3, names[1]: 2e-3}
+    zeros = [finding(f"{name} zero", 1e-3 * (i - 5.5), deviations.get(name, 3e-4)) for i, name in enumerate(names)]
+    imu = [
+        finding(f"IMU {word}", value, 4e-4) for word, value in zip(("rolled", "pitched", "yawed"), _TILT, strict=True)
+    ]
+    motors = {name: motor(i, 0.03 if name in deviations else 2e-3) for i, name in enumerate(names)}
+    sensors = (*imu, finding("clock offset", -1.25e-3, 1e-4), *zeros[::-1])
+    return dataclasses.replace(result, sensors=sensors, motors=motors)
+
+
+def finding(name, value, deviation):
+    return SensorFinding(name, value, deviation, "", False)
+
+
+def motor(i, deviation):
+    """The i-th joint's, with a gain as sure as said."""
+    values = {
+        "coulomb_friction": (0.3 + i / 100, 0.01),
+        "viscous_friction": (0.05 + i / 1000, 1e-3),
+        "armature": (0.01 + i / 1e4, 5e-4),
+        "relative_gain": (0.03 - i / 200, deviation),
+        "delay": (4e-3 + i / 1e5, 2e-5),
+    }
+    beside = {"relative_gain": 0.05, "delay": 5e-3}
+    return Motor(**{
+        name: Quantity(name, "", value, sd, verdict_of(sd, beside.get(name, value))) for name, (value, sd) in values.items()
+    })  # fmt: skip
+
+
 def make_run(path, robot):
     """A finished run of a robot that was found heavier than its file."""
     with RunFolder.create(path, robot, Precise(), {"time": "2026-01-01T00:00:00+00:00"}) as folder:
-        folder.save(found(robot).with_provenance(**folder.provenance))
+        folder.save(with_joints(found(robot)).with_provenance(**folder.provenance))
 
 
 def joined(body, added):

@@ -27,6 +27,7 @@ def export(
     run: Run = None,
     *,
     to: Annotated[str | None, arg(metavar="FORMAT", help_behavior_hint="")] = None,
+    what: Annotated[str | None, arg(metavar="WHAT", help_behavior_hint="")] = None,
     out: File = None,
     file: File = None,
     force: Flag = False,
@@ -47,6 +48,8 @@ def export(
 
     Args:
         to: Format; --list shows all.
+        what: 'base' (mass, centre of mass, inertia), 'sensors' (joint zeros, IMU, clock), 'motors' (friction, armature, gain,
+            delay), several with commas, or 'all' that the format holds. Default: base, or all where a format holds no base.
         out: File to write; default export/ in the run folder. Your own file is overwritten only if it is named here.
         file: Your file to edit: for urdf and mjcf in place of the run's model file; sdf and xacro write a new one without it.
         force: Write what is not identified or doubtful, or the nearest body to what was added, all the same; the file says so.
@@ -72,6 +75,7 @@ def export(
         samples=samples,
         seed=seed,
         run=str(run),
+        what=what,
     )
     path = written.save(out or _place(run, written, file))
     if output.json:
@@ -93,7 +97,8 @@ def _show_formats(json: bool) -> None:
         print_formats(known)
         return
     rows = [
-        {"name": row.name, "bodies": row.bodies, "where": row.where, "file": row.file, "payload_link": row.payload,
+        {"name": row.name, "bodies": row.bodies, "parts": row.parts, "where": row.where, "file": row.file,
+         "payload_link": row.payload,
          "page": row.page if "/" in row.page or not row.page else f"docs/controllers/{row.page}.md"}
         if isinstance(row, Format) else {"name": name, "cannot_be_used": str(row)}
         for name, row in known.items()

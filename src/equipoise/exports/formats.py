@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from equipoise._version import __version__
-from equipoise.errors import EquipoiseError, OutputError, SettingsError
-from equipoise.exports import controllers, learning, mjcf, sdf, tables, urdf, xacro
+from equipoise.errors import EquipoiseError, NotEstimatedError, OutputError, SettingsError, did_you_mean
+from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, xacro
+from equipoise.exports.found import BASE, MOTORS, SENSORS, columns_of
+from equipoise.exports.judgement import judge, judge_columns
 from equipoise.exports.model_file import find_users_file
-from equipoise.exports.subject import Subject, UsersFile, judge
+from equipoise.exports.subject import Subject, UsersFile
 from equipoise.exports.written import Written
 from equipoise.plugins import Table
 from equipoise.result.calibration import Calibration
@@ -26,7 +28,7 @@ class Format:
 
     Attributes:
         name: name that --to takes.
-        bodies: names of the bodies that it wants, "base", "composite" or both; they must be identified.
+        bodies: names of the bodies that it wants, "base", "composite" or both; they must be identified. Empty: none.
         file: user's file that is edited: the "model" of the run, one "given" with --file if there is one, or none.
         payload: whether it can hold what was added as a link of its own.
         where: place that the numbers go to, in words.
@@ -34,6 +36,7 @@ class Format:
         write: function that writes it.
         page: page under docs/controllers, or an address; empty: none.
         samples: whether it lists drawn bodies too.
+        parts: what of a result it can hold, of "base", "sensors" and "motors".
     """
 
     name: str
@@ -45,14 +48,26 @@ class Format:
     write: Callable[[Subject], Written]
     page: str = ""
     samples: bool = False
+    parts: tuple[str, ...] = (BASE,)
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """What it can hold, in words: the body or "both", and "sensors" and "motors"."""
+        bodies = self.bodies if len(self.bodies) < 2 else ("both",)
+        return (*bodies, *(part for part in self.parts if part != BASE))
 
 
 _BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
+_FOUND = (SENSORS, MOTORS)
+_ALL_PARTS = (BASE, *_FOUND)
+_PAGE = "sensors-and-motors"
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (
-        Format("urdf", _BASE, "model", True, "your URDF", "robot.urdf", urdf.write, "urdf"),
-        Format("mjcf", _BASE, "model", True, "your MJCF", "robot.xml", mjcf.write, "mjcf"),
+        Format("urdf", _BASE, "model", True, "your URDF", "robot.urdf", urdf.write, "urdf",
+               parts=(BASE, MOTORS)),
+        Format("mjcf", _BASE, "model", True, "your MJCF", "robot.xml", mjcf.write, "mjcf",
+               parts=(BASE, MOTORS)),
         Format("sdf", _BASE, "given", True, "Gazebo's model.sdf", "base.sdf", sdf.write, "sdf"),
         Format("xacro", _BASE, "given", False, "legged_control's const.xacro", "const.xacro", xacro.write, "legged_control"),
         Format("quadruped-pympc", _WHOLE, "", False, "Quadruped-PyMPC's config.py", "config.py",
@@ -64,11 +79,23 @@ FORMATS: dict[str, Format] = {
         Format("quad-sdk", _WHOLE, "", False, "Quad-SDK's ROBOT.yaml, main.m", "quad-sdk.yaml", controllers.quad_sdk,
                "quad-sdk"),
         Format("mjlab", _BASE, "", False, "mjlab's dr.pseudo_inertia", "mjlab_randomisation.py", learning.mjlab, "mjlab",
-               samples=True),
+               samples=True, parts=_ALL_PARTS),
         Format("isaaclab", _BASE, "", False, "Isaac Lab's event terms", "isaaclab_randomisation.py",
-               learning.isaaclab, "isaaclab", samples=True),
-        Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables"),
-        Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables"),
+               learning.isaaclab, "isaaclab", samples=True, parts=_ALL_PARTS),
+        Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables", parts=_ALL_PARTS),
+        Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables", parts=_ALL_PARTS),
+        Format("toml", (), "", False, "tools of your own", "sensors_and_motors.toml", sensors_and_motors.write_toml,
+               _PAGE, parts=_FOUND),
+        Format("zeros", (), "", False, "whoever reads encoders", "joint_zeros.yaml", sensors_and_motors.write_zeros,
+               _PAGE, parts=(SENSORS,)),
+        Format("c-header", (), "", False, "firmware, C and C++", "sensors_and_motors.h",
+               sensors_and_motors.write_c_header, _PAGE, parts=_FOUND),
+        Format("ros2", (), "", False, "parameters of a ROS 2 node", "ros2_parameters.yaml",
+               sensors_and_motors.write_ros2, _PAGE, parts=_FOUND),
+        Format("unitree-yaml", (), "", False, "lists in Unitree's motor order", "unitree.yaml",
+               sensors_and_motors.write_unitree, _PAGE, parts=_FOUND),
+        Format("holosoma", (), "", False, "holosoma's joint_offsets_deg", "holosoma_offsets.py",
+               sensors_and_motors.write_holosoma, _PAGE, parts=(SENSORS,)),
     )
 }  # fmt: skip
 """Our own, by name."""
@@ -85,6 +112,7 @@ class Export:
         file_name: name of the file by default.
         header: lines that the file begins with: which body in which frame, from which run, at which stance.
         notes: sentences that speak against the numbers, worst first.
+        parts: what of the result was written, of "base", "sensors" and "motors".
     """
 
     format: Format
@@ -92,6 +120,7 @@ class Export:
     file_name: str
     header: tuple[str, ...]
     notes: tuple[str, ...]
+    parts: tuple[str, ...] = (BASE,)
 
     @property
     def text(self) -> str:
@@ -114,6 +143,7 @@ class Export:
             "equipoise": __version__,
             "format": self.format.name,
             "bodies": list(self.format.bodies),
+            "parts": list(self.parts),
             "about": list(self.header),
             "notes": list(self.notes),
         }
@@ -129,6 +159,7 @@ def export(
     samples: int = 0,
     seed: int = 0,
     run: str = "",
+    what: str | None = None,
 ) -> Export:
     """A result in the form that a consumer reads.
 
@@ -141,6 +172,8 @@ def export(
         samples: number of drawn bodies to list (mjlab, isaaclab).
         seed: seed of everything drawn.
         run: name of the run that the file says it is from.
+        what: what is written: "base", "sensors", "motors", several with commas between, or "all" that the format holds and the
+            run found. By default the base, or, where a format does not hold it, all.
 
     Raises:
         SettingsError: no such format, or it does not take what was asked for.
@@ -151,10 +184,17 @@ def export(
     """
     row = find_format(format)
     _refuse_flags(row, file is not None, payload_link, samples)
-    bodies = ("composite",) if payload_link else row.bodies
+    parts = _parts(row, result, what)
+    if (payload_link or samples) and BASE not in parts:
+        raise SettingsError(
+            f"--add-payload-link and --samples are of the base, which --what {','.join(parts)} leaves out"
+        )
+    bodies = () if BASE not in parts else ("composite",) if payload_link else row.bodies
     notes = judge(result, bodies, force)
+    columns, of_columns = judge_columns(result, [part for part in parts if part != BASE], force)
+    notes = tuple(dict.fromkeys(notes + of_columns))
     users, about_file = _users_file(result, row, None if file is None else Path(file))
-    subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force)
+    subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force, parts, columns)
     if "base" in bodies and row.file != "model":
         subject = replace(subject, notes=subject.base_notes + subject.notes)
     written = row.write(subject)
@@ -162,7 +202,7 @@ def export(
     if payload_link:
         name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)
-    return Export(replace(row, bodies=bodies), written.content, name.name, header, written.notes + subject.notes)
+    return Export(replace(row, bodies=bodies), written.content, name.name, header, written.notes + subject.notes, parts)
 
 
 def find_format(name: str) -> Format:
@@ -180,6 +220,39 @@ def find_format(name: str) -> Format:
 def all_formats() -> dict[str, Format | EquipoiseError]:
     """All rows by name; in place of one that cannot be used, why."""
     return _ALL.rows()
+
+
+def _parts(row: Format, result: Calibration, what: str | None) -> tuple[str, ...]:
+    """What of a result is asked for, in the order of the format's parts; raises SettingsError for what it cannot hold."""
+    if what is None and BASE in row.parts:
+        return (BASE,)
+    if what in (None, "all"):
+        there = tuple(part for part in row.parts if _has(result, part))
+        return there or row.parts  # of which it is said why there is none
+    words = {word.strip() for word in what.split(",")}
+    if wrong := sorted(words - set(_ALL_PARTS)):
+        said = "legs, link by link, are not estimated yet" if wrong == ["legs"] else f"--what is {what!r}"
+        raise SettingsError(
+            f"{said}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be base, sensors, motors, several with commas, or all"
+        )
+    if lacking := words - set(row.parts):
+        able = ", ".join(name for name, other in FORMATS.items() if words <= set(other.parts))
+        raise SettingsError(
+            f"--what {what}: {row.name} does not hold {' and '.join(sorted(lacking))}, but {', '.join(row.parts)}; "
+            f"{able} hold it"
+        )
+    return tuple(part for part in row.parts if part in words)
+
+
+def _has(result: Calibration, part: str) -> bool:
+    """Whether a run looked at a part."""
+    if part != BASE:
+        return bool(columns_of(result, part))
+    try:
+        result.composite.parameters()
+    except NotEstimatedError:
+        return False
+    return True
 
 
 def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int) -> None:

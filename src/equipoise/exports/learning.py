@@ -1,8 +1,12 @@
-"""Domain randomisation of the base for reinforcement learning: Python files with plain numbers, to import from a task."""
+"""Domain randomisation for reinforcement learning: Python files with plain numbers, to import from a task."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from equipoise.errors import NotEstimatedError
+from equipoise.exports.found import BASE
+from equipoise.exports.learning_joints import isaaclab_joints, mjlab_joints
 from equipoise.exports.randomisation import Spread, spread
 from equipoise.exports.subject import Subject, number
 from equipoise.exports.written import Written
@@ -10,7 +14,24 @@ from equipoise.robot.inertial import COMPONENTS
 
 
 def mjlab(subject: Subject) -> Written:
-    """mjlab: ranges of dr.pseudo_inertia."""
+    """mjlab: ranges of dr.pseudo_inertia and dr.encoder_bias, and what actuators take."""
+    return _together(subject, _mjlab_base, mjlab_joints)
+
+
+def isaaclab(subject: Subject) -> Written:
+    """Isaac Lab: ranges of randomize_rigid_body_mass and randomize_rigid_body_com, and what actuators take."""
+    return _together(subject, _isaaclab_base, isaaclab_joints)
+
+
+def _together(subject: Subject, *writers: Callable[[Subject], Written]) -> Written:
+    """The base, then sensors and motors, each if it is asked for."""
+    of_base, of_joints = writers
+    parts = [of_base(subject)] if BASE in subject.parts else []
+    parts += [of_joints(subject)] if subject.columns else []
+    return Written(b"".join(part.content for part in parts), "; ".join(part.about for part in parts))
+
+
+def _mjlab_base(subject: Subject) -> Written:
     drawn, about = _spread(subject), _about(subject)
     ranges = {f"{name}_range": pair for name, pair in drawn.entry_ranges().items()}
     return Written.text(
@@ -26,8 +47,7 @@ def mjlab(subject: Subject) -> Written:
     )
 
 
-def isaaclab(subject: Subject) -> Written:
-    """Isaac Lab: ranges of randomize_rigid_body_mass and randomize_rigid_body_com."""
+def _isaaclab_base(subject: Subject) -> Written:
     drawn, about = _spread(subject), _about(subject)
     ranges, body = drawn.body_ranges(), subject.base
     low, high = (bound / body.mass for bound in ranges["mass"])

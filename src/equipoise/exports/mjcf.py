@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from equipoise.errors import ModelError, SettingsError
+from equipoise.exports.found import BASE
 from equipoise.exports.model_file import (
     composite_of,
     edited_link,
+    joint_element,
     new_inertial,
     payload,
     read_robot,
     require_composite,
     require_format,
+    with_joints_alone,
 )
 from equipoise.exports.subject import PAYLOAD, Subject, number, numbers
 from equipoise.exports.written import Written
@@ -18,14 +21,20 @@ from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.mjcf_poses import ORIENTATIONS
 
+_ATTRIBUTES = {"armature": "armature", "frictionloss": "coulomb_friction", "damping": "viscous_friction"}
+_JOINTS = "joints' armature, frictionloss and damping as found, torques in the unit in which the motors report them"
+
 
 def write(subject: Subject) -> Written:
-    """The file as it was but for the base body's <inertial>, or with one body more."""
+    """The file as it was but for the base body's <inertial> and joints' attributes, or with one body more."""
     assert subject.file is not None
     robot = read_robot(subject, subject.file.content)
     require_format(robot, "mjcf")
     document = Document(subject.file.content, subject.file.path)
     base = _base_body(document)
+    if BASE not in subject.parts:
+        edits = _joint_edits(document, base, subject, subject.header(_JOINTS))
+        return with_joints_alone(subject, robot, document.edited(edits), _JOINTS)
     if subject.payload_link:
         about = (
             f"body {PAYLOAD!r}, fixed to base body {robot.base_link!r}, is what the robot has more than the model file; in "
@@ -39,11 +48,12 @@ def write(subject: Subject) -> Written:
     link = edited_link(robot)
     about = (
         f"the <inertial> of body {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
-        "the composite that was found; nothing else was changed"
+        f"the composite that was found; {_JOINTS if subject.columns else 'nothing else was changed'}"
     )
     body, notes, composite = new_inertial(subject, robot, link)
     edited = base if link.name == robot.base_link else _named(document, base, link.name)
-    content = document.edited(_inertial_edits(document, edited, body, subject.header(about, *notes)))
+    edits = _inertial_edits(document, edited, body, subject.header(about, *notes))
+    content = document.edited([*edits, *_joint_edits(document, base, subject)])
     require_composite(subject, content, composite)
     return Written(content, about, notes)
 
@@ -97,6 +107,20 @@ def inertial_line(body: InertialParameters) -> str:
     """An <inertial> element in its body's axes."""
     words = [f'{key}="{value}"' for key, value in _attributes(body).items()]
     return f"<inertial {' '.join(words)}/>"
+
+
+def _joint_edits(document: Document, base: Element, subject: Subject, header: tuple[str, ...] = ()) -> list[Edit]:
+    """Attributes of the joints that were found; where a class of joints has others, the joint's own go first."""
+    values = {attribute: subject.column(name) for attribute, name in _ATTRIBUTES.items()}
+    joints = {e.attributes.get("name"): e for e in base.walk() if e.tag == "joint"}
+    found = [(joint_element(document, joints, name), name) for name in subject.joints]
+    edits = [
+        document.set(joint, attribute, number(max(0.0, values[attribute][name])))
+        for joint, name in found
+        for attribute in values
+        if name in values[attribute]
+    ]
+    return [document.comment(found[0][0], header), *edits] if header and found else edits
 
 
 def _payload_edits(document: Document, base: Element, body: InertialParameters, header: tuple[str, ...]) -> list[Edit]:

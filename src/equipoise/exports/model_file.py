@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,8 @@ import pinocchio as pin
 
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, seen_from
+from equipoise.exports.written import Written
+from equipoise.exports.xml_edit import Document, Element
 from equipoise.result.calibration import Calibration
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters
@@ -142,6 +145,22 @@ def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialPa
     vector, what = subject.added_to(composite), f"{PAYLOAD}, the difference to the model file,"
     remedy = "leave out --add-payload-link, which changes the base link instead"
     return subject.nearest_body(vector, what, remedy)
+
+
+def joint_element(document: Document, joints: Mapping[str | None, Element], name: str) -> Element:
+    """A joint's element; raises ModelError where the file itself does not hold it."""
+    if name not in joints:
+        raise ModelError(
+            f"{str(document.path)!r} does not hold joint {name!r} by that name but has it from elsewhere; write one file "
+            "of them all, with a name for each joint, and name it with --file"
+        )
+    return joints[name]
+
+
+def with_joints_alone(subject: Subject, robot: RobotModel, content: bytes, about: str) -> Written:
+    """A file in which joints were edited; raises ModelError if its bodies are not what they were."""
+    require_composite(subject, content, composite_of(subject, robot).vector)
+    return Written(content, about)
 
 
 def require_composite(subject: Subject, content: bytes, wanted: FloatArray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +12,8 @@ import pinocchio as pin
 
 from equipoise._version import __version__
 from equipoise.conventions import FloatArray
-from equipoise.errors import NotEstimatedError, NotIdentifiedError, NotPhysicalError
+from equipoise.errors import NotPhysicalError
+from equipoise.exports.found import Column
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import InertialParameters
@@ -45,6 +46,8 @@ class Subject:
         seed: seed of everything drawn.
         notes: sentences that speak against the numbers, worst first.
         forced: whether to write the nearest body where no body can have what was added.
+        parts: what of the result is to be written, of "base", "sensors" and "motors".
+        columns: what is written of sensors and motors.
     """
 
     result: Calibration
@@ -55,6 +58,8 @@ class Subject:
     seed: int = 0
     notes: tuple[str, ...] = ()
     forced: bool = False
+    parts: tuple[str, ...] = ("base",)
+    columns: tuple[Column, ...] = ()
 
     @property
     def composite(self) -> InertialParameters:
@@ -158,6 +163,23 @@ class Subject:
         )
         return tuple(map(_one_line, lines))
 
+    def column(self, name: str) -> dict[str, float]:
+        """Numbers of one kind that are written, by joint or axis; none, if there is nothing to write of it."""
+        found = [column for column in self.columns if column.name == name]
+        return {key: column.number(key) for column in found for key in column.values}
+
+    @property
+    def joints(self) -> list[str]:
+        """Joints that something is written of, in the model's order."""
+        told = {key for column in self.columns for key in column.values}
+        return [joint for joint in self.result.joint_position if joint in told]
+
+    @property
+    def columns_words(self) -> str:
+        """About sensors and motors."""
+        parts = " and ".join(dict.fromkeys(column.part for column in self.columns))
+        return f"{parts} as found; torques in the unit in which the motors report them on average"
+
     @property
     def base_words(self) -> str:
         """About the base."""
@@ -173,45 +195,6 @@ class Subject:
             f"composite: the whole robot frozen at the stance; CoM in the frame of base link {self.base_link!r}, inertia "
             "about the CoM, in base axes"
         )
-
-
-def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
-    """What speaks against a result's bodies, a sentence each, worst first.
-
-    Raises:
-        NotEstimatedError: its method does not estimate one of them.
-        NotIdentifiedError: a parameter is not identified, and that is not overridden.
-    """
-    for body in bodies:
-        try:
-            getattr(result, body).parameters()
-        except NotEstimatedError as error:
-            raise NotEstimatedError(f"{body}: {error}; calibrate with --method precise") from None
-    missing = _with_verdict(result, bodies, "not identified")
-    if missing and not force:
-        raise NotIdentifiedError(
-            f"not identified by this run: {', '.join(missing)}; calibrate longer (--budget) or with a scale (--mass), or "
-            "write them all the same with --force"
-        )
-    doubtful = [f"check failed: {check.name}: {check.message}" for check in result.checks if not check.passed]
-    if doubtful and _with_verdict(result, bodies, "doubtful") and not force:
-        raise NotIdentifiedError(
-            f"the result is doubtful: {'; '.join(doubtful)}; mend that and calibrate again, or write it with --force"
-        )
-    notes = [f"FORCED: not identified, hardly more than the model file's word: {', '.join(missing)}"] if missing else []
-    notes += doubtful
-    weak = _with_verdict(result, bodies, "weak")
-    notes += [f"assumed: {assumption}" for assumption in result.assumptions]
-    return (*notes, *([f"weakly identified: {', '.join(weak)}"] if weak else []))
-
-
-def _with_verdict(result: Calibration, bodies: Iterable[str], verdict: str) -> list[str]:
-    return [
-        f"{body} {quantity.name}"
-        for body in bodies
-        for quantity in getattr(result, body)
-        if quantity.verdict == verdict
-    ]
 
 
 def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:

@@ -1,18 +1,32 @@
-"""All numbers of both bodies with intervals and verdicts, as JSON or YAML, for tools of the user's own."""
+"""All numbers with intervals and verdicts, as JSON or YAML, for tools of the user's own."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, cast
 
 from equipoise._version import __version__
+from equipoise.exports.found import BASE, Column
 from equipoise.exports.subject import Subject, number
 from equipoise.exports.written import Written
 from equipoise.result.body import Body, parameters_to_dict
 from equipoise.robot.inertial import InertialParameters
 
 SCHEMA = "equipoise.inertia/1"
+_PLAIN = re.compile(r"[A-Za-z_/][\w/*.-]*", re.ASCII)  # keys that need no quotes
+_WORDS = (
+    "y",
+    "n",
+    "yes",
+    "no",
+    "on",
+    "off",
+    "true",
+    "false",
+    "null",
+)  # that readers of YAML 1.1 take for something else
 
 
 def write_json(subject: Subject) -> Written:
@@ -24,17 +38,29 @@ def write_json(subject: Subject) -> Written:
 def write_yaml(subject: Subject) -> Written:
     """As YAML."""
     about = _about(subject)
-    return Written.text(list(_lines(_table(subject, about), "")), about)
+    return Written.text(yaml_lines(_table(subject, about)), about)
 
 
 def _about(subject: Subject) -> str:
-    return f"{subject.composite_words}; base: {subject.base_words}"
+    bodies = f"{subject.composite_words}; base: {subject.base_words}" if BASE in subject.parts else ""
+    columns = subject.columns_words if subject.columns else ""
+    return "; ".join(words for words in (bodies, columns) if words)
 
 
 def _table(subject: Subject, about: str) -> dict[str, Any]:
+    table = provenance(subject, SCHEMA, about)
+    if BASE in subject.parts:
+        table["stance"] = subject.result.stance_dict()
+        table["composite"] = _body(subject.result.composite, subject.composite)
+        table["base"] = _body(subject.result.base, subject.base)
+    return {**table, **columns_table(subject.columns)}
+
+
+def provenance(subject: Subject, schema: str, about: str) -> dict[str, Any]:
+    """Where numbers come from, and what speaks against them."""
     result = subject.result
     return {
-        "schema": SCHEMA,
+        "schema": schema,
         "equipoise": __version__,
         "about": about,
         "robot": result.robot,
@@ -43,10 +69,22 @@ def _table(subject: Subject, about: str) -> dict[str, Any]:
         "time": result.provenance.get("time"),
         "model": dict(result.model),
         "notes": list(subject.notes),
-        "stance": result.stance_dict(),
-        "composite": _body(result.composite, subject.composite),
-        "base": _body(result.base, subject.base),
     }
+
+
+def columns_table(columns: Iterable[Column]) -> dict[str, Any]:
+    """Values, deviations and verdicts of sensors and motors, by part and name."""
+    table: dict[str, Any] = {}
+    for column in columns:
+        found = column.values.items()
+        table.setdefault(column.part, {})[column.name] = {
+            "unit": column.unit,
+            "meaning": column.meaning,
+            "value": {key: column.number(key) for key in column.values},
+            "deviation": {key: float(quantity.deviation or 0.0) for key, quantity in found},
+            "verdict": {key: quantity.verdict for key, quantity in found},
+        }
+    return table
 
 
 def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
@@ -58,13 +96,15 @@ def _body(found: Body, written: InertialParameters) -> dict[str, Any]:
     return table
 
 
-def _lines(table: Mapping[str, Any], indent: str) -> list[str]:
+def yaml_lines(table: Mapping[str, Any], indent: str = "") -> list[str]:
+    """A table of tables, numbers, lists and texts as YAML."""
     lines: list[str] = []
     for key, value in table.items():
+        name = key if _PLAIN.fullmatch(key) and key.lower() not in _WORDS else json.dumps(key)
         if isinstance(value, Mapping) and value:
-            lines += [f"{indent}{key}:", *_lines(cast("Mapping[str, Any]", value), indent + "  ")]
+            lines += [f"{indent}{name}:", *yaml_lines(cast("Mapping[str, Any]", value), indent + "  ")]
         else:
-            lines.append(f"{indent}{key}: {_yaml(value)}")
+            lines.append(f"{indent}{name}: {_yaml(value)}")
     return lines
 
 

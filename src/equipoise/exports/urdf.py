@@ -3,27 +3,39 @@
 from __future__ import annotations
 
 from equipoise.errors import ModelError, SettingsError
+from equipoise.exports.found import BASE
 from equipoise.exports.model_file import (
     composite_of,
     edited_link,
+    joint_element,
     new_inertial,
     payload,
     read_robot,
     require_composite,
     require_format,
+    with_joints_alone,
 )
 from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, products
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
 from equipoise.robot.inertial import InertialParameters
 
+_DYNAMICS = {"damping": "viscous_friction", "friction": "coulomb_friction"}
+_JOINTS = (
+    "joints' <dynamics> as found, torques in the unit in which the motors report them; a URDF has no place for armature, gain "
+    "and delay"
+)
+
 
 def write(subject: Subject) -> Written:
-    """The file as it was but for the base link's <inertial>, or with one link more."""
+    """The file as it was but for the base link's <inertial> and joints' <dynamics>, or with one link more."""
     assert subject.file is not None
     robot = read_robot(subject, subject.file.content)
     require_format(robot, "urdf")
     document = Document(subject.file.content, subject.file.path)
+    if BASE not in subject.parts:
+        edits = _joint_edits(document, subject, subject.header(_JOINTS))
+        return with_joints_alone(subject, robot, document.edited(edits), _JOINTS)
     if subject.payload_link:
         about = (
             f"link {PAYLOAD!r}, fixed to base link {robot.base_link!r}, is what the robot has more than the model file; "
@@ -37,12 +49,11 @@ def write(subject: Subject) -> Written:
     link = edited_link(robot)
     about = (
         f"the <inertial> of link {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
-        "the composite that was found; nothing else was changed"
+        f"the composite that was found; {_JOINTS if subject.columns else 'nothing else was changed'}"
     )
     body, notes, composite = new_inertial(subject, robot, link)
-    content = document.edited(
-        _inertial_edits(document, _link(document, link.name), body, subject.header(about, *notes))
-    )
+    edits = _inertial_edits(document, _link(document, link.name), body, subject.header(about, *notes))
+    content = document.edited([*edits, *_joint_edits(document, subject)])
     require_composite(subject, content, composite)
     return Written(content, about, notes)
 
@@ -74,6 +85,27 @@ def _inertial_edits(document: Document, link: Element, body: InertialParameters,
         pairs = {key: value for key, value in values[tag].items() if key != "rpy" or key in element.attributes}
         edits += [document.set(element, key, value) for key, value in pairs.items()]
     return [*edits, document.put_first(inertial, missing)] if missing else edits
+
+
+def _joint_edits(document: Document, subject: Subject, header: tuple[str, ...] = ()) -> list[Edit]:
+    """<dynamics> of the joints whose friction was found."""
+    values = {attribute: subject.column(name) for attribute, name in _DYNAMICS.items()}
+    joints = {joint.attributes.get("name"): joint for joint in document.root.all("joint")}
+    edits: list[Edit] = []
+    for name in [name for name in subject.joints if any(name in column for column in values.values())]:
+        joint = joint_element(document, joints, name)
+        edits += [document.comment(joint, header)] if header and not edits else []
+        edits += _dynamics_edits(
+            document, joint, {key: max(0.0, column[name]) for key, column in values.items() if name in column}
+        )
+    return edits
+
+
+def _dynamics_edits(document: Document, joint: Element, values: dict[str, float]) -> list[Edit]:
+    if (dynamics := joint.first("dynamics")) is not None:
+        return [document.set(dynamics, key, number(value)) for key, value in values.items()]
+    words = " ".join(f'{key}="{number(value)}"' for key, value in values.items())
+    return [document.put_last(joint, [f"<dynamics {words}/>"])]
 
 
 def inertial_lines(body: InertialParameters) -> list[str]:

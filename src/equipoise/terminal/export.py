@@ -22,9 +22,9 @@ def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
     formats = [row for row in known.values() if isinstance(row, Format)]
     table = Table(box=box.SIMPLE_HEAD)
     for column in ("--to", "writes", "for", "edits"):
-        table.add_column(column, no_wrap=True)
+        table.add_column(column, no_wrap=column != "for")  # names are to be copied
     for row in formats:
-        table.add_row(row.name, row.bodies[0] if len(row.bodies) == 1 else "both", escape(row.where), _FILES[row.file])
+        table.add_row(row.name, ",".join(row.holds), escape(row.where), _FILES[row.file])
     console = Console()
     console.print(table)
     for row in known.values():
@@ -32,7 +32,8 @@ def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
             console.print(f"[yellow]warning:[/yellow] {escape(str(row))}", soft_wrap=True)
     linked = ", ".join(row.name for row in formats if row.payload)
     console.print(
-        "base: the base link with all that is fixed to it or held; composite: the whole robot frozen at its stance.\n"
+        "base: the base link with all that is fixed to it or held; composite: the whole robot frozen at its stance;\n"
+        "sensors: joint zeros, IMU, clock; motors: friction, armature, gain, delay. --what says which of them.\n"
         f"--add-payload-link, which writes what was added as a link of its own, is for {linked}.\n"
         "Next: equipoise export RUN --to FORMAT. What to check there: docs/controllers",
         soft_wrap=True,

@@ -1,0 +1,103 @@
+"""What a run finds besides bodies: of sensors and of motors, in columns of one kind of number each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from equipoise.precise.unknowns import Priors, Unknown
+from equipoise.result.calibration import Calibration
+from equipoise.result.findings import SensorFinding
+from equipoise.result.quantity import Quantity
+from equipoise.result.statistics import verdict_of
+
+BASE, SENSORS, MOTORS = "base", "sensors", "motors"
+_OF_SENSORS = ("joint_zero", "imu_tilt", "accelerometer_bias", "accelerometer_gain", "gyro_gain", "clock_offset")
+"""Rows of the table of unknowns that are of sensors."""
+_OF_MOTORS = {
+    "coulomb_friction": ("Nm", "friction torque that does not depend on the speed, against the motion"),
+    "viscous_friction": ("Nm s/rad", "friction torque over the speed, against the motion"),
+    "armature": ("kg m2", "inertia of the rotor, seen at the joint"),
+    "relative_gain": ("1", "true over reported torque, over the mean of that of all motors, less one"),
+    "delay": ("s", "age of the command that a torque obeys"),
+}
+_IN_COMMON = {"coulomb_friction": "coulomb", "viscous_friction": "viscous", "armature": "armature"}
+"""Rows of the table of unknowns that tell a motor's number where no motor was looked at by itself."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One kind of number that was found.
+
+    Attributes:
+        part: part of the result that it belongs to, "sensors" or "motors".
+        name: name of the number: "joint_zero", "armature", ...
+        unit: SI unit of the values.
+        meaning: noun phrase, with sign and frame.
+        values: quantities by the model's joint name, by axis, or by "imu".
+    """
+
+    part: str
+    name: str
+    unit: str
+    meaning: str
+    values: dict[str, Quantity]
+
+    def number(self, key: str) -> float:
+        """The value of a joint or an axis; 0, which corrects nothing, where the run did not tell it."""
+        return float(self.values[key].value or 0.0) if key in self.values else 0.0
+
+    def only(self, wanted: Callable[[Quantity], bool]) -> Column:
+        """The same with some values alone."""
+        return replace(self, values={key: value for key, value in self.values.items() if wanted(value)})
+
+
+def columns_of(result: Calibration, part: str) -> tuple[Column, ...]:
+    """All that a result says of "sensors" or of "motors", whatever its verdicts; columns without a value are left out."""
+    found = _motors(result) if part == MOTORS else _sensors(result)
+    return tuple(column for column in found if column.values)
+
+
+def _sensors(result: Calibration) -> list[Column]:
+    rows = [Priors.row(name) for name in _OF_SENSORS]
+    return [Column(SENSORS, row.name, row.unit or "1", row.meaning, _of_row(row, result)) for row in rows]
+
+
+def _of_row(row: Unknown, result: Calibration) -> dict[str, Quantity]:
+    """What the findings say of a row of the table of unknowns, by joint or axis; in the joints' order."""
+    pattern = re.compile(re.escape(row.finding).replace(re.escape("{each}"), "(.+)"), re.DOTALL)
+    prior = result.settings.get("priors", {}).get(row.name, row.usual)
+    found: dict[str, Quantity] = {}
+    for finding in result.sensors:
+        if match := pattern.fullmatch(finding.name):
+            key = match[1] if match.groups() else "imu"
+            found[key] = _judged(row.name, row.unit, finding, prior)
+    order = [*result.joint_position, "roll", "pitch", "yaw", *"xyz", "imu"]
+    return {key: found[key] for key in order if key in found}
+
+
+def _judged(name: str, unit: str, finding: SensorFinding, beside: float) -> Quantity:
+    return Quantity(name, unit, finding.value, finding.deviation, verdict_of(finding.deviation, beside))
+
+
+def _motors(result: Calibration) -> list[Column]:
+    return [
+        Column(MOTORS, name, unit, meaning, _of_motors(result, name) if result.motors else _in_common(result, name))
+        for name, (unit, meaning) in _OF_MOTORS.items()
+    ]
+
+
+def _of_motors(result: Calibration, name: str) -> dict[str, Quantity]:
+    found = {joint: motor.quantities[name] for joint, motor in result.motors.items()}
+    return {joint: quantity for joint, quantity in found.items() if quantity.value is not None}
+
+
+def _in_common(result: Calibration, name: str) -> dict[str, Quantity]:
+    """One number for all joints, which a run finds that looked at no motor by itself."""
+    findings = {finding.name: finding for finding in result.sensors}
+    row = Priors.row(_IN_COMMON[name]) if name in _IN_COMMON else None
+    if row is None or row.finding not in findings:
+        return {}
+    finding = findings[row.finding]
+    return dict.fromkeys(result.joint_position, _judged(name, row.unit, finding, abs(finding.value)))

@@ -1,0 +1,160 @@
+"""Sensors and motors in files that hold nothing else: for tools of the user's own, firmware, ROS 2 and robots' programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, cast
+
+from equipoise.errors import NotIdentifiedError, SettingsError
+from equipoise.exports.found import Column
+from equipoise.exports.subject import Subject, number
+from equipoise.exports.tables import columns_table, provenance, yaml_lines
+from equipoise.exports.written import Written
+
+SCHEMA = "equipoise.sensors-and-motors/1"
+_AXES = {"imu_tilt": ("roll", "pitch", "yaw"), "clock_offset": ("imu",)}
+_MOTOR_LEGS = ("FR", "FL", "RR", "RL")  # of Unitree's robots; each hip, thigh, calf
+
+
+def write_toml(subject: Subject) -> Written:
+    """Everything, with deviations and verdicts, as TOML."""
+    about = subject.columns_words
+    table = {**provenance(subject, SCHEMA, about), **columns_table(subject.columns)}
+    return Written.text([*_comment(subject, about), *_toml(table, ())], about)
+
+
+def write_ros2(subject: Subject) -> Written:
+    """Parameters of any node: equipoise.joint_zero.FL_hip_joint and so on."""
+    about = subject.columns_words
+    values = {column.name: {key: column.number(key) for key in column.values} for column in subject.columns}
+    lines = yaml_lines({"/**": {"ros__parameters": {"equipoise": values}}})
+    return Written.text([*_comment(subject, about), *_meanings(subject, "# "), *lines], about)
+
+
+def write_c_header(subject: Subject) -> Written:
+    """Arrays in the model's joint order, and by axis; 0 where the run did not tell a number."""
+    about, joints = subject.columns_words, list(subject.result.joint_position)
+    names = ", ".join(map(_quoted, joints))
+    lines = [
+        *_comment(subject, about, "// "),
+        "#ifndef EQUIPOISE_SENSORS_AND_MOTORS_H",
+        "#define EQUIPOISE_SENSORS_AND_MOTORS_H",
+        f"#define EQUIPOISE_JOINTS {len(joints)}",
+        f"static const char *const equipoise_joint_names[EQUIPOISE_JOINTS] = {{{names}}};",
+    ]
+    for column in subject.columns:
+        keys = _keys(column, joints)
+        size = "EQUIPOISE_JOINTS" if keys is joints else str(len(keys))
+        values = ", ".join(number(column.number(key)) for key in keys)
+        order = "" if keys is joints else f"; {', '.join(keys)}"
+        lines += [
+            f"// [{column.unit}] {column.meaning}{order}",
+            f"static const double equipoise_{column.name}[{size}] = {{{values}}};",
+        ]
+    return Written.text([*lines, "#endif"], about)
+
+
+def write_zeros(subject: Subject) -> Written:
+    """Joint zeros alone, by joint, as YAML."""
+    zeros, about = _zeros(subject), "joint zeros: encoder reading less joint position [rad]; joint = reading - zero"
+    return Written.text([*_comment(subject, about), *yaml_lines(zeros)], about)
+
+
+def write_unitree(subject: Subject) -> Written:
+    """Lists in the order of a Unitree robot's motors, as YAML; 0 where the run did not tell a number."""
+    about = (
+        f"{subject.columns_words}; lists in the order of the motors, {' '.join(_MOTOR_LEGS)}, each from the hip down"
+    )
+    joints = _in_motor_order(subject)
+    values = {column.name: [column.number(key) for key in _keys(column, joints)] for column in subject.columns}
+    lines = yaml_lines({"joint_names": joints, **values})
+    return Written.text([*_comment(subject, about), *_meanings(subject, "# "), *lines], about)
+
+
+def write_holosoma(subject: Subject) -> Written:
+    """Holosoma's joint_offsets_deg: added to what is commanded, as an encoder's zero must be."""
+    about = "joint zeros in degrees: encoder reading less joint position, which is what a command has to be more by"
+    degrees = {joint: math.degrees(zero) for joint, zero in _zeros(subject).items()}
+    lines = [
+        *_comment(subject, about),
+        "JOINT_OFFSETS_DEG = {",
+        *(f"    {name!a}: {number(value)}," for name, value in degrees.items()),
+        "}",
+        "",
+        "",
+        "def joint_offsets_deg(dof_names):",
+        '    """RobotConfig(..., joint_offsets_deg=joint_offsets_deg(dof_names)): 0 for joints that are not above."""',
+        "    return tuple(JOINT_OFFSETS_DEG.get(name, 0.0) for name in dof_names)",
+    ]
+    return Written.text(lines, about)
+
+
+def _zeros(subject: Subject) -> dict[str, float]:
+    if not (zeros := subject.column("joint_zero")):
+        raise NotIdentifiedError(
+            "the run told no joint's zero well; calibrate longer (--budget), or write them all the same with --force"
+        )
+    return zeros
+
+
+def _keys(column: Column, joints: list[str]) -> list[str]:
+    """All joints, or all axes, of a column; told or not."""
+    if set(column.values) <= set(joints):
+        return joints
+    return list(_AXES.get(column.name, "xyz"))
+
+
+def _in_motor_order(subject: Subject) -> list[str]:
+    robot = subject.result.robot_model
+    if robot is None:
+        raise SettingsError("a calibration.json alone does not know the robot's legs: name the run folder")
+    return [robot.joint_names[joint] for leg in _MOTOR_LEGS for joint in robot.legs[leg].joints]
+
+
+def _comment(subject: Subject, about: str, mark: str = "# ") -> list[str]:
+    return [mark + line for line in subject.header(about)]
+
+
+def _meanings(subject: Subject, mark: str) -> list[str]:
+    return [f"{mark}{column.name} [{column.unit}]: {column.meaning}" for column in subject.columns]
+
+
+def _toml(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+    """A table's own values, then the tables in it."""
+    inner = {key: cast("Mapping[str, Any]", value) for key, value in table.items() if isinstance(value, Mapping)}
+    own = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items() if key not in inner]
+    head = ["", f"[{'.'.join(map(_toml_key, path))}]"] if path and own else []
+    lines = [*head, *own]
+    for key, value in inner.items():
+        lines += _toml(value, (*path, key))
+    return lines
+
+
+def _toml_key(key: str) -> str:
+    return key if key.isidentifier() and key.isascii() else _quoted(key, "U{:08x}")
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, float):
+        return number(value)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml_value, cast('list[Any]', value)))}]"
+    return _quoted(str(value), "U{:08x}")
+
+
+def _quoted(text: str, escape: str = "") -> str:
+    """Text between double quotes, all but printable ASCII escaped: as octal bytes of UTF-8, which C takes, or as said.
+
+    Args:
+        escape: form of a character's number, for languages other than C.
+    """
+    return f'"{"".join(_escaped(letter, escape) for letter in text)}"'
+
+
+def _escaped(letter: str, escape: str) -> str:
+    if " " <= letter <= "~" and letter not in '"\\?':  # ??/ is a backslash to old C
+        return letter
+    if escape:
+        return "\\" + escape.format(ord(letter))
+    return "".join(f"\\{byte:03o}" for byte in letter.encode())
