@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -35,11 +35,12 @@ from equipoise.cli.methods import (
     refuse_flags_of_other_methods,
 )
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
-from equipoise.errors import LogError, RecordingError, SettingsError
+from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
 
 if TYPE_CHECKING:
     from equipoise.result.calibration import Calibration
+    from equipoise.robot.audit import Audit
 
 
 def plan(
@@ -248,20 +249,63 @@ def _estimate_log(
     return result
 
 
-def audit(robot: Robot, *, description: Described = RobotFlags(), output: Output = Output()) -> int:  # noqa: B008
-    """Check the inertial parameters in a robot's model file. Needs no simulator. Ends with 1 where something is in error.
+Robots = Annotated[
+    Positional[tuple[str, ...]],
+    arg(metavar="ROBOT...", help="Names (see 'equipoise robots'), or URDF or MJCF files.", help_behavior_hint=""),
+]
+
+
+def audit(
+    robots: Robots = (),
+    *,
+    format: Literal["table", "github"] = "table",
+    description: Described = RobotFlags(),  # noqa: B008
+    output: Output = Output(),  # noqa: B008
+) -> int:
+    """Check the inertial parameters in robots' model files. Needs no simulator. Ends with 1 where something is in error.
 
     Example: equipoise audit my_robot.urdf
+             equipoise audit --format github urdf/*.urdf
+
+    Args:
+        format: 'github' writes annotations that a workflow of GitHub shows beside the lines of a change.
     """
+    if not robots:
+        raise SettingsError("name a robot, or a URDF or MJCF file: equipoise audit my_robot.urdf")
+    if format == "github":
+        return max(_annotate(robot, description) for robot in robots)
+    audits = [_audit(robot, description) for robot in robots]
+    tables = [{"schema": "equipoise.audit/1", **result.to_dict()} for result in audits] if output.json else []
+    if output.json:
+        print(json_module.dumps(tables[0] if len(tables) == 1 else tables, indent=2))
+    else:
+        from equipoise.terminal.calibration import print_audit
+
+        for result in audits:
+            print_audit(result)
+    return max(map(_in_error, audits))
+
+
+def _audit(robot: str, description: RobotFlags) -> Audit:
     from equipoise.robot.audit import audit as run
-    from equipoise.terminal.calibration import print_audit
 
     with warnings.catch_warnings():  # the audit says what was repaired
         warnings.simplefilter("ignore")
-        model = load(robot, description)
-    result = run(model)
-    if output.json:
-        print(json_module.dumps({"schema": "equipoise.audit/1", **result.to_dict()}, indent=2))
-    else:
-        print_audit(result)
+        return run(load(robot, description))
+
+
+def _annotate(robot: str, description: RobotFlags) -> int:
+    """One file's annotations; one that cannot be read does not hide what is found in others."""
+    from equipoise.terminal.annotations import annotations, refusal
+
+    try:
+        result = _audit(robot, description)
+    except ModelError as error:
+        print(refusal(robot, error))
+        return error.exit_code
+    print("".join(f"{line}\n" for line in annotations(robot, result)), end="")
+    return _in_error(result)
+
+
+def _in_error(result: Audit) -> int:
     return int(any(finding.severity == "error" for finding in result.findings))
