@@ -47,6 +47,31 @@ SDF = """<sdf version="1.9"><world name="w"><model name="a1">
   <joint name="FR" type="revolute"><parent>trunk</parent><child>FR_hip</child></joint>
 </model></world></sdf>
 """
+USD = """#usda 1.0
+(
+    defaultPrim = "a1"
+    kilogramsPerUnit = {mass}
+    metersPerUnit = {length}
+)
+
+def Xform "a1"
+{{
+    def Xform "trunk" (
+        prepend apiSchemas = ["PhysicsRigidBodyAPI"]
+    )
+    {{
+        float physics:mass = 4.7
+        rel kept = </a1>
+    }}
+{joints}
+}}
+"""
+
+
+def usd(robot, length=1, mass=1, more=""):
+    """A USD of a robot's base and joints, with other units and more in it."""
+    joints = "\n".join(f'    def PhysicsRevoluteJoint "{name}" {{}}' for name in robot.joint_names)
+    return USD.format(length=length, mass=mass, joints=joints + more)
 
 
 def added_to(robot):

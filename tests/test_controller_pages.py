@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from exporting import CONST, INERTIAL, SDF, make_run
+from exporting import CONST, INERTIAL, SDF, make_run, usd
 from robots import load_text, quadruped_mjcf
 
 from equipoise.cli import main
@@ -31,6 +31,7 @@ def folder(a1, tmp_path_factory):
     (folder / "my_robot.urdf").write_bytes(a1.source.path.read_bytes())
     (folder / "const.xacro").write_text(CONST, encoding="utf-8")
     (folder / "model.sdf").write_text(SDF.format(INERTIAL), encoding="utf-8")
+    (folder / "a1.usda").write_text(usd(a1), encoding="utf-8")
     return folder
 
 
@@ -40,6 +41,8 @@ def masked(text):
 
 @pytest.mark.parametrize("page", sorted(PAGES.glob("*.md")), ids=lambda page: page.stem)
 def test_commands_run_and_write_what_the_page_shows(page, folder, monkeypatch, capsys):
+    if page.stem == "usd":
+        pytest.importorskip("pxr", reason="usd-core is not installed: USD is NOT TRIED")
     monkeypatch.chdir(folder)
     text = page.read_text(encoding="utf-8")
     commands, written = COMMAND.findall(text), ""

@@ -296,14 +296,14 @@ def _audit(robot: str, description: RobotFlags) -> Audit:
 
 def _annotate(robot: str, description: RobotFlags) -> int:
     """One file's annotations; one that cannot be read does not hide what is found in others."""
-    from equipoise.terminal.annotations import annotations, refusal
+    from equipoise.terminal.annotations import annotation_lines, refusal
 
     try:
         result = _audit(robot, description)
     except ModelError as error:
         print(refusal(robot, error))
         return error.exit_code
-    print("".join(f"{line}\n" for line in annotations(robot, result)), end="")
+    print("".join(f"{line}\n" for line in annotation_lines(robot, result)), end="")
     return _in_error(result)
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from equipoise._version import __version__
 from equipoise.errors import EquipoiseError, NotEstimatedError, OutputError, SettingsError, did_you_mean
-from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, xacro
+from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, usd, xacro
 from equipoise.exports.found import BASE, MOTORS, SENSORS, columns_of
 from equipoise.exports.judgement import judge, judge_columns
 from equipoise.exports.model_file import find_users_file
@@ -69,6 +69,8 @@ FORMATS: dict[str, Format] = {
         Format("mjcf", _BASE, "model", True, "your MJCF", "robot.xml", mjcf.write, "mjcf",
                parts=(BASE, MOTORS)),
         Format("sdf", _BASE, "given", True, "Gazebo's model.sdf", "base.sdf", sdf.write, "sdf"),
+        Format("usd", _BASE, "given", False, "Isaac Sim, Isaac Lab: your USD", "robot.usd", usd.write, "usd",
+               parts=(BASE, MOTORS)),
         Format("xacro", _BASE, "given", False, "legged_control's const.xacro", "const.xacro", xacro.write, "legged_control"),
         Format("quadruped-pympc", _WHOLE, "", False, "Quadruped-PyMPC's config.py", "config.py",
                controllers.quadruped_pympc, "quadruped-pympc"),

@@ -13,7 +13,7 @@ _ESCAPES = {"%": "%25", "\r": "%0D", "\n": "%0A"}
 _ESCAPES_OF_PROPERTIES = {**_ESCAPES, ":": "%3A", ",": "%2C"}
 
 
-def annotations(path: str, result: Audit) -> list[str]:
+def annotation_lines(path: str, result: Audit) -> list[str]:
     """One a finding, at the line of the first body that it names.
 
     Args:
