@@ -12,6 +12,7 @@ from exporting import assert_same, composite_in_equipoise, composite_in_pinocchi
 from equipoise import Precise, RunFolder, export
 from equipoise.cli import main
 from equipoise.exports.formats import FORMATS
+from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
 from equipoise.terminal.calibration import print_calibration
 
@@ -141,3 +142,32 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     assert "name the run folder, or --file" in fails(capsys, 2, "export", str(lone), "--to", "urdf")
     (tmp_path / "export").write_text("a file", encoding="utf-8")
     assert "cannot write" in fails(capsys, 6, "export", str(lone), "--to", "yaml")
+
+
+def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, capsys):
+    assert main(["export", str(run), "--all", "--what", "all", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    outputs = {row.output for row in FORMATS.values()}
+    assert len(outputs) == len(FORMATS)
+    assert {path.name for path in tmp_path.iterdir()} == outputs - {"robot.urdf", "robot.xml", "robot.usd"} | {
+        "a1.urdf"
+    }
+    assert "mjcf: not written: the run's model is URDF" in printed
+    assert "usd: not written: usd edits a stage of yours" in printed
+    assert printed.count("weakly identified: joint_zero (FL_thigh_joint)") == 1
+    assert main(["export", str(run), "--all", "--what", "motors", "--json", "--out", str(tmp_path / "motors")]) == 0
+    table = json.loads(capsys.readouterr().out)
+    assert table["files"]["toml"]["parts"] == ["motors"]
+    assert not {"sdf", "zeros"} & ({*table["files"]} | {*table["left_out"]})
+
+
+def test_all_takes_no_flag_of_one_format_and_fails_where_nothing_can_be_written(run, a1, tmp_path, capsys):
+    assert "--all writes every format by itself" in fails(capsys, 2, "export", str(run), "--all", "--to", "urdf")
+    assert "name a run: equipoise export RUN --all" in fails(capsys, 2, "export", "--all")
+    assert "legs, link by link" in fails(capsys, 2, "export", str(run), "--all", "--what", "legs")
+    result = found(a1)
+    unknown = {name: Body.partly(getattr(result.nominal, name)) for name in ("composite", "base")}
+    bare = dataclasses.replace(result, **unknown)
+    bare.save(tmp_path / "bare.json")
+    assert "this calibration does not know" in fails(capsys, 1, "export", str(tmp_path / "bare.json"), "--all")
+    assert not (tmp_path / "export").exists()

@@ -27,6 +27,7 @@ def export(
     run: Run = None,
     *,
     to: Annotated[str | None, arg(metavar="FORMAT", help_behavior_hint="")] = None,
+    all: Flag = False,
     what: Annotated[str | None, arg(metavar="WHAT", help_behavior_hint="")] = None,
     out: File = None,
     file: File = None,
@@ -45,9 +46,11 @@ def export(
 
     Example: equipoise export runs/go2 --to urdf
              equipoise export runs/go2 --to xacro --file const.xacro --out const.xacro
+             equipoise export runs/go2 --all --what all --out numbers
 
     Args:
         to: Format; --list shows all.
+        all: Every format that can hold what is asked for, into the folder --out; what cannot be written is said.
         what: 'base' (mass, centre of mass, inertia), 'sensors' (joint zeros, IMU, clock), 'motors' (friction, armature, gain,
             delay), several with commas, or 'all' that the format holds. Default: base, or all where a format holds no base.
         out: File to write; default export/ in the run folder. Your own file is overwritten only if it is named here.
@@ -60,11 +63,19 @@ def export(
     """
     from equipoise.exports import formats
 
-    if run is None or to is None or list:
-        if to is not None and run is None and not list:
-            raise SettingsError("name a run: equipoise export RUN --to " + to)
+    if run is None or list or not (all or to):
+        if (all or to) and not list:
+            raise SettingsError(f"name a run: equipoise export RUN {f'--to {to}' if to else '--all'}")
         _show_formats(output.json)
         return
+    if all:
+        if to or file or add_payload_link or samples:
+            raise SettingsError(
+                "--all writes every format by itself: without --to, --file, --add-payload-link, --samples"
+            )
+        _export_all(run, out, force, seed, what, output)
+        return
+    assert to is not None
     formats.find_format(to)
     written = formats.export(
         _result(run),
@@ -85,6 +96,30 @@ def export(
         from equipoise.terminal.export import print_export
 
         print_export(written, path)
+
+
+def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str | None, output: Output) -> None:
+    from equipoise.exports.formats import Export, export_all
+
+    found = export_all(_result(run), force=force, seed=seed, run=str(run), what=what)
+    written = {name: one for name, one in found.items() if isinstance(one, Export)}
+    refused = {name: one for name, one in found.items() if not isinstance(one, Export)}
+    if not written:
+        raise next(iter(refused.values()))
+    folder = out or _folder(run)
+    paths = {name: one.save(folder / one.file_name) for name, one in written.items()}
+    if output.json:
+        files = {name: {"path": str(paths[name]), **one.to_dict()} for name, one in written.items()}
+        left_out = {name: str(error) for name, error in refused.items()}
+        print(json_module.dumps({"schema": "equipoise.exports/1", "files": files, "left_out": left_out}, indent=2))
+    elif not output.quiet:
+        from equipoise.terminal.export import print_exports
+
+        print_exports(written, paths, refused)
+
+
+def _folder(run: Path) -> Path:
+    return (run.parent if run.is_file() else run) / _FOLDER
 
 
 def _show_formats(json: bool) -> None:
@@ -122,7 +157,7 @@ def _result(run: Path) -> Calibration:
 
 def _place(run: Path, written: Export, file: Path | None) -> Path:
     """Where a file goes that was given no place; never over the user's."""
-    path = (run.parent if run.is_file() else run) / _FOLDER / written.file_name
+    path = _folder(run) / written.file_name
     if file is not None and path.exists() and path.samefile(file):
         raise OutputError(f"{str(path)!r} is the file to edit; to overwrite it name it with --out too")
     return path

@@ -207,6 +207,25 @@ def export(
     return Export(replace(row, bodies=bodies), written.content, name.name, header, written.notes + subject.notes, parts)
 
 
+def export_all(
+    result: Calibration, *, force: bool = False, seed: int = 0, run: str = "", what: str | None = None
+) -> dict[str, Export | EquipoiseError]:
+    """A result in every form that holds what is asked for, by the format's name; in place of one that cannot be, why.
+
+    The arguments are those of `export`.
+    """
+    found: dict[str, Export | EquipoiseError] = {}
+    for name, row in all_formats().items():
+        if isinstance(row, EquipoiseError):
+            found[name] = row
+        elif what in (None, "all") or _words(what) <= set(row.parts):
+            try:
+                found[name] = export(result, name, force=force, seed=seed, run=run, what=what)
+            except EquipoiseError as error:
+                found[name] = error
+    return found
+
+
 def find_format(name: str) -> Format:
     """A row of the table, which is ours or comes by an entry point.
 
@@ -231,12 +250,7 @@ def _parts(row: Format, result: Calibration, what: str | None) -> tuple[str, ...
     if what in (None, "all"):
         there = tuple(part for part in row.parts if _has(result, part))
         return there or row.parts  # of which it is said why there is none
-    words = {word.strip() for word in what.split(",")}
-    if wrong := sorted(words - set(_ALL_PARTS)):
-        said = "legs, link by link, are not estimated yet" if wrong == ["legs"] else f"--what is {what!r}"
-        raise SettingsError(
-            f"{said}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be base, sensors, motors, several with commas, or all"
-        )
+    words = _words(what)
     if lacking := words - set(row.parts):
         able = ", ".join(name for name, other in FORMATS.items() if words <= set(other.parts))
         raise SettingsError(
@@ -244,6 +258,17 @@ def _parts(row: Format, result: Calibration, what: str | None) -> tuple[str, ...
             f"{able} hold it"
         )
     return tuple(part for part in row.parts if part in words)
+
+
+def _words(what: str) -> set[str]:
+    """Parts by their names; raises SettingsError."""
+    words = {word.strip() for word in what.split(",")}
+    if wrong := sorted(words - set(_ALL_PARTS)):
+        said = "legs, link by link, are not estimated yet" if wrong == ["legs"] else f"--what is {what!r}"
+        raise SettingsError(
+            f"{said}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be base, sensors, motors, several with commas, or all"
+        )
+    return words
 
 
 def _has(result: Calibration, part: str) -> bool:
