@@ -132,6 +132,7 @@ def test_a_base_that_no_body_can_be_is_refused(a1):
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
+        ("tomll", {}, "no format is called 'tomll'; did you mean 'toml'? there are urdf"),
         ("gazebo", {}, "no format is called 'gazebo'; there are urdf, mjcf, sdf, xacro, quadruped-pympc,"),
         ("yaml", {"file": "a.yaml"}, "--file: yaml edits no file; paste what it writes into tools of your own"),
         ("xacro", {"payload_link": True}, "--add-payload-link: xacro has no links; urdf, mjcf, sdf have"),

@@ -234,7 +234,7 @@ def find_format(name: str) -> Format:
         PluginError: the package that brings it cannot be used.
     """
     if name not in _ALL:
-        raise SettingsError(f"no format is called {name!r}; there are {', '.join(_ALL)}")
+        raise SettingsError(f"no format is called {name!r}; {did_you_mean(name, _ALL)}there are {', '.join(_ALL)}")
     return _ALL[name]
 
 

@@ -118,9 +118,14 @@ def _open(path: Path) -> _Stage:
     try:
         stage, layer = usd.Usd.Stage.Open(str(path)), usd.Sdf.Layer.OpenAsAnonymous(str(path))
     except usd.Tf.ErrorException as error:
-        raise ModelError(f"{str(path)!r} is not valid USD: {str(error).strip().splitlines()[-1].strip()}") from error
+        raise ModelError(f"{str(path)!r} is not valid USD: {_words_of(error)}") from error
     length, mass = usd.UsdGeom.GetStageMetersPerUnit(stage), usd.UsdPhysics.GetStageKilogramsPerUnit(stage)
     return _Stage(usd, path, stage, layer, length, mass)
+
+
+def _words_of(error: Exception) -> str:
+    """What usd-core says, without where in its own source it says it."""
+    return str(error).strip().splitlines()[-1].rpartition(" : ")[2].strip("' \t")
 
 
 def _base(stage: _Stage, name: str) -> Any:
