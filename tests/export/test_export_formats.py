@@ -133,7 +133,7 @@ def test_a_base_that_no_body_can_be_is_refused(a1):
     ("name", "options", "message"),
     [
         ("tomll", {}, "no format is called 'tomll'; did you mean 'toml'? there are urdf"),
-        ("gazebo", {}, "no format is called 'gazebo'; there are urdf, mjcf, sdf, xacro, quadruped-pympc,"),
+        ("gazebo", {}, "no format is called 'gazebo'; there are urdf, mjcf, sdf, usd, xacro, quadruped-pympc,"),
         ("yaml", {"file": "a.yaml"}, "--file: yaml edits no file; paste what it writes into tools of your own"),
         ("xacro", {"payload_link": True}, "--add-payload-link: xacro has no links; urdf, mjcf, sdf have"),
         ("urdf", {"samples": 3}, "--samples is 3: mjlab and isaaclab list drawn bodies"),
