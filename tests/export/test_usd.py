@@ -1,5 +1,6 @@
 """USD, read as usd-core reads it. What needs no usd-core is tried without it."""
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -112,6 +113,15 @@ def test_a_stage_that_cannot_hold_it_is_refused(text, message, pxr, a1, result, 
     with pytest.raises(ModelError) as error:
         export(result, "usd", file=tmp_path / "a1.usda", what="all")
     assert message in str(error.value)
+
+
+def test_an_arm_that_was_held_is_not_counted_twice(pxr, a1, result, tmp_path):
+    (tmp_path / "a1.usda").write_text(usd(a1, more='\n    def PhysicsRevoluteJoint "arm" {}'), encoding="utf-8")
+    assert export(result, "usd", file=tmp_path / "a1.usda").notes == ()
+    held = dataclasses.replace(result, held={"arm": 0.3})
+    with pytest.raises(ModelError, match="has joint 'arm', which was held"):
+        export(held, "usd", file=tmp_path / "a1.usda")
+    export(held, "usd", file=tmp_path / "a1.usda", what="motors")
 
 
 def test_without_a_file_or_without_usd_core_it_says_what_to_do(result, tmp_path, monkeypatch):

@@ -98,7 +98,7 @@ def write(subject: Subject) -> Written:
     words += [_JOINTS] if subject.columns else []
     about = "; ".join(words)
     if BASE in subject.parts:
-        _refuse_fixed_bodies(stage, base)
+        _refuse_fixed_bodies(stage, base, set(subject.result.held))
         _set_body(stage, base, subject.base)
     for name in subject.joints:
         _set_joint(stage, _joint(stage, name), {key: subject.column(key).get(name) for key in _OF_JOINTS})
@@ -144,9 +144,18 @@ def _base(stage: _Stage, name: str) -> Any:
     return found[0]
 
 
-def _refuse_fixed_bodies(stage: _Stage, base: Any) -> None:
-    """What is fixed to the base would be counted twice."""
+def _refuse_fixed_bodies(stage: _Stage, base: Any, held: set[str]) -> None:
+    """What is fixed to the base, or was held, would be counted twice.
+
+    Args:
+        held: names of the joints that were held.
+    """
     for prim in stage.read.Traverse():
+        if prim.IsA(stage.usd.UsdPhysics.Joint) and prim.GetName() in held:
+            raise ModelError(
+                f"{str(stage.path)!r} has joint {prim.GetName()!r}, which was held, so that what it carries is part of the "
+                "base that was found and would be counted twice; export a URDF or MJCF and import that"
+            )
         if not prim.IsA(stage.usd.UsdPhysics.FixedJoint):
             continue
         joint = stage.usd.UsdPhysics.Joint(prim)
