@@ -25,5 +25,23 @@ class Cylinder(CollisionGeometry):
     radius: float
     halfLength: float
 
+class Halfspace(CollisionGeometry):
+    def __init__(self, normal: NDArray[np.float64], offset: float, /) -> None: ...
+
+class Transform3s:
+    def __init__(self, *placement: NDArray[np.float64]) -> None: ...
+
+class DistanceRequest: ...
+
 class DistanceResult:
     min_distance: float
+
+def distance(
+    first: CollisionGeometry,
+    first_pose: Transform3s,
+    second: CollisionGeometry,
+    second_pose: Transform3s,
+    request: DistanceRequest,
+    result: DistanceResult,
+    /,
+) -> float: ...

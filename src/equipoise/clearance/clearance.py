@@ -6,14 +6,13 @@ touch before both together have moved by d; until then nobody has to look.
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from equipoise.clearance.pairs import Distances, pairs_of
 from equipoise.conventions import FloatArray
+from equipoise.robot.memory import ThreadMemory
 from equipoise.robot.model import RobotModel
 
 FLOOR = "the floor"
@@ -40,27 +39,20 @@ class Contact:
         return f"{first} would come within {self.distance * 1000:.1f} mm of {second}"
 
 
-def contact_in(robot: RobotModel, joint_position: FloatArray) -> Contact | None:
-    """The nearest two links at (nj,) joint positions [rad], if they are nearer than they may be."""
-    pairs = pairs_of(robot)
-    distance = _memory.distances(robot).all(joint_position)
-    short = pairs.least - distance
-    worst = int(np.argmax(short))
-    return Contact(pairs.links[worst], float(distance[worst])) if short[worst] > 0 else None
-
-
-class _Memory(threading.local):
-    """Memory that distances are computed in, which takes longer to make than they take; each thread has its own."""
-
-    def __init__(self) -> None:
-        self.distances = lru_cache(maxsize=4)(_distances_of)
-
-
 def _distances_of(robot: RobotModel) -> Distances:
     return Distances(robot, pairs_of(robot).shapes)
 
 
-_memory = _Memory()
+_distances = ThreadMemory(_distances_of)
+
+
+def contact_in(robot: RobotModel, joint_position: FloatArray) -> Contact | None:
+    """The nearest two links at (nj,) joint positions [rad], if they are nearer than they may be."""
+    pairs = pairs_of(robot)
+    distance = _distances.of(robot).all(joint_position)
+    short = pairs.least - distance
+    worst = int(np.argmax(short))
+    return Contact(pairs.links[worst], float(distance[worst])) if short[worst] > 0 else None
 
 
 class Clearance:

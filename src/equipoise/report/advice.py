@@ -17,11 +17,11 @@ from equipoise.precise.routine import plan_ahead
 from equipoise.report.blocks import Block, items, table, text
 from equipoise.report.motors import motors_alone
 from equipoise.result.calibration import Calibration
+from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import nominal_stance
-from equipoise.terminal.calibration import ROWS
 
 _SCALE = 0.005  # of the mass: an ordinary scale
 _MORE = 60.0  # [s] of robot time on an A1

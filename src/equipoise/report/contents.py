@@ -20,7 +20,7 @@ from equipoise.report.sway import sway_blocks
 from equipoise.report.trials import bracket_figure, error_figure, tilt_figures, trial_table
 from equipoise.report.uncertainty import uncertainty_blocks
 from equipoise.result.calibration import Calibration
-from equipoise.terminal.calibration import ROWS
+from equipoise.result.shown import ROWS
 
 SCHEMA = "equipoise.report/1"
 

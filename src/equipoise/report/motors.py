@@ -9,8 +9,6 @@ from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.terminal.motors import COLUMNS, UNITS, left_by_right, motor_rows
 
-_NAMES = ("Coulomb friction", "viscous friction", "armature", "relative torque gain", "position-loop delay")
-
 
 def motor_blocks(result: Calibration) -> list[Block]:
     """Nothing, if the run did not look at motors; without the table, if the page begins with it."""
@@ -40,7 +38,7 @@ def motor_table(result: Calibration) -> Block:
 def motor_sentence(result: Calibration) -> str:
     """What was found, in short."""
     said: list[str] = []
-    for words, (name, label, factor, _) in zip(_NAMES, COLUMNS, strict=True):
+    for name, label, factor, _, words in COLUMNS:
         values = [one.value for one in _of(result, name) if one.value is not None]
         if values and name != "relative_gain":
             low, high = (f"{factor * end:.3g}" for end in (min(values), max(values)))
@@ -53,7 +51,7 @@ def _of(result: Calibration, name: str) -> list[Quantity]:
 
 
 def _figures(result: Calibration) -> list[Block]:
-    return [_figure(result, *column[:3], words) for column, words in zip(COLUMNS, _NAMES, strict=True)]
+    return [_figure(result, name, label, factor, words) for name, label, factor, _, words in COLUMNS]
 
 
 def _figure(result: Calibration, name: str, label: str, factor: float, words: str) -> Block:

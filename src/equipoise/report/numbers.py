@@ -9,7 +9,7 @@ from equipoise.conventions import AXES
 from equipoise.report.blocks import Block, Cell, table
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
-from equipoise.terminal.calibration import ROWS
+from equipoise.result.shown import ROWS
 
 BODIES = {
     "composite": "the whole robot at its stance",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from equipoise.report.blocks import Block, Cell, items, table
 from equipoise.result.calibration import Calibration
-from equipoise.terminal.calibration import ROWS
+from equipoise.result.shown import ROWS
 from equipoise.terminal.uncertainty import percent, remedies, short_label
 
 _SHOWN = ROWS[:7]

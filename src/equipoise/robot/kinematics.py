@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import threading
-from functools import lru_cache
-
 import numpy as np
 import pinocchio as pin
 
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
+from equipoise.robot.memory import ThreadMemory
 from equipoise.robot.model import RobotModel
 
 # Feet may miss their target by this fraction of the leg length before a posture counts as out of reach: 0.4 mm on an A1.
@@ -20,14 +18,7 @@ _CONVERGED = 1e-7  # [rad]; Newton steps square the error, so the next one would
 _MAX_JOINT_STEP = 0.3  # [rad], keeps Newton steps where the linearisation holds
 
 
-class _Memory(threading.local):
-    """Memory that Pinocchio computes in, of each thread."""
-
-    def __init__(self) -> None:
-        self.data = lru_cache(maxsize=8)(RobotModel.create_data)
-
-
-_memory = _Memory()
+_memory = ThreadMemory(RobotModel.create_data)
 
 
 class Kinematics:
@@ -45,7 +36,7 @@ class Kinematics:
 
     @property
     def _data(self) -> pin.Data:
-        return _memory.data(self._robot)
+        return _memory.of(self._robot)
 
     def joint_poses(self, joint_position: FloatArray) -> list[pin.SE3]:
         """Poses of the joints' frames in the base frame, by Pinocchio's number of the joint: 0 the world, 1 the base."""

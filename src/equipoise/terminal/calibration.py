@@ -19,6 +19,7 @@ from equipoise.experiments.progress import Progress as RoutineProgress
 from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
+from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
 from equipoise.robot.model import DIAGONALS
@@ -100,16 +101,6 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
         model = f" --file {result.robot_model.source.path}" if alone and result.robot_model is not None else ""
         said.append(f"export with: equipoise export {kept} --to {result.model['format']}{model}")
     return [*said, *([f"estimate again: equipoise estimate {kept}"] if (kept / RESULT) in files else [])]
-
-
-# Name of the quantity, label, factor from SI units, format.
-ROWS = (
-    ("mass", "mass [kg]", 1.0, ".3f"),
-    ("com_x", "CoM x [mm]", 1000.0, ".2f"),
-    ("com_y", "CoM y [mm]", 1000.0, ".2f"),
-    ("com_z", "CoM z [mm]", 1000.0, ".2f"),
-    *((name, f"{name} [kg m2]", 1.0, ".4f") for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
-)
 
 
 def _print_precise(console: Console, result: Calibration) -> None:

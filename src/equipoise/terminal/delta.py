@@ -8,7 +8,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.delta import Delta
-from equipoise.terminal.calibration import ROWS, estimate_cells, number
+from equipoise.result.shown import ROWS
+from equipoise.terminal.calibration import estimate_cells, number
 
 
 def print_delta(delta: Delta) -> None:

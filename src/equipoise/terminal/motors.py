@@ -12,13 +12,13 @@ from rich.table import Table
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 
-# Name of the quantity, label, factor from SI units, sign of the format.
+# Name of the quantity, label, factor from SI units, sign of the format, what it is in words.
 COLUMNS = (
-    ("coulomb_friction", "Coulomb [Nm]", 1.0, ""),
-    ("viscous_friction", "viscous [mNm s/rad]", 1000.0, ""),
-    ("armature", "armature [g m2]", 1000.0, ""),
-    ("relative_gain", "gain [%]", 100.0, "+"),
-    ("delay", "delay [ms]", 1000.0, ""),
+    ("coulomb_friction", "Coulomb [Nm]", 1.0, "", "Coulomb friction"),
+    ("viscous_friction", "viscous [mNm s/rad]", 1000.0, "", "viscous friction"),
+    ("armature", "armature [g m2]", 1000.0, "", "armature"),
+    ("relative_gain", "gain [%]", 100.0, "+", "relative torque gain"),
+    ("delay", "delay [ms]", 1000.0, "", "position-loop delay"),
 )
 UNITS = "Torques are in the unit in which the motors report them on average; gains are relative to their mean."
 
@@ -44,7 +44,7 @@ def print_motors(console: Console, result: Calibration) -> None:
 def motor_rows(result: Calibration, plus_minus: str = "+-") -> list[list[str]]:
     """Of each joint its name and what was found, as of `COLUMNS`."""
     joints, columns = left_by_right(result), list[list[str]]()
-    for name, _, factor, sign in COLUMNS:
+    for name, _, factor, sign, _ in COLUMNS:
         quantities = [result.motors[joint].quantities[name] for joint in joints]
         columns.append(_cells(quantities, factor, sign, f" {plus_minus} "))
     return [list(row) for row in zip(joints, *columns, strict=True)]

@@ -10,7 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.repeatability import Repeated
-from equipoise.terminal.calibration import ROWS, number
+from equipoise.result.shown import ROWS
+from equipoise.terminal.calibration import number
 
 _TOO_MUCH = 2.0  # of spread over deviation, with a handful of repetitions
 

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.result.calibration import Calibration
-from equipoise.terminal.calibration import ROWS
+from equipoise.result.shown import ROWS
 
 _SHOWN = 7  # parameters: mass, CoM, moments
 
