@@ -13,7 +13,7 @@ SOURCE = Path(equipoise.__file__).parent
 # From the ground up; a module may import from lower floors and from its own.
 FLOORS = [
     ["errors", "conventions", "_version"],
-    ["alive", "threads", "user_file", "plugins"],
+    ["alive", "threads", "thread_memory", "user_file", "plugins"],
     ["user_cache"],
     ["robot"],
     ["recording", "clearance"],

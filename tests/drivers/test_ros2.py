@@ -87,12 +87,18 @@ def connect(peer, a1):
 
 def hold(platform, target, seconds, torque=None):
     """Send one command for so much of the robot's time; the last state."""
-    state = platform.read()
-    begin, until = state.time, time.monotonic() + PATIENCE
-    while state.time < begin + seconds and time.monotonic() < until:
+    return samples(platform, target, seconds, torque)[-1]
+
+
+def samples(platform, target, seconds, torque=None):
+    """All states meanwhile, oldest first."""
+    taken = [platform.read()]
+    begin, until = taken[0].time, time.monotonic() + PATIENCE
+    while taken[-1].time < begin + seconds and time.monotonic() < until:
         state = platform.step(JointCommand(target, torque=torque))
-    assert state.time >= begin + seconds
-    return state
+        taken += [*state.earlier, state]
+    assert taken[-1].time >= begin + seconds
+    return taken
 
 
 def test_listening_moves_nothing(peer, connect, a1):
@@ -174,13 +180,16 @@ def test_joints_and_imu_keep_their_own_times_and_rates(connect):
 
 @pytest.mark.parametrize("joint", [0, 4, 8, 11])
 def test_commands_reach_the_joint_that_they_name(connect, a1, joint):
+    """By the torque of the step, which no other joint has; how far it has come when is told on a quiet machine alone."""
     platform = connect()
     target = nominal_stance(a1).joint_position.copy()
-    before = hold(platform, target, 0.4).joint_position
+    before = hold(platform, target, 0.4)
     target[joint] += 0.1
-    moved = hold(platform, target, 0.04).joint_position - before
-    assert np.argmax(np.abs(moved)) == joint
-    assert moved[joint] > 0.02
+    after = samples(platform, target, 0.1)
+    pushed = np.array([state.joint_torque for state in after]) - before.joint_torque
+    assert np.argmax(pushed.max(axis=0)) == joint
+    assert pushed[:, joint].max() > 0.04 * STIFFNESS
+    assert after[-1].joint_position[joint] > before.joint_position[joint] + 0.02
 
 
 def test_trajectories_command_as_arrays_do(connect, a1):

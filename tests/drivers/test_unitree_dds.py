@@ -256,13 +256,16 @@ def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tm
 
 
 def test_each_command_is_for_its_own_joint(tmp_path_factory, a1):
+    """Each is pushed until it is what is felt; nobody says how long a busy machine takes to bring a command."""
     limp = {"kp": np.zeros(12), "kd": np.zeros(12)}
-    felt = np.zeros((12, 12))
     with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
         lying = platform.read().joint_position
-        for joint, push in enumerate(np.eye(12)):
-            felt[joint] = hold(platform, lying, 0.05, torque=3 * push, **limp).joint_torque
-    assert np.allclose(felt, 3 * np.eye(12), atol=0.1), felt.round(1)
+        for push in 3 * np.eye(12):
+            patience = time.monotonic() + PATIENCE
+            while not np.allclose(
+                felt := hold(platform, lying, 0.02, torque=push, **limp).joint_torque, push, atol=0.1
+            ):
+                assert time.monotonic() < patience, f"{felt.round(1)} for {push}"
 
 
 def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_path_factory, a1, target):

@@ -12,8 +12,8 @@ import numpy as np
 
 from equipoise.clearance.pairs import Distances, pairs_of
 from equipoise.conventions import FloatArray
-from equipoise.robot.memory import ThreadMemory
 from equipoise.robot.model import RobotModel
+from equipoise.thread_memory import ThreadMemory
 
 FLOOR = "the floor"
 _ROUNDING = 1e-4  # [m] by which shapes that are too near already may come nearer

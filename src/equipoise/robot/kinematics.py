@@ -8,8 +8,8 @@ import pinocchio as pin
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
-from equipoise.robot.memory import ThreadMemory
 from equipoise.robot.model import RobotModel
+from equipoise.thread_memory import ThreadMemory
 
 # Feet may miss their target by this fraction of the leg length before a posture counts as out of reach: 0.4 mm on an A1.
 REACH_TOLERANCE_RATIO = 1e-3
