@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors weigh size)
+  guard report view robots motors legs weigh size)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -154,9 +154,9 @@ bench-check: $(ROBOTS_STAMP)
 bench-payload: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/payload.py
 
-# A quarter of an hour on one core; it goes on like bench-accuracy.
-bench-motors: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/motors.py
+# A quarter of an hour, and half an hour, on one core; they go on like bench-accuracy.
+bench-motors bench-legs: bench-%: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/$*.py
 
 # An hour on one core; it goes on like bench-accuracy.
 bench-weigh: $(ROBOTS_STAMP)

@@ -43,7 +43,7 @@ def run(name: str, seed: int, duration: int) -> dict[str, object]:
     robot = load_robot(name)
     with simulate(robot, "realistic", seed=seed) as simulation:
         result = calibrate(simulation.platform, robot, Motors(motor_time=float(duration)))
-        result = result.with_motor_truth(simulation.motor_truth)
+        result = result.with_truth_of_parts(simulation.truth_of_parts)
     row: dict[str, object] = {"robot": name, "seed": seed, "duration": duration}
     for quantity, _, unit, _ in FOUND:
         of_joints = [getattr(motor, quantity) for motor in result.motors.values()]

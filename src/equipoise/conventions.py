@@ -11,6 +11,8 @@ FloatArray = NDArray[np.float64]
 
 Axis = Literal["roll", "pitch", "yaw"]
 AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
+Swing = Literal["ahead", "aside"]
+SWINGS: tuple[Swing, ...] = ("ahead", "aside")
 
 GRAVITY = 9.81
 """[m/s2], as in Pinocchio and MuJoCo."""

@@ -245,19 +245,25 @@ def test_a_run_that_looked_at_no_motor_tells_what_all_have_in_common(result):
         (
             "urdf",
             {"what": "legs"},
-            "legs, link by link, are not estimated yet; it must be base, sensors, motors, several",
+            "legs are found with the base that goes with them: write both, with --what base,legs",
         ),
         (
             "urdf",
+            {"what": "base,legs", "payload_link": True},
+            "--add-payload-link leaves the model's links as they are",
+        ),
+        ("ros2", {"what": "legs"}, "--what legs: ros2 does not hold legs, but sensors, motors; urdf, mjcf, yaml"),
+        (
+            "urdf",
             {"what": "motor"},
-            "--what is 'motor'; did you mean 'motors'? it must be base, sensors, motors, several",
+            "--what is 'motor'; did you mean 'motors'? it must be base, sensors, motors, legs, several",
         ),
         (
             "urdf",
             {"what": "sensors"},
-            "--what sensors: urdf does not hold sensors, but base, motors; mjlab, isaaclab, yaml",
+            "--what sensors: urdf does not hold sensors, but base, motors, legs; mjlab, isaaclab, yaml",
         ),
-        ("toml", {"what": "base"}, "--what base: toml does not hold base, but sensors, motors; urdf, mjcf, sdf"),
+        ("toml", {"what": "base"}, "--what base: toml does not hold base, but sensors, motors, legs; urdf, mjcf, sdf"),
         ("urdf", {"what": "motors", "payload_link": True}, "of the base, which --what motors leaves out"),
     ],
 )
@@ -293,5 +299,5 @@ def test_the_command_line_says_what_was_written(a1, tmp_path, capsys):
     assert "not identified, so left out (in lists: 0): relative_gain" in capsys.readouterr().out
     table = tomllib.loads((tmp_path / "run" / "export" / "sensors_and_motors.toml").read_text(encoding="utf-8"))
     assert set(table) & {"sensors", "motors"} == {"motors"}
-    assert main(["export", str(tmp_path / "run"), "--to", "toml", "--what", "legs"]) == 2
-    assert "legs, link by link" in capsys.readouterr().err
+    assert main(["export", str(tmp_path / "run"), "--to", "toml", "--what", "legs"]) == 8
+    assert "this run did not look at legs; calibrate with --what base,legs" in capsys.readouterr().err

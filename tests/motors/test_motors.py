@@ -27,7 +27,7 @@ def swung(a1):
     kept = []
     with simulate(a1, "realistic", seed=5, effects={"friction_spread": 0.3}) as simulation:
         result = calibrate(simulation.platform, a1, Motors(motor_time=5.0), keep=kept.append)
-        return result.with_motor_truth(simulation.motor_truth), kept
+        return result.with_truth_of_parts(simulation.truth_of_parts), kept
 
 
 def test_what_was_simulated_is_found(swung):

@@ -15,10 +15,10 @@ from equipoise.robot.inertial import composite_parameters
 from equipoise.user_cache import VARIABLE
 
 
-def asked(robot, priors=None):
+def asked(robot, priors=None, swings=False):
     """As another process would ask."""
     kept.nominal_candidates.cache_clear()
-    return kept.nominal_candidates(robot, priors or Priors())
+    return kept.nominal_candidates(robot, priors or Priors(), swings)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def folder(tmp_path_factory, a1):
 def forbidden(monkeypatch):
     """Nobody may compute."""
 
-    def refuse(*_):
+    def refuse(*_, **__):
         raise ReachError("computed again")
 
     monkeypatch.setattr(Candidates, "of", refuse)
@@ -67,6 +67,8 @@ def test_another_robot_other_priors_and_other_words_on_it_are_computed(a1, folde
     for robot, priors in ((heavier, None), (stronger, None), (a1, Priors(joint_zero=0.03))):
         with pytest.raises(ReachError, match="computed again"):
             asked(robot, priors)
+    with pytest.raises(ReachError, match="computed again"):
+        asked(a1, swings=True)
 
 
 def test_other_code_computes(a1, folder, forbidden, monkeypatch):
@@ -83,7 +85,7 @@ def test_a_damaged_file_is_computed_and_written_again(a1, folder, monkeypatch, d
     whole, good = file.read_bytes(), asked(a1)
     file.write_bytes(damage(whole))
     computed = []
-    monkeypatch.setattr(Candidates, "of", lambda *_: computed.append(1) or good)
+    monkeypatch.setattr(Candidates, "of", lambda *_, **__: computed.append(1) or good)
     asked(a1)
     assert computed == [1]
     assert file.read_bytes() == whole

@@ -14,13 +14,14 @@ import pytest
 from robots import load_text, mjcf_arm_on_a_mount, quadruped_mjcf, quadruped_urdf, urdf_arm_on_a_mount
 
 from equipoise.errors import ModelWarning
+from equipoise.robot.bodies import link_names
 from equipoise.robot.catalog import CATALOG, load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters, nominal_inertia
 from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.effects import IDEAL
 from equipoise.simulation.mujoco_model import build_simulated_robot
-from equipoise.simulation.mujoco_truth import simulated_truth
+from equipoise.simulation.mujoco_truth import link_truth, simulated_truth
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.sensors import DrawnErrors
 
@@ -168,6 +169,28 @@ def test_with_nothing_changed_and_nothing_added_the_truth_is_the_model(tmp_path,
         assert found.mass == pytest.approx(expected.mass, rel=1e-6)
         assert np.abs(found.com - expected.com).max() < 1e-6 * robot.leg_length
         assert np.abs(found.inertia - expected.inertia).max() < 1e-6 * np.trace(expected.inertia)
+
+
+@pytest.mark.parametrize("name", EVERY_ROBOT)
+def test_links_of_an_unchanged_robot_are_the_models(tmp_path, name):
+    read, what = EVERY_ROBOT[name]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        try:
+            robot = read(what, tmp_path)
+        except ImportError as error:
+            pytest.skip(str(error))
+    truth, names = link_truth(robot, built(robot)), link_names(robot.full_pinocchio)
+    assert len(truth) == sum(len(leg.joints) for leg in robot.legs.values())
+    for leg in robot.legs.values():
+        for joint in leg.joint_ids:
+            inertia = robot.pinocchio.inertias[joint]
+            found = truth[names[robot.full_pinocchio.getJointId(robot.pinocchio.names[joint])]]
+            moment = [found[f"moment_{axis}"] for axis in "xyz"]
+            assert found["mass"] == pytest.approx(inertia.mass, rel=1e-6)
+            np.testing.assert_allclose(
+                moment, inertia.mass * inertia.lever, atol=1e-6 * inertia.mass * robot.leg_length
+            )
 
 
 # --- what MuJoCo reads from the file as it is

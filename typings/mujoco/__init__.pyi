@@ -166,6 +166,8 @@ class MjData:
     xipos: _FloatArray
     ximat: _FloatArray
     xmat: _FloatArray
+    xanchor: _FloatArray
+    xaxis: _FloatArray
     geom_xpos: _FloatArray
     subtree_com: _FloatArray
     def __init__(self, model: MjModel, /) -> None: ...

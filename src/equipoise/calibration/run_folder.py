@@ -42,7 +42,7 @@ from equipoise.recording.run_log import RunLog
 from equipoise.recording.run_log_reader import LogContent, read_log
 from equipoise.recording.run_log_resume import resume_log
 from equipoise.result.body import inertia_from_dict, inertia_to_dict
-from equipoise.result.calibration import Calibration
+from equipoise.result.calibration import Calibration, PartsTruth
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
@@ -245,9 +245,9 @@ class RunFolder:
         damaged = f"the run {str(self.path)!r} is damaged"
         return {name: _read_json(self.path / f"{name}.json", damaged) for name in self._header.get("attachments", ())}
 
-    def save_truth(self, truth: RobotInertia, motors: Mapping[str, Mapping[str, float]] | None = None) -> None:
+    def save_truth(self, truth: RobotInertia, of_parts: PartsTruth | None = None) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
-        table = {**inertia_to_dict(truth), "motors": motors}
+        table = {**inertia_to_dict(truth), **(of_parts or {})}
         write_file(self.path / _TRUTH, json.dumps(table, indent=2) + "\n")
 
     def estimate(self, method: Method | None = None) -> Calibration:
@@ -257,7 +257,9 @@ class RunFolder:
         truth = self.truth()
         if truth is None:
             return calibration
-        return calibration.with_truth(truth).with_motor_truth(self._truth_table().get("motors"))
+        table = self._truth_table()
+        of_parts: PartsTruth = {name: table.get(name) or {} for name in ("motors", "links")}
+        return calibration.with_truth(truth).with_truth_of_parts(of_parts)
 
     def truth(self) -> RobotInertia | None:
         """Of a simulated robot; None of a real one. Only to be joined to what was estimated without it."""

@@ -52,7 +52,8 @@ def export(
         to: Format; --list shows all.
         all: Every format that can hold what is asked for, into the folder --out; what cannot be written is said.
         what: 'base' (mass, centre of mass, inertia), 'sensors' (joint zeros, IMU, clock), 'motors' (friction, armature, gain,
-            delay), several with commas, or 'all' that the format holds. Default: base, or all where a format holds no base.
+            delay), 'legs' (masses and first moments of their links; a model file takes them with the base), several with
+            commas, or 'all' that the format holds. Default: base, or all where a format holds no base.
         out: File to write; default export/ in the run folder. Your own file is overwritten only if it is named here.
         file: Your file to edit: for urdf and mjcf in place of the run's model file; sdf and xacro write a new one without it.
         force: Write what is not identified or doubtful, or the nearest body to what was added, all the same; the file says so.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,20 +16,21 @@ if TYPE_CHECKING:
 
 DEFAULT_METHOD = "precise"
 MOTORS = "motors"
-_BASE = "base"
+_BASE, _LEGS = "base", "legs"
+_ALL = {_BASE, _LEGS, MOTORS}
 _WHAT = (
-    "What is to be found: 'base' (mass, centre of mass, inertia), 'motors' (friction, armature, gain and delay of each "
-    "joint), 'base,motors', or 'all'."
+    "What is to be found: 'base' (mass, centre of mass, inertia), 'legs' (masses, first moments and lengths of their links; "
+    "with the base), 'motors' (friction, armature, gain and delay of each joint), several with commas, or 'all'."
 )
 
 
 def asked_for(what: str) -> set[str]:
-    """Of "base" and "motors" those that `--what` names; raises SettingsError."""
+    """Of "base", "legs" and "motors" those that `--what` names; legs are found with the base. Raises SettingsError."""
     words = {word.strip() for word in what.split(",")}
-    asked = {_BASE, MOTORS} if words == {"all"} else words
-    if not asked or asked - {_BASE, MOTORS}:
-        raise SettingsError(f"--what is {what!r}; it must be base, motors, base,motors or all")
-    return asked
+    asked = _ALL if words == {"all"} else words
+    if not asked or asked - _ALL:
+        raise SettingsError(f"--what is {what!r}; it must be base, legs, motors, several with commas, or all")
+    return asked | {_BASE} if _LEGS in asked else asked
 
 
 def method_asked_for(arguments: Sequence[str]) -> str:
@@ -61,9 +63,20 @@ def read_method(flags: Any) -> Method:
     from equipoise.method.together import Together
 
     method = read_flags(method_named(flags.method), flags)
+    if _LEGS in asked_for(flags.what):
+        method = _with_legs(method)
     if flags.method == MOTORS or MOTORS not in asked_for(flags.what):
         return method
     return Together(method, read_flags(method_named(MOTORS), flags))
+
+
+def _with_legs(method: Method) -> Method:
+    """The method, which finds what the legs weigh too; raises SettingsError where it cannot."""
+    from equipoise.precise.method import Precise
+
+    if not isinstance(method, Precise):
+        raise SettingsError(f"--what legs is for --method precise; {method.name} does not find legs: leave them out")
+    return dataclasses.replace(method, swings=True)
 
 
 def refuse_flags_of_other_methods(verb: Verb, arguments: Sequence[str], this: str, judging: bool = False) -> None:

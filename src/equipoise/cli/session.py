@@ -146,7 +146,7 @@ class Session:
 
         with folder, interruption_told(folder):
             if self._simulation is not None:
-                folder.save_truth(self._simulation.truth, self._simulation.motor_truth)
+                folder.save_truth(self._simulation.truth, self._simulation.truth_of_parts)
                 _question_scale(method, self._simulation.truth.composite.mass)
             with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
                 told = EnterPressed() if self._simulation is None else None
@@ -154,7 +154,7 @@ class Session:
         result = result.with_provenance(**folder.provenance, **ending)
         if self._simulation is None:
             return result
-        return result.with_truth(self._simulation.truth).with_motor_truth(self._simulation.motor_truth)
+        return result.with_truth(self._simulation.truth).with_truth_of_parts(self._simulation.truth_of_parts)
 
     @contextmanager
     def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, dict[str, Any]]]:

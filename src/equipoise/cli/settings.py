@@ -82,6 +82,8 @@ def settings_of(kind: type[Any], only: Sequence[str] | None = None) -> list[Sett
 def _settings_in(kind: type[Any], prefix: str, path: tuple[str, ...]) -> Iterator[SettingFlag]:
     hints, words = typing.get_type_hints(kind), attribute_words(kind)
     for field in dataclasses.fields(kind):
+        if not field.metadata.get("flag", True):
+            continue
         below = field.metadata.get("prefix", f"{field.name}_")
         if (read := field.metadata.get("file")) is not None:
             told = words.get(field.name, "")

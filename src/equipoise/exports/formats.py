@@ -10,7 +10,7 @@ from typing import Any, Literal
 from equipoise._version import __version__
 from equipoise.errors import EquipoiseError, NotEstimatedError, OutputError, SettingsError, did_you_mean
 from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, usd, xacro
-from equipoise.exports.found import BASE, MOTORS, SENSORS, columns_of
+from equipoise.exports.found import BASE, LEGS, MOTORS, SENSORS, columns_of
 from equipoise.exports.judgement import judge, judge_columns
 from equipoise.exports.model_file import find_users_file
 from equipoise.exports.subject import Subject, UsersFile
@@ -36,7 +36,7 @@ class Format:
         write: function that writes it.
         page: page under docs/controllers, or an address; empty: none.
         samples: whether it lists drawn bodies too.
-        parts: what of a result it can hold, of "base", "sensors" and "motors".
+        parts: what of a result it can hold, of "base", "sensors", "motors" and "legs".
     """
 
     name: str
@@ -52,22 +52,22 @@ class Format:
 
     @property
     def holds(self) -> tuple[str, ...]:
-        """What it can hold, in words: the body or "both", and "sensors" and "motors"."""
+        """What it can hold, in words: the body or "both", and "sensors", "motors" and "legs"."""
         bodies = self.bodies if len(self.bodies) < 2 else ("both",)
         return (*bodies, *(part for part in self.parts if part != BASE))
 
 
 _BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
 _FOUND = (SENSORS, MOTORS)
-_ALL_PARTS = (BASE, *_FOUND)
+_ALL_PARTS = (BASE, *_FOUND, LEGS)
 _PAGE = "sensors-and-motors"
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (
         Format("urdf", _BASE, "model", True, "your URDF", "robot.urdf", urdf.write, "urdf",
-               parts=(BASE, MOTORS)),
+               parts=(BASE, MOTORS, LEGS)),
         Format("mjcf", _BASE, "model", True, "your MJCF", "robot.xml", mjcf.write, "mjcf",
-               parts=(BASE, MOTORS)),
+               parts=(BASE, MOTORS, LEGS)),
         Format("sdf", _BASE, "given", True, "Gazebo's model.sdf", "base.sdf", sdf.write, "sdf"),
         Format("usd", _BASE, "given", False, "Isaac Sim, Isaac Lab: your USD", "robot.usd", usd.write, "usd",
                parts=(BASE, MOTORS)),
@@ -81,13 +81,13 @@ FORMATS: dict[str, Format] = {
         Format("quad-sdk", _WHOLE, "", False, "Quad-SDK's ROBOT.yaml, main.m", "quad-sdk.yaml", controllers.quad_sdk,
                "quad-sdk"),
         Format("mjlab", _BASE, "", False, "mjlab's dr.pseudo_inertia", "mjlab_randomisation.py", learning.mjlab, "mjlab",
-               samples=True, parts=_ALL_PARTS),
+               samples=True, parts=(BASE, *_FOUND)),
         Format("isaaclab", _BASE, "", False, "Isaac Lab's event terms", "isaaclab_randomisation.py",
-               learning.isaaclab, "isaaclab", samples=True, parts=_ALL_PARTS),
+               learning.isaaclab, "isaaclab", samples=True, parts=(BASE, *_FOUND)),
         Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables", parts=_ALL_PARTS),
         Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables", parts=_ALL_PARTS),
         Format("toml", (), "", False, "tools of your own", "sensors_and_motors.toml", sensors_and_motors.write_toml,
-               _PAGE, parts=_FOUND),
+               _PAGE, parts=(*_FOUND, LEGS)),
         Format("zeros", (), "", False, "whoever reads encoders", "joint_zeros.yaml", sensors_and_motors.write_zeros,
                _PAGE, parts=(SENSORS,)),
         Format("c-header", (), "", False, "firmware, C and C++", "sensors_and_motors.h",
@@ -114,7 +114,7 @@ class Export:
         file_name: name of the file by default.
         header: lines that the file begins with: which body in which frame, from which run, at which stance.
         notes: sentences that speak against the numbers, worst first.
-        parts: what of the result was written, of "base", "sensors" and "motors".
+        parts: what of the result was written, of "base", "sensors", "motors" and "legs".
     """
 
     format: Format
@@ -174,8 +174,8 @@ def export(
         samples: number of drawn bodies to list (mjlab, isaaclab).
         seed: seed of everything drawn.
         run: name of the run that the file says it is from.
-        what: what is written: "base", "sensors", "motors", several with commas between, or "all" that the format holds and the
-            run found. By default the base, or, where a format does not hold it, all.
+        what: what is written: "base", "sensors", "motors", "legs", several with commas between, or "all" that the format
+            holds and the run found. By default the base, or, where a format does not hold it, all.
 
     Raises:
         SettingsError: no such format, or it does not take what was asked for.
@@ -191,6 +191,8 @@ def export(
         raise SettingsError(
             f"--add-payload-link and --samples are of the base, which --what {','.join(parts)} leaves out"
         )
+    if payload_link and LEGS in parts:
+        raise SettingsError("--add-payload-link leaves the model's links as they are: leave legs out of --what")
     bodies = () if BASE not in parts else ("composite",) if payload_link else row.bodies
     notes = judge(result, bodies, force)
     columns, of_columns = judge_columns(result, [part for part in parts if part != BASE], force)
@@ -264,9 +266,9 @@ def _words(what: str) -> set[str]:
     """Parts by their names; raises SettingsError."""
     words = {word.strip() for word in what.split(",")}
     if wrong := sorted(words - set(_ALL_PARTS)):
-        said = "legs, link by link, are not estimated yet" if wrong == ["legs"] else f"--what is {what!r}"
         raise SettingsError(
-            f"{said}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be base, sensors, motors, several with commas, or all"
+            f"--what is {what!r}; {did_you_mean(wrong[0], _ALL_PARTS)}it must be {', '.join(_ALL_PARTS)}, several with "
+            "commas, or all"
         )
     return words
 

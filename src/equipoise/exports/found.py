@@ -1,18 +1,18 @@
-"""What a run finds besides bodies: of sensors and of motors, in columns of one kind of number each."""
+"""What a run finds besides bodies: of sensors, motors and legs, in columns of one kind of number each."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from equipoise.precise.unknowns import Priors, Unknown
 from equipoise.result.calibration import Calibration
-from equipoise.result.findings import SensorFinding
+from equipoise.result.findings import Part, SensorFinding
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import verdict_of
 
-BASE, SENSORS, MOTORS = "base", "sensors", "motors"
+BASE, SENSORS, MOTORS, LEGS = "base", "sensors", "motors", "legs"
 _OF_SENSORS = ("joint_zero", "imu_tilt", "accelerometer_bias", "accelerometer_gain", "gyro_gain", "clock_offset")
 """Rows of the table of unknowns that are of sensors."""
 _OF_MOTORS = {
@@ -21,6 +21,13 @@ _OF_MOTORS = {
     "armature": ("kg m2", "inertia of the rotor, seen at the joint"),
     "relative_gain": ("1", "true over reported torque, over the mean of that of all motors, less one"),
     "delay": ("s", "age of the command that a torque obeys"),
+}
+_OF_LINKS = {
+    "mass": ("kg", "mass of a link with all that is fixed to it"),
+    "moment_x": ("kg m", "the same times x of its CoM, in the frame of its joint"),
+    "moment_y": ("kg m", "the same times y of its CoM"),
+    "moment_z": ("kg m", "the same times z of its CoM"),
+    "length": ("m", "distance across the joint's axis to the next joint, or to the middle of the foot"),
 }
 _IN_COMMON = {"coulomb_friction": "coulomb", "viscous_friction": "viscous", "armature": "armature"}
 """Rows of the table of unknowns that tell a motor's number where no motor was looked at by itself."""
@@ -31,11 +38,11 @@ class Column:
     """One kind of number that was found.
 
     Attributes:
-        part: part of the result that it belongs to, "sensors" or "motors".
-        name: name of the number: "joint_zero", "armature", ...
+        part: part of the result that it belongs to, "sensors", "motors" or "legs".
+        name: name of the number: "joint_zero", "armature", "link_mass", ...
         unit: SI unit of the values.
         meaning: noun phrase, with sign and frame.
-        values: quantities by the model's joint name, by axis, or by "imu".
+        values: quantities by the model's name of the joint or link, by axis, or by "imu".
     """
 
     part: str
@@ -54,9 +61,16 @@ class Column:
 
 
 def columns_of(result: Calibration, part: str) -> tuple[Column, ...]:
-    """All that a result says of "sensors" or of "motors", whatever its verdicts; columns without a value are left out."""
-    found = _motors(result) if part == MOTORS else _sensors(result)
+    """All that a result says of a part but the base, whatever its verdicts; columns without a value are left out."""
+    found = {SENSORS: _sensors, MOTORS: _motors, LEGS: _links}[part](result)
     return tuple(column for column in found if column.values)
+
+
+def _links(result: Calibration) -> list[Column]:
+    return [
+        Column(LEGS, f"link_{name}", unit, meaning, _known(result.links, name))
+        for name, (unit, meaning) in _OF_LINKS.items()
+    ]
 
 
 def _sensors(result: Calibration) -> list[Column]:
@@ -83,14 +97,14 @@ def _judged(name: str, unit: str, finding: SensorFinding, beside: float) -> Quan
 
 def _motors(result: Calibration) -> list[Column]:
     return [
-        Column(MOTORS, name, unit, meaning, _of_motors(result, name) if result.motors else _in_common(result, name))
+        Column(MOTORS, name, unit, meaning, _known(result.motors, name) if result.motors else _in_common(result, name))
         for name, (unit, meaning) in _OF_MOTORS.items()
     ]
 
 
-def _of_motors(result: Calibration, name: str) -> dict[str, Quantity]:
-    found = {joint: motor.quantities[name] for joint, motor in result.motors.items()}
-    return {joint: quantity for joint, quantity in found.items() if quantity.value is not None}
+def _known(parts: Mapping[str, Part], name: str) -> dict[str, Quantity]:
+    found = {each: part.quantities[name] for each, part in parts.items()}
+    return {each: quantity for each, quantity in found.items() if quantity.value is not None}
 
 
 def _in_common(result: Calibration, name: str) -> dict[str, Quantity]:

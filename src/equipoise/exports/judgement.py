@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 
 from equipoise.errors import NotEstimatedError, NotIdentifiedError
-from equipoise.exports.found import MOTORS, SENSORS, Column, columns_of
+from equipoise.exports.found import LEGS, MOTORS, SENSORS, Column, columns_of
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 
-_HOW = {SENSORS: "calibrate with --method precise", MOTORS: "calibrate with --what base,motors"}
+_HOW = {
+    SENSORS: "calibrate with --method precise",
+    MOTORS: "calibrate with --what base,motors",
+    LEGS: "calibrate with --what base,legs",
+}
 
 
 def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
@@ -46,7 +50,7 @@ def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tup
     remains is refused.
 
     Args:
-        parts: those of "sensors" and "motors" that are wanted.
+        parts: those of "sensors", "motors" and "legs" that are wanted.
 
     Raises:
         NotEstimatedError: the run did not look at a part.

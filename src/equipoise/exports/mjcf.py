@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from equipoise.errors import ModelError, SettingsError
-from equipoise.exports.found import BASE
+from equipoise.exports.found import BASE, LEGS
+from equipoise.exports.legs import COMMENT, leg_links, what_else
 from equipoise.exports.model_file import (
     composite_of,
     edited_link,
@@ -15,11 +18,12 @@ from equipoise.exports.model_file import (
     require_format,
     with_joints_alone,
 )
-from equipoise.exports.subject import PAYLOAD, Subject, number, numbers
+from equipoise.exports.subject import PAYLOAD, Subject, UsersFile, number, numbers
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.mjcf_poses import ORIENTATIONS
+from equipoise.robot.model import RobotModel
 
 _ATTRIBUTES = {"armature": "armature", "frictionloss": "coulomb_friction", "damping": "viscous_friction"}
 _JOINTS = "joints' armature, frictionloss and damping as found, torques in the unit in which the motors report them"
@@ -27,10 +31,15 @@ _JOINTS = "joints' armature, frictionloss and damping as found, torques in the u
 
 def write(subject: Subject) -> Written:
     """The file as it was but for the base body's <inertial> and joints' attributes, or with one body more."""
-    assert subject.file is not None
-    robot = read_robot(subject, subject.file.content)
+    file = subject.file
+    assert file is not None
+    robot = read_robot(subject, file.content)
     require_format(robot, "mjcf")
-    document = Document(subject.file.content, subject.file.path)
+    if LEGS in subject.parts:
+        file = replace(file, content=_with_legs(subject, file, robot))
+        subject = replace(subject, file=file)
+        robot = read_robot(subject, file.content)
+    document = Document(file.content, file.path)
     base = _base_body(document)
     if BASE not in subject.parts:
         edits = _joint_edits(document, base, subject, subject.header(_JOINTS))
@@ -48,7 +57,7 @@ def write(subject: Subject) -> Written:
     link = edited_link(robot)
     about = (
         f"the <inertial> of body {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
-        f"the composite that was found; {_JOINTS if subject.columns else 'nothing else was changed'}"
+        f"the composite that was found; {what_else(subject, _JOINTS)}"
     )
     body, notes, composite = new_inertial(subject, robot, link)
     edited = base if link.name == robot.base_link else _named(document, base, link.name)
@@ -56,6 +65,20 @@ def write(subject: Subject) -> Written:
     content = document.edited([*edits, *_joint_edits(document, base, subject)])
     require_composite(subject, content, composite)
     return Written(content, about, notes)
+
+
+def _with_legs(subject: Subject, file: UsersFile, robot: RobotModel) -> bytes:
+    """The file with the leg links' <inertial> as found."""
+    document = Document(file.content, file.path)
+    base = _base_body(document)
+    bodies = leg_links(subject, robot)
+    return document.edited(
+        [
+            edit
+            for name, body in bodies
+            for edit in _inertial_edits(document, _named(document, base, name), body, COMMENT)
+        ]
+    )
 
 
 def _base_body(document: Document) -> Element:

@@ -20,6 +20,7 @@ from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, s
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Element
 from equipoise.result.calibration import Calibration
+from equipoise.robot.bodies import link_names
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 from equipoise.robot.model import RobotModel
@@ -31,12 +32,12 @@ _CLOSE = 1e-9  # how well the file that is written must give the composite that 
 
 @dataclass(frozen=True, eq=False)
 class EditedLink:
-    """A link that moves with the base: its own part alone.
+    """A link that moves with the base, or with another joint: its own part alone.
 
     Attributes:
         name: name of the link.
-        placement: placement of the link's frame in the base frame.
-        vector: (10,) inertial parameters of the link in the base frame, Pinocchio's order, about the base's origin.
+        placement: placement of the link's frame in the joint's, which is the base's of the base.
+        vector: (10,) inertial parameters of the link in the joint's frame, Pinocchio's order, about its origin.
     """
 
     name: str
@@ -105,19 +106,24 @@ def composite_of(subject: Subject, robot: RobotModel) -> InertialParameters:
     return composite_parameters(robot, stance)
 
 
-def edited_link(robot: RobotModel) -> EditedLink:
-    """The link whose inertial is edited: the base link, or, where it has no mass, the heaviest link fixed to it."""
+def edited_link(robot: RobotModel, joint: int = 1) -> EditedLink:
+    """The link whose inertial is edited: a joint's own, or, where it has no mass, the heaviest link fixed to it.
+
+    Args:
+        joint: Pinocchio's id of the joint in the full model; 1 is the base.
+    """
     model = robot.full_pinocchio
     names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
-    own = np.array(model.inertias[1].toDynamicParameters())
+    own = np.array(model.inertias[joint].toDynamicParameters())
     fixed: list[EditedLink] = []
     for index, frame in enumerate(model.frames):
-        if frame.parentJoint == 1 and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
+        if frame.parentJoint == joint and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
             vector = np.array(frame.placement.act(frame.inertia).toDynamicParameters())
             fixed.append(EditedLink(names.get(index, str(frame.name)), frame.placement, vector))
             own -= vector
     if own[0] > NEGLIGIBLE_MASS_FRACTION * robot.mass or not fixed:
-        return EditedLink(robot.base_link, pin.SE3.Identity(), own)
+        own_name = robot.base_link if joint == 1 else link_names(model)[joint]
+        return EditedLink(own_name, pin.SE3.Identity(), own)
     return max(fixed, key=lambda link: link.vector[0])
 
 

@@ -46,8 +46,8 @@ class Subject:
         seed: seed of everything drawn.
         notes: sentences that speak against the numbers, worst first.
         forced: whether to write the nearest body where no body can have what was added.
-        parts: what of the result is to be written, of "base", "sensors" and "motors".
-        columns: what is written of sensors and motors.
+        parts: what of the result is to be written, of "base", "sensors", "motors" and "legs".
+        columns: what is written of sensors, motors and legs.
     """
 
     result: Calibration
@@ -176,8 +176,8 @@ class Subject:
 
     @property
     def columns_words(self) -> str:
-        """About sensors and motors."""
-        parts = " and ".join(dict.fromkeys(column.part for column in self.columns))
+        """About sensors, motors and legs."""
+        parts = ", ".join(dict.fromkeys(column.part for column in self.columns))
         return f"{parts} as found; torques in the unit in which the motors report them on average"
 
     @property

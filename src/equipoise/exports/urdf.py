@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from equipoise.errors import ModelError, SettingsError
-from equipoise.exports.found import BASE
+from equipoise.exports.found import BASE, LEGS
+from equipoise.exports.legs import COMMENT, leg_links, what_else
 from equipoise.exports.model_file import (
     composite_of,
     edited_link,
@@ -15,10 +18,11 @@ from equipoise.exports.model_file import (
     require_format,
     with_joints_alone,
 )
-from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, products
+from equipoise.exports.subject import PAYLOAD, Subject, UsersFile, number, numbers, products
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
 from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.model import RobotModel
 
 _DYNAMICS = {"damping": "viscous_friction", "friction": "coulomb_friction"}
 _JOINTS = (
@@ -29,10 +33,15 @@ _JOINTS = (
 
 def write(subject: Subject) -> Written:
     """The file as it was but for the base link's <inertial> and joints' <dynamics>, or with one link more."""
-    assert subject.file is not None
-    robot = read_robot(subject, subject.file.content)
+    file = subject.file
+    assert file is not None
+    robot = read_robot(subject, file.content)
     require_format(robot, "urdf")
-    document = Document(subject.file.content, subject.file.path)
+    if LEGS in subject.parts:
+        file = replace(file, content=_with_legs(subject, file, robot))
+        subject = replace(subject, file=file)
+        robot = read_robot(subject, file.content)
+    document = Document(file.content, file.path)
     if BASE not in subject.parts:
         edits = _joint_edits(document, subject, subject.header(_JOINTS))
         return with_joints_alone(subject, robot, document.edited(edits), _JOINTS)
@@ -49,13 +58,22 @@ def write(subject: Subject) -> Written:
     link = edited_link(robot)
     about = (
         f"the <inertial> of link {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
-        f"the composite that was found; {_JOINTS if subject.columns else 'nothing else was changed'}"
+        f"the composite that was found; {what_else(subject, _JOINTS)}"
     )
     body, notes, composite = new_inertial(subject, robot, link)
     edits = _inertial_edits(document, _link(document, link.name), body, subject.header(about, *notes))
     content = document.edited([*edits, *_joint_edits(document, subject)])
     require_composite(subject, content, composite)
     return Written(content, about, notes)
+
+
+def _with_legs(subject: Subject, file: UsersFile, robot: RobotModel) -> bytes:
+    """The file with the leg links' <inertial> as found."""
+    document = Document(file.content, file.path)
+    bodies = leg_links(subject, robot)
+    return document.edited(
+        [edit for name, body in bodies for edit in _inertial_edits(document, _link(document, name), body, COMMENT)]
+    )
 
 
 def _link(document: Document, name: str) -> Element:

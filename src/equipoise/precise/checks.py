@@ -139,8 +139,8 @@ def _misfits(evidence: RunEvidence, misfits: tuple[Misfit, ...], kind: str) -> s
     worst = misfits[int(np.argmax(residuals))]
     trial = evidence.motions[worst.motion].trial
     words = trial.diagonal if isinstance(trial, LiftTrial) else ""
-    if isinstance(trial, DesignedLift) and trial.turn is not None:
-        words += f", {trial.turn}"
+    if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
+        words += f", {trial.meanwhile}"
     message = (
         f"{kind}s fit with {np.median(residuals):.1f} times their noise (median); worst: motion {worst.motion}"
         f"{f' ({words})' if words else ''} with {worst.normalised_residual:.1f}"

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from equipoise.conventions import Axis, FloatArray
+from equipoise.conventions import Axis, FloatArray, Swing
 from equipoise.errors import ReachError
 from equipoise.experiments.lift import LiftSettings
 from equipoise.experiments.posture import check_posture, feet_in_posture
 from equipoise.experiments.tipping import Pendulum
 from equipoise.precise.safe_lift import found_doubt, safe_stop
+from equipoise.recording.trials import meanwhile
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
@@ -23,10 +24,12 @@ _LIFT = 0.024  # [m]
 _OFFSET = 0.006  # [m] of the CoM from the line: the robot tips within the time on two feet
 _TILT_LIMIT = 0.06  # [rad]
 _STILL = 0.004  # [rad/s]; a base that sways by 6 mrad/s makes the accelerometer's up wander by a milliradian
-_TURN_TIME = 1 / 3  # [s] of one turn of the body and back
+_TURN_TIME = 1 / 3  # [s] of one turn of the body and back, or of the lifted feet's swing
+_SWING = 0.07  # [m] of the lifted feet, to and fro
 AMPLITUDES: dict[Axis, float] = {"roll": 0.10, "pitch": 0.05, "yaw": 0.06}
 """Of the body's rotation on two feet [rad]; more makes the feet flicker."""
 _AXES: dict[Axis, FloatArray] = {"roll": np.eye(3)[0], "pitch": np.eye(3)[1], "yaw": np.eye(3)[2]}
+_DIRECTIONS: dict[Swing, FloatArray] = {"ahead": np.eye(3)[0], "aside": np.eye(3)[1]}
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,46 @@ class LiftDesign:
         diagonal: diagonal to stand on.
         side: side of the CoM that the support line is on: 1 ahead, -1 behind, 0 under it.
         turn: rotation of the body about its own CoM while on two feet, or None.
+        swing: direction in which the lifted feet swing meanwhile, or None.
     """
 
     posture: BodyPosture
     diagonal: str
     side: int
     turn: Axis | None = None
+    swing: Swing | None = None
+
+    @property
+    def passive(self) -> bool:
+        """Whether the robot only tips."""
+        return self.turn is None and self.swing is None
+
+    @property
+    def meanwhile(self) -> str:
+        """What the robot does on two feet, in words."""
+        return meanwhile(self.turn, self.swing)
+
+    def amplitude(self, stance: Stance) -> float:
+        """Of what the robot does on two feet: [rad] of a turn, [m] of a swing, zero of a passive lift."""
+        if self.turn is not None:
+            return AMPLITUDES[self.turn]
+        return 0.0 if self.swing is None else _SWING * stance.scale.length
+
+    def amounts(self, stance: Stance, control_period: float) -> FloatArray:
+        """(n,) how much of it at each control period: once to and fro, starting and ending at rest."""
+        count = round(Times.of(stance).turn / control_period)
+        phase = np.arange(1, count + 1) / count
+        return self.amplitude(stance) * np.sin(2 * np.pi * phase) * np.sin(np.pi * phase)
+
+    def feet(self, lifted: FloatArray, com: FloatArray, amount: float) -> FloatArray:
+        """(4, 3) feet at an amount of it, of those that a passive lift would have, in the base frame [m]."""
+        if self.turn is not None:
+            return turned_feet(lifted, com, self.turn, amount)
+        feet = lifted.copy()
+        if self.swing is not None:
+            in_air = [leg not in DIAGONALS[self.diagonal] for leg in LEG_NAMES]
+            feet[in_air] += amount * _DIRECTIONS[self.swing] @ self.posture.rotation
+        return feet
 
 
 @dataclass(frozen=True)
@@ -101,17 +138,9 @@ def lift_feet(
     return feet, lifted
 
 
-def turned_feet(feet: FloatArray, com: FloatArray, turn: Axis | None, angle: float) -> FloatArray:
+def turned_feet(feet: FloatArray, com: FloatArray, turn: Axis, angle: float) -> FloatArray:
     """Feet in the base frame of a body that turned about its CoM over them."""
-    if turn is None:
-        return feet
     return (feet - com) @ np.array(pin.exp3(_AXES[turn] * angle)) + com
-
-
-def turn_angle(turn: Axis, duration: float, control_period: float) -> FloatArray:
-    """(n,) the angle at each control period: once to and fro, starting and ending at rest [rad]."""
-    phase = np.arange(1, round(duration / control_period) + 1) / round(duration / control_period)
-    return AMPLITUDES[turn] * np.sin(2 * np.pi * phase) * np.sin(np.pi * phase)
 
 
 def check_lift(
@@ -139,13 +168,14 @@ class LiftChecks:
 
     def check(self, design: LiftDesign) -> None:
         """See `check_lift`."""
-        without_turn = replace(design, turn=None)
-        planted = self._once(self._planted, without_turn)
+        passive = replace(design, turn=None, swing=None)
+        planted = self._once(self._planted, passive)
         _, lifted = lift_feet(self._stance, self._com, design, self._settings.height)
-        for angle in (0.0,) if design.turn is None else (AMPLITUDES[design.turn], -AMPLITUDES[design.turn]):
-            feet = turned_feet(lifted, self._com, design.turn, angle)
+        amplitude = design.amplitude(self._stance)
+        for amount in (0.0,) if design.passive else (amplitude, -amplitude):
+            feet = design.feet(lifted, self._com, amount)
             check_posture(self._robot, self._stance, feet, DIAGONALS[design.diagonal], near=planted)
-        self._once(self._safe, without_turn)
+        self._once(self._safe, passive)
 
     def _once(self, look: Callable[[LiftDesign], FloatArray], design: LiftDesign) -> FloatArray:
         """What a look finds, or raises, without looking again."""

@@ -16,12 +16,13 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import judge
+from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
 from equipoise.precise.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
 from equipoise.precise.known.short_plan import forecast_after
 from equipoise.precise.known.short_routine import ShortRoutine
-from equipoise.precise.lift_design import AMPLITUDES, lift_feet, lift_settings, turned_feet
+from equipoise.precise.lift_design import lift_feet, lift_settings
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence, read_evidence
 from equipoise.precise.plan import Durations, Goals, Plan
 from equipoise.precise.planning.candidates import describe
@@ -61,6 +62,8 @@ class Precise(Method):
         mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
         mass_sd: standard deviation of that [kg]; default 0.5 %.
         sway: the sway about all axes at the end, which tells more about friction and Izz.
+        swings: lifts in which the two lifted feet swing as well, which teach what the legs weigh, where their CoMs are and
+            how long they are; the CoM's height and the inertia become surer with them.
         turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
             and the accelerometer's bias are told from the planar CoM.
         surface: what the robot stands on; on a `carpet` feet may resist rolling, and footholds be uneven, three times as much.
@@ -85,6 +88,7 @@ class Precise(Method):
     mass: float | None = None
     mass_sd: float | None = None
     sway: bool = True
+    swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
     turn: bool = False
     cable: Literal["none", "light", "heavy"] = "light"
     legs: Literal["unknown", "trusted"] = "unknown"
@@ -107,6 +111,9 @@ class Precise(Method):
             raise SettingsError(
                 "turn needs no earlier run, and a run after one does not turn; leave one of the two out"
             )
+        if self.swings and (self.known is not None or self.legs == "trusted"):
+            known = "are known from an earlier run" if self.known is not None else "are trusted to be as the file says"
+            raise SettingsError(f"legs that {known} are not looked for; leave one of the two out")
         if self.known is not None and self.legs not in ("unknown", self.known.legs):
             raise SettingsError(
                 f"legs is {self.legs!r}, and was {self.known.legs!r} in the earlier run, which knows them as that said"
@@ -264,6 +271,7 @@ class Precise(Method):
             assumptions=self.assumptions,
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes),
             budget=budget_of(posterior),
+            links=link_findings(posterior) if self.swings else {},
             timings=timings,
         )
 
@@ -284,9 +292,9 @@ def _planned_postures(robot: RobotModel, stance: Stance, plan: Plan) -> list[Reh
         for lift in visit.lifts:
             _, lifted = lift_feet(stance, com, lift, height)
             what = f"{where}: two feet up, on {lift.diagonal}"
-            ends = (0.0,) if lift.turn is None else (AMPLITUDES[lift.turn], -AMPLITUDES[lift.turn])
-            for times, angle in zip((1, 0), ends, strict=False):
-                feet = turned_feet(lifted, com, lift.turn, angle)
+            ends = (0.0,) if lift.passive else (lift.amplitude(stance), -lift.amplitude(stance))
+            for times, amount in zip((1, 0), ends, strict=False):
+                feet = lift.feet(lifted, com, amount)
                 found.append(held_posture(robot, what, feet, stance.joint_position, DIAGONALS[lift.diagonal], times))
     return found
 
@@ -310,8 +318,8 @@ def _about(trial: RecordedTrial | None) -> str:
     if trial is None:
         return ""
     words = [trial.diagonal] if isinstance(trial, LiftTrial) else []
-    if isinstance(trial, DesignedLift) and trial.turn is not None:
-        words.append(trial.turn)
+    if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
+        words.append(trial.meanwhile)
     if trial.found_at is not None:
         words.append(f"at {trial.found_at:.1f} s")
     if isinstance(trial, DesignedLift | PostureTrial) and trial.posture is not None:

@@ -73,7 +73,7 @@ class Visit:
 
     def turns(self, diagonal: str) -> str:
         """The lifts on a diagonal, in words."""
-        return ", ".join(lift.turn or "passive" for lift in self.lifts if lift.diagonal == diagonal)
+        return ", ".join(lift.meanwhile for lift in self.lifts if lift.diagonal == diagonal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,8 @@ class Plan:
                 {
                     "posture": dataclasses.asdict(visit.posture),
                     "lifts": [
-                        {"diagonal": lift.diagonal, "side": lift.side, "turn": lift.turn} for lift in visit.lifts
+                        {"diagonal": lift.diagonal, "side": lift.side, "turn": lift.turn, "swing": lift.swing}
+                        for lift in visit.lifts
                     ],
                 }
                 for visit in self.visits
@@ -201,7 +202,7 @@ def make_plan(
     if not searched:
         left -= durations.search
         for index, lift in enumerate(candidates.lifts):
-            if lift.posture == candidates.lifts[0].posture and lift.turn is None:
+            if lift.posture == candidates.lifts[0].posture and lift.passive:
                 information += 2 * candidates.information(index)
     total = budget - left
     covariance = np.asarray(np.linalg.inv(information), dtype=float)

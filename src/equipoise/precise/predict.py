@@ -19,8 +19,6 @@ from equipoise.precise.lift_design import (
     lift_feet,
     lift_settings,
     offset_of,
-    turn_angle,
-    turned_feet,
 )
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
 from equipoise.precise.measurements.lift_samples import REACH, LiftSamples, attitudes
@@ -95,34 +93,32 @@ class Predictor:
     def lift(self, design: LiftDesign) -> LiftSamples:
         """What the time on two feet would look like."""
         robot, stance = self.robot, self.stance
-        settings, times = lift_settings(stance), Times.of(stance)
+        settings = lift_settings(stance)
         time, velocity_noise, angular_velocity_noise, acceleration_noise = self._noise
-        stands = self._stands(replace(design, turn=None))
+        stands = self._stands(replace(design, turn=None, swing=None))
         lifted, position, left = stands.feet, stands.position, stands.left
         height, about_com, about_line = stands.height, stands.about_com, stands.about_line
         rate = np.sqrt(robot.mass * GRAVITY * height / about_line)
         distance = offset_of(stance, -design.side) / height + 0.004 * (design.side == 0)
         tilt = distance * (np.cosh(rate * (time + _IN_AIR_AFTER * settings.lift_time)) - 1)
         tilt_rate = np.gradient(tilt, time)
-        angle = np.zeros_like(time)
-        if design.turn is not None:
-            whole = turn_angle(design.turn, times.turn, 1 / _RATE)
-            angle = np.interp(time, np.arange(1, len(whole) + 1) / _RATE, whole, right=0.0)
-        angle_rate = np.gradient(angle, time)
+        whole = design.amounts(stance, 1 / _RATE)
+        amount = np.interp(time, np.arange(1, len(whole) + 1) / _RATE, whole, right=0.0)
+        amount_rate = np.gradient(amount, time)
         axis = np.zeros(3)
         if design.turn is not None:
             axis[("roll", "pitch", "yaw").index(design.turn)] = 1.0
         turned_by = axis - (axis @ left) * left * about_com / about_line
-        angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(angle_rate, turned_by)
+        angular_velocity_in_base = np.outer(tilt_rate, left) + np.outer(amount_rate, turned_by)
         # The base's origin goes round the line with the robot, and round the CoM with the body's turn.
-        round_line = tilt_rate - angle_rate * (axis @ left) * about_com / about_line
+        round_line = tilt_rate - amount_rate * (axis @ left) * about_com / about_line
         origin = np.outer(round_line, np.cross(left, height * design.posture.rotation[2] - self.com))
-        origin -= np.outer(angle_rate, np.cross(axis, self.com))
+        origin -= np.outer(amount_rate, np.cross(axis, self.com))
         # Small motions of the feet in the base frame, through each leg's Jacobian.
         nearby = 1e-3
-        moved = (turned_feet(lifted, self.com, design.turn, nearby) - lifted) / nearby
-        per_angle = np.zeros(len(position))
-        per_angle[robot.leg_joints] = np.einsum("lji,li->lj", stands.inverse_jacobians, moved)
+        moved = (design.feet(lifted, self.com, nearby) - lifted) / nearby
+        per_amount = np.zeros(len(position))
+        per_amount[robot.leg_joints] = np.einsum("lji,li->lj", stands.inverse_jacobians, moved)
         mounting = np.array(robot.imu_in_base.rotation)
         in_imu = angular_velocity_in_base @ mounting
         path = attitudes(time, in_imu)
@@ -131,9 +127,9 @@ class Predictor:
             design.diagonal,
             0.0,
             _STEP * stance.scale.time,
-            position + np.outer(angle, per_angle),
-            np.outer(angle_rate, per_angle),
-            np.outer(np.gradient(angle_rate, time), per_angle),
+            position + np.outer(amount, per_amount),
+            np.outer(amount_rate, per_amount),
+            np.outer(np.gradient(amount_rate, time), per_amount),
             in_imu,
             np.gradient(in_imu, time, axis=0),
             GRAVITY * up + np.gradient(origin, time, axis=0) @ mounting,

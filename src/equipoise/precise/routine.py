@@ -39,7 +39,7 @@ _FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in 
 @lru_cache(maxsize=4)  # asked for before a robot is moved, and again by whoever shows it
 def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
-    return plan_for(nominal_candidates(robot, settings.beliefs), stance, settings)
+    return plan_for(nominal_candidates(robot, settings.beliefs, settings.swings), stance, settings)
 
 
 def plan_for(candidates: Candidates, stance: Stance, settings: Precise) -> Plan:
@@ -121,7 +121,7 @@ class PreciseRoutine:
             for design in visit.lifts:
                 if self._time() + durations.lift > budget:
                     return
-                what = f"lift on {design.diagonal}, {design.turn or 'passive'}: {describe(design.posture)}"
+                what = f"lift on {design.diagonal}, {design.meanwhile}: {describe(design.posture)}"
                 if self._do(what, lambda design=design: self.trials.lift(design)):
                     done.append(design)
 
@@ -162,7 +162,10 @@ class PreciseRoutine:
 
     def _candidates(self) -> Candidates:
         """What may be done with the robot as it is known now."""
-        return Candidates.of(self.planted.robot, self.stance, self.trials.com, self.settings.beliefs, self.trials.doubt)
+        trials, settings = self.trials, self.settings
+        return Candidates.of(
+            self.planted.robot, self.stance, trials.com, settings.beliefs, trials.doubt, settings.swings
+        )
 
     def _replan(self, posterior: Posterior | None, done: list[LiftDesign]) -> Plan | None:
         """The best use of the time that is left, given what was really learnt."""

@@ -31,8 +31,6 @@ from equipoise.precise.lift_design import (
     lift_feet,
     lift_settings,
     offset_of,
-    turn_angle,
-    turned_feet,
 )
 from equipoise.precise.measurements.heading import angle_turned
 from equipoise.precise.safe_lift import safe_stop, unknown_doubt
@@ -140,7 +138,7 @@ class PreciseTrials:
         stance_legs, settings = DIAGONALS[design.diagonal], self.settings
         trial = DesignedLift(
             diagonal=design.diagonal, offset=0.0, lift_height=settings.height, tilt_threshold=settings.tilt_threshold,
-            posture=design.posture, side=design.side, turn=design.turn,
+            posture=design.posture, side=design.side, turn=design.turn, swing=design.swing,
         )  # fmt: skip
         motion = self.planted.motion().begin(trial)
         self._lifted = True
@@ -153,11 +151,11 @@ class PreciseTrials:
             raise
         up = self.planted.motion().phase(Phase.UNLOAD).shift_load(stance_legs, settings.unload_time)
         up.phase(Phase.LIFT).move_feet(lifted, settings.lift_time).phase(Phase.WATCH)
-        if design.turn is None:
+        if design.passive:
             up.hold(self.times.watch)
         else:
-            angle = turn_angle(design.turn, self.times.turn, self.planted.platform.control_period)
-            up.follow(lambda phi: turned_feet(lifted, self.com, design.turn, phi), 9, angle)
+            amounts = design.amounts(self.stance, self.planted.platform.control_period)
+            up.follow(lambda amount: design.feet(lifted, self.com, amount), 9, amounts)
         self.planted.play(up, limit)
         down = self.planted.motion().phase(Phase.LOWER).move_feet(feet, settings.lower_time)
         down.shift_load(LEG_NAMES, settings.unload_time)

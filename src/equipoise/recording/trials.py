@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from equipoise.conventions import AXES, Axis
+from equipoise.conventions import AXES, SWINGS, Axis, Swing
 from equipoise.errors import RecordingError
 from equipoise.recording.phases import Phase
 from equipoise.robot.model import DIAGONALS
@@ -93,6 +93,15 @@ class CommandedLift(LiftTrial):
         }  # fmt: skip
 
 
+MEANWHILE = ("passive", *AXES, *(f"swing {direction}" for direction in SWINGS))
+"""What a robot does on two feet, in words."""
+
+
+def meanwhile(turn: Axis | None, swing: Swing | None) -> str:
+    """One of MEANWHILE."""
+    return f"swing {swing}" if swing else turn or "passive"
+
+
 @dataclass(frozen=True, kw_only=True)
 class DesignedLift(CommandedLift):
     """A lift of the precise method: in a posture, on a side of the CoM, perhaps with a turn of the body.
@@ -101,14 +110,22 @@ class DesignedLift(CommandedLift):
         posture: posture of the base.
         side: side of the CoM on which the line is: 1 ahead, -1 behind, 0 under it.
         turn: rotation of the body about its own CoM while on two feet, or None.
+        swing: direction in which the lifted feet swing meanwhile, or None.
     """
 
     posture: BodyPosture
     side: int
     turn: Axis | None = None
+    swing: Swing | None = None
+
+    @property
+    def meanwhile(self) -> str:
+        """What the robot does on two feet, one of MEANWHILE."""
+        return meanwhile(self.turn, self.swing)
 
     def _own_data(self) -> dict[str, Any]:
-        return {**super()._own_data(), "posture": vars(self.posture), "side": self.side, "turn": self.turn}
+        stirs = {"turn": self.turn, **({"swing": self.swing} if self.swing else {})}
+        return {**super()._own_data(), "posture": vars(self.posture), "side": self.side, **stirs}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,12 +247,13 @@ def _read_lift(data: Mapping[str, Any], found_at: float | None) -> LiftTrial:
     if "posture" not in data:
         return CommandedLift(diagonal=diagonal, found_at=found_at, **commanded)
     posture = BodyPosture(**{name: float(value) for name, value in data["posture"].items()})
-    turn = data["turn"]
-    if turn not in (None, *AXES):
-        raise ValueError(f"no turn is called {turn!r}")
+    turn, swing = data["turn"], data.get("swing")
+    if turn not in (None, *AXES) or swing not in (None, *SWINGS):
+        raise ValueError(f"no turn is called {turn!r}, or no swing {swing!r}")
     return DesignedLift(
-        diagonal=diagonal, found_at=found_at, posture=posture, side=int(data["side"]), turn=turn, **commanded
-    )
+        diagonal=diagonal, found_at=found_at, posture=posture, side=int(data["side"]), turn=turn, swing=swing,
+        **commanded,
+    )  # fmt: skip
 
 
 def _read_sway(data: Mapping[str, Any], found_at: float | None) -> SwayTrial:

@@ -15,7 +15,7 @@ from equipoise.precise.posterior import Posterior, body_jacobian, total_mass
 from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.routine import plan_ahead
 from equipoise.report.blocks import Block, items, table, text
-from equipoise.report.motors import motors_alone
+from equipoise.report.parts import motors_alone
 from equipoise.result.calibration import Calibration
 from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
@@ -100,7 +100,7 @@ def _in_words(plan: Plan) -> list[str]:
 def _lifts(visit: Visit) -> str:
     said: list[str] = []
     for diagonal in DIAGONALS:
-        turns = [lift.turn or "none" for lift in visit.lifts if lift.diagonal == diagonal]
+        turns = [lift.meanwhile for lift in visit.lifts if lift.diagonal == diagonal]
         said += [f"lifts on {diagonal} with turns about {', '.join(turns)}"] if turns else []
     return "; ".join(said)
 

@@ -8,8 +8,8 @@ from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.plan_view import plan_view
 from equipoise.report.advice import advice_blocks
 from equipoise.report.blocks import Block, section, table
-from equipoise.report.motors import motor_blocks, motor_sentence, motor_table, motors_alone
 from equipoise.report.numbers import BODIES, numbers, numbers_table, tell
+from equipoise.report.parts import LINKS, MOTORS, motor_sentence, motors_alone, part_blocks, part_table
 from equipoise.report.plan_view import plan_view_block
 from equipoise.report.progress import progress_figures
 from equipoise.report.provenance import provenance_blocks
@@ -21,6 +21,7 @@ from equipoise.report.trials import bracket_figure, error_figure, tilt_figures, 
 from equipoise.report.uncertainty import uncertainty_blocks
 from equipoise.result.calibration import Calibration
 from equipoise.result.shown import ROWS
+from equipoise.terminal.parts import parts_of
 
 SCHEMA = "equipoise.report/1"
 
@@ -37,7 +38,8 @@ def run_contents(result: Calibration) -> Block:
         section("scene", "In space", [] if motors_alone(result) else [scene(result, planes)]),
         section("sways", "Sways", sway_blocks(result)),
         section("residuals", "Residuals", [residual_figures(result, planes)]),
-        section("motors", "Motors", motor_blocks(result)),
+        section("links", "Legs", part_blocks(result, LINKS)),
+        section("motors", "Motors", part_blocks(result, MOTORS)),
         section("sensors", "Sensors", sensor_blocks(result)),
         section("uncertainty", "Uncertainty", uncertainty_blocks(result)),
         section("help", "What would help", advice_blocks(result)),
@@ -60,7 +62,7 @@ def run_contents(result: Calibration) -> Block:
 def _numbers(result: Calibration) -> Block:
     """Of the whole robot, or of its motors if that is all there is."""
     if motors_alone(result):
-        return motor_table(result)
+        return part_table(parts_of(result)[0])
     return numbers_table(numbers(result), _heading("composite"))
 
 

@@ -14,7 +14,7 @@ from equipoise.paper.bracket import Bracket, TriedOffset, step
 from equipoise.paper.iterations import com_by_iteration, tried_offsets
 from equipoise.paper.trial_runner import ComSearchSettings
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial
+from equipoise.recording.trials import MEANWHILE, CommandedLift, DesignedLift, LiftTrial
 from equipoise.report.blocks import SERIES, Block, axes, figure, line, short, table
 from equipoise.report.numbers import tell
 from equipoise.result.calibration import Calibration, Trial
@@ -23,7 +23,6 @@ from equipoise.robot.stance import nominal_stance
 
 _POINTS = 40  # of a curve
 _VERDICTS = ("forward", "backward", "balanced")
-_TURNS = ("passive", "roll", "pitch", "yaw")
 _SYMBOLS = {"forward": "triangle-up", "backward": "triangle-down", "balanced": "circle"}
 
 
@@ -52,9 +51,8 @@ def _tilts(robot: RobotModel, diagonal: str, lifts: list[tuple[LiftTrial, Record
     for number, (trial, recording, verdict) in enumerate(lifts, start=1):
         if trial.diagonal != diagonal:
             continue
-        turn = trial.turn if isinstance(trial, DesignedLift) else None
-        kind = verdict or turn or "passive"
-        kinds = _VERDICTS if kind in _VERDICTS else _TURNS
+        kind = verdict or (trial.meanwhile if isinstance(trial, DesignedLift) else "passive")
+        kinds = _VERDICTS if kind in _VERDICTS else MEANWHILE
         try:
             time, angle = tilt_curve(robot, recording, diagonal, _POINTS)
         except EquipoiseError:  # what could not be read is in the table, with its reason

@@ -19,7 +19,7 @@ from equipoise.conventions import AXES, Axis, FloatArray
 from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.recording.recording import Recording
 from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
-from equipoise.result.findings import Check, JointFindings, Motor, SensorFinding
+from equipoise.result.findings import Check, JointFindings, Link, Motor, SensorFinding
 from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
 from equipoise.result.requirements import verdicts
@@ -128,6 +128,10 @@ class Evidence:
         return None
 
 
+PartsTruth = Mapping[str, Mapping[str, Mapping[str, float]]]
+"""Of a simulated robot: true values by name, of every one of its "motors" and "links", by name."""
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """The result of a calibration.
@@ -156,6 +160,7 @@ class Calibration:
         evidence: data that pictures show; not in the JSON form.
         robot_model: model that was used; not in the JSON form.
         motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.
+        links: what was found about each moving link of the legs, by the model file's names; of runs with `legs` only.
         budget: sources of the uncertainty of the whole robot's parameters, the largest first; `precise` only.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
@@ -181,6 +186,7 @@ class Calibration:
     timings: Mapping[str, float] = field(default_factory=dict[str, float])
     held: Mapping[str, float] = field(default_factory=dict[str, float])
     motors: Mapping[str, Motor] = field(default_factory=dict[str, Motor])
+    links: Mapping[str, Link] = field(default_factory=dict[str, Link])
     budget: tuple[UncertaintySource, ...] = ()
 
     @property
@@ -233,10 +239,11 @@ class Calibration:
         }
         return dataclasses.replace(self, **bodies)
 
-    def with_motor_truth(self, truth: Mapping[str, Mapping[str, float]] | None) -> Calibration:
-        """The same with the true values of motors, by joint and name, joined to what was found about them."""
-        motors = {joint: motor.with_truth((truth or {}).get(joint, {})) for joint, motor in self.motors.items()}
-        return dataclasses.replace(self, motors=motors)
+    def with_truth_of_parts(self, truth: PartsTruth) -> Calibration:
+        """The same with the true values of motors and links joined to what was found about them."""
+        motors = {name: motor.with_truth(truth.get("motors", {}).get(name, {})) for name, motor in self.motors.items()}
+        links = {name: link.with_truth(truth.get("links", {}).get(name, {})) for name, link in self.links.items()}
+        return dataclasses.replace(self, motors=motors, links=links)
 
     def with_provenance(self, **facts: Any) -> Calibration:
         """The same with more facts about where it came from."""
@@ -288,6 +295,7 @@ class Calibration:
             "stance_effective": self.stance_effective.to_dict(),
             "sensors": [dataclasses.asdict(finding) for finding in self.sensors],
             **({"motors": {name: motor.to_dict() for name, motor in self.motors.items()}} if self.motors else {}),
+            **({"links": {name: link.to_dict() for name, link in self.links.items()}} if self.links else {}),
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "budget": [source.to_dict() for source in self.budget],
             "verdicts": verdicts(self.composite, self.checks),
@@ -364,6 +372,7 @@ class Calibration:
             checks=tuple(Check(**check) for check in table["checks"]),
             budget=tuple(UncertaintySource.from_dict(source) for source in table.get("budget", ())),
             motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
+            links={name: Link.from_dict(link) for name, link in table.get("links", {}).items()},
         )
         return result if truth is None else result.with_truth(inertia_from_dict(truth))
 

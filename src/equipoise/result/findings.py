@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import NORMAL_95
@@ -44,8 +44,36 @@ _ZERO = Quantity("zero", "rad")
 _TORQUE_GAIN = Quantity("torque gain", "1")
 
 
+Found = TypeVar("Found", bound="Part")
+
+
 @dataclass(frozen=True)
-class Motor:
+class Part:
+    """What was found about a part of the robot: fields that are quantities, and perhaps numbers beside them."""
+
+    @property
+    def quantities(self) -> dict[str, Quantity]:
+        """All by name."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, Quantity)}
+
+    def with_truth(self: Found, truth: Mapping[str, float]) -> Found:
+        """The same with the true values by name joined to it."""
+        joined = {name: replace(q, truth=truth.get(name)) for name, q in self.quantities.items()}
+        return replace(self, **joined)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls: type[Found], table: Mapping[str, Any]) -> Found:
+        """From the JSON form."""
+        quantities = {name: Quantity(**table[name]) for name in cls().quantities}
+        return cls(**{**table, **quantities})
+
+
+@dataclass(frozen=True)
+class Motor(Part):
     """What was found about one joint's motor, torques being in the unit in which the motors report them on average.
 
     Attributes:
@@ -64,25 +92,34 @@ class Motor:
     delay: Quantity = _DELAY
     misfit: float | None = None
 
+
+_MASS = Quantity("mass", "kg")
+_MOMENT_X, _MOMENT_Y, _MOMENT_Z = (Quantity(f"moment_{axis}", "kg m") for axis in "xyz")
+_LENGTH = Quantity("length", "m")
+
+
+@dataclass(frozen=True)
+class Link(Part):
+    """What was found about one moving link of a leg, with all that is fixed to it, in the frame of its joint.
+
+    Its first moment m c is what motions show: a CoM is a moment over a mass, and of the mass they show little beside.
+
+    Attributes:
+        mass: mass [kg].
+        moment_x, moment_y, moment_z: mass times the coordinates of its CoM [kg m].
+        length: distance across the joint's axis to the next joint, or to the middle of the foot [m].
+    """
+
+    mass: Quantity = _MASS
+    moment_x: Quantity = _MOMENT_X
+    moment_y: Quantity = _MOMENT_Y
+    moment_z: Quantity = _MOMENT_Z
+    length: Quantity = _LENGTH
+
     @property
-    def quantities(self) -> dict[str, Quantity]:
-        """All by name."""
-        return {name: value for name, value in vars(self).items() if isinstance(value, Quantity)}
-
-    def with_truth(self, truth: Mapping[str, float]) -> Motor:
-        """The same with the true values by name joined to it."""
-        joined = {name: replace(q, truth=truth.get(name)) for name, q in self.quantities.items()}
-        return replace(self, **joined)
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, table: Mapping[str, Any]) -> Motor:
-        """From the JSON form."""
-        quantities = {name: Quantity(**table[name]) for name in cls().quantities}
-        return cls(**quantities, misfit=table["misfit"])
+    def moment(self) -> tuple[Quantity, Quantity, Quantity]:
+        """The first moment about the joint [kg m]."""
+        return self.moment_x, self.moment_y, self.moment_z
 
 
 @dataclass(frozen=True)

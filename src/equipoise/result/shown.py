@@ -1,4 +1,4 @@
-"""How people read a body's numbers: labels, units and digits."""
+"""How people read numbers: labels, units and digits."""
 
 from __future__ import annotations
 
@@ -6,26 +6,28 @@ from typing import NamedTuple
 
 
 class Shown(NamedTuple):
-    """One number of a body, as tables show it.
+    """One number, as tables show it.
 
     Attributes:
         name: name of the quantity.
         label: what it is called, with its unit.
         factor: from the SI unit to the one that is shown.
         form: format of the number.
+        words: what it is called in a sentence.
     """
 
     name: str
     label: str
     factor: float
     form: str
+    words: str = ""
 
 
 ROWS = (
-    Shown("mass", "mass [kg]", 1.0, ".3f"),
-    Shown("com_x", "CoM x [mm]", 1000.0, ".2f"),
-    Shown("com_y", "CoM y [mm]", 1000.0, ".2f"),
-    Shown("com_z", "CoM z [mm]", 1000.0, ".2f"),
-    *(Shown(name, f"{name} [kg m2]", 1.0, ".4f") for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
+    ("mass", "mass [kg]", 1.0, ".3f"),
+    ("com_x", "CoM x [mm]", 1000.0, ".2f"),
+    ("com_y", "CoM y [mm]", 1000.0, ".2f"),
+    ("com_z", "CoM z [mm]", 1000.0, ".2f"),
+    *((name, f"{name} [kg m2]", 1.0, ".4f") for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
 )
-"""In the order of a body's quantities."""
+"""Name, label, factor and format of a body's quantities, in their order."""

@@ -90,7 +90,7 @@ def _body(robot: RobotModel, joint: int) -> RigidBody:
     if joint == 1:
         name, extent = robot.base_link, _hip_diagonal(robot)
     else:
-        name = _link_names(robot.full_pinocchio)[robot.full_pinocchio.getJointId(robot.pinocchio.names[joint])]
+        name = link_names(robot.full_pinocchio)[robot.full_pinocchio.getJointId(robot.pinocchio.names[joint])]
         # Mass is balanced about the CoM, so a body reaches about as far past it as its joint is before it.
         reach = 2 * float(np.linalg.norm(com))
         extent = max(_distance_to_next(robot, joint), reach, _SMALLEST_EXTENT_RATIO * robot.leg_length)
@@ -119,7 +119,7 @@ def _distance_to_next(robot: RobotModel, joint: int) -> float:
     return float(np.linalg.norm(robot.pinocchio.frames[leg.foot_frame_id].placement.translation))
 
 
-def _link_names(model: pin.Model) -> dict[int, str]:
+def link_names(model: pin.Model) -> dict[int, str]:
     """Name of the link that each joint moves, without those fixed to it."""
     return {
         int(frame.parentJoint): str(frame.name)
@@ -136,7 +136,7 @@ def links_of(robot: RobotModel, bodies: dict[int, RigidBody]) -> Iterator[LinkIn
     model = robot.full_pinocchio
     body_of = {robot.pinocchio.names[joint]: body for joint, body in bodies.items()}
     fixed_names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
-    own_names = _link_names(model)
+    own_names = link_names(model)
     for joint in range(1, model.njoints):
         body = body_of.get(model.names[joint], bodies[1])
         own = pin.Inertia(model.inertias[joint])

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
+from equipoise.robot.bodies import link_names
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.glimpse import Glimpse
@@ -40,6 +41,27 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
         base=_sum(model, data, on_base | swinging),
         stance_effective=_sum(model, data, moving & ~below_knee),
     )
+
+
+def link_truth(robot: RobotModel, simulated: SimulatedRobot) -> dict[str, dict[str, float]]:
+    """Mass, first moment about its joint and length of each moving leg link by its name; `robot` tells which they are."""
+    model = simulated.links
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    names, found = link_names(robot.full_pinocchio), dict[str, dict[str, float]]()
+    for leg in robot.legs.values():
+        joints = [model.joint(name).id for name in leg.joint_names]
+        ends = [*data.xanchor[joints[1:]], data.geom_xpos[model.geom(foot_name(leg.name)).id]]
+        for name, joint, end in zip(leg.joint_names, joints, ends, strict=True):
+            body, anchor, axis = model.jnt_bodyid[joint], data.xanchor[joint], data.xaxis[joint]
+            fixed = model.body_weldid == model.body_weldid[body]
+            masses, places = model.body_mass[fixed], data.xipos[fixed] - anchor
+            moment = data.xmat[body].reshape(3, 3).T @ (masses @ places)
+            link = names[robot.full_pinocchio.getJointId(name)]
+            across = np.linalg.norm(np.cross(axis, end - anchor))
+            found[link] = {"mass": float(masses.sum()), "length": float(across)}
+            found[link] |= {f"moment_{xyz}": float(value) for xyz, value in zip("xyz", moment, strict=True)}
+    return found
 
 
 def _sum(model: mujoco.MjModel, data: mujoco.MjData, bodies: NDArray[np.bool_]) -> InertialParameters:

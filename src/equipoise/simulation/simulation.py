@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
@@ -44,6 +44,8 @@ class Simulation:
         errors: effects that were drawn for it; for studies, not for experiments.
         witness: witness that sees what the robot really does; for judging, not for control.
         disturbance: forces on the robot from outside; None in engines that are not asked for it.
+        link_truth: true values of each leg link by name, as `equipoise.result.findings.Link` has them; none from engines
+            that are not asked for them.
     """
 
     platform: SimulatedPlatform
@@ -52,9 +54,14 @@ class Simulation:
     errors: DrawnErrors
     witness: Witness
     disturbance: Disturbance | None = None
+    link_truth: dict[str, dict[str, float]] = field(default_factory=dict[str, "dict[str, float]"])
 
     @property
-    def motor_truth(self) -> dict[str, dict[str, float]]:
+    def truth_of_parts(self) -> dict[str, dict[str, dict[str, float]]]:
+        """True values of each part by name, as a result takes them: of "motors", and of "links" where the engine tells."""
+        return {"motors": self._motor_truth(), "links": self.link_truth}
+
+    def _motor_truth(self) -> dict[str, dict[str, float]]:
         """True values of each joint's motor by name, as `equipoise.result.findings.Motor` has them."""
         joints = self.platform.joint_names
         gain, armature = self.errors.torque_gain, np.full(len(joints), self.errors.sizes.armature)
@@ -163,7 +170,7 @@ def _in_mujoco(
         from equipoise.simulation.disturbance import Disturbance  # noqa: PLC0415
         from equipoise.simulation.mujoco import MujocoPlatform  # noqa: PLC0415
         from equipoise.simulation.mujoco_model import TIMESTEP, build_simulated_robot  # noqa: PLC0415
-        from equipoise.simulation.mujoco_truth import MujocoWitness, simulated_truth  # noqa: PLC0415
+        from equipoise.simulation.mujoco_truth import MujocoWitness, link_truth, simulated_truth  # noqa: PLC0415
     except ModuleNotFoundError as error:
         raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
     timestep = TIMESTEP if timestep is None else timestep
@@ -173,7 +180,7 @@ def _in_mujoco(
     disturbance = Disturbance(simulated)
     platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
     witness = MujocoWitness(robot, simulated, data)
-    return Simulation(platform, truth, mujoco.__version__, errors, witness, disturbance)
+    return Simulation(platform, truth, mujoco.__version__, errors, witness, disturbance, link_truth(robot, simulated))
 
 
 def _in_dart(

@@ -44,7 +44,7 @@ class TrialMark:
             return "motion"
         words = [self.what.kind, self.what.about]
         if isinstance(self.what, DesignedLift):
-            words.append(self.what.turn or "passive")
+            words.append(self.what.meanwhile)
         elif isinstance(self.what, CommandedLift) and self.what.offset:
             words.append(f"{1000 * self.what.offset:+.1f} mm")
         return " ".join(filter(None, words))

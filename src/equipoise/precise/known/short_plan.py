@@ -124,4 +124,4 @@ def _moves(candidates: Candidates, postures: tuple[BodyPosture, ...]) -> list[in
 
 def _search(candidates: Candidates) -> list[int]:
     home = candidates.lifts[0].posture
-    return [k for k, lift in enumerate(candidates.lifts) if lift.posture == home and lift.turn is None]
+    return [k for k, lift in enumerate(candidates.lifts) if lift.posture == home and lift.passive]

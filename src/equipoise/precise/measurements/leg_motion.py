@@ -112,6 +112,7 @@ class LegChains:
         foot_radius: (4,) radius of each foot [m].
         axes: (4, k, 3, 3) directions in each link's frame, as columns: down the link to the next joint or foot, forward across
             the joint's axis, and along that axis.
+        reach: (4, k) distance across its axis from each joint to the next, or to the foot's centre, by the model [m].
         robot_mass: mass of the whole robot by the model [kg].
         hips_apart: (12, 12) projection of the first joints' displacements on what is no common shift or turn.
     """
@@ -139,7 +140,7 @@ class LegChains:
         self._axis = _first(axis)
         self._lever = _first(by_link(lambda joint: model.inertias[joint].lever))
         self._inertia = _first(by_link(lambda joint: model.inertias[joint].inertia))
-        self.axes = _axes_of_links(robot, axis)
+        self.axes, self.reach = _axes_of_links(robot, axis)
         self.hips_apart = _no_rigid_motion(self._placement[:, 0, :, 0].T)
         self._down_to = np.tril(np.ones((self.joints.shape[1],) * 2))  # sums over a link and all above it
         self._foot = np.array([model.frames[leg.foot_frame_id].placement.translation for leg in legs]).T[..., None]
@@ -230,8 +231,8 @@ def _no_rigid_motion(places: FloatArray) -> FloatArray:
     return np.eye(places.size) - rigid @ np.linalg.pinv(rigid)
 
 
-def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> FloatArray:
-    """(4, k, 3, 3) `LegChains.axes`, of (4, k, 3) axes of the joints in the links' frames."""
+def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(4, k, 3, 3) `LegChains.axes` and (4, k) `reach`, of (4, k, 3) axes of the joints in the links' frames."""
     model = robot.pinocchio
     next_ones = [
         [*(model.jointPlacements[joint].translation for joint in leg.joint_ids[1:]),
@@ -239,9 +240,10 @@ def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> FloatArray:
         for leg in robot.legs.values()
     ]  # fmt: skip
     across = np.cross(joint_axes, np.array(next_ones))
-    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    reach = np.linalg.norm(across, axis=-1)
+    across /= reach[..., None]
     down = np.cross(across, joint_axes)
-    return np.stack([down, across, joint_axes], axis=-1)
+    return np.stack([down, across, joint_axes], axis=-1), reach
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

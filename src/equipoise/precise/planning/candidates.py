@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from equipoise.conventions import FloatArray
+from equipoise.conventions import SWINGS, FloatArray
 from equipoise.errors import ReachError
 from equipoise.precise.lift_design import AMPLITUDES, LiftChecks, LiftDesign
 from equipoise.precise.measurements.leg_motion import LegChains
@@ -59,6 +59,7 @@ class Candidates:
 
     Attributes:
         doubt: (3, 3) covariance of the CoM in the base frame, as `check_lift` takes it [m2].
+        swings: whether lifted feet may swing, which teaches what the legs weigh.
         lifts: possible lifts.
         postures: postures of planted moves, from the first posture.
         rows: (m, size) rows of each lift, then of each posture's move: what they add to the information is rows^T rows.
@@ -68,6 +69,7 @@ class Candidates:
     predictor: Predictor
     unknowns: Unknowns
     doubt: FloatArray | None = None
+    swings: bool = False
     lifts: list[LiftDesign] = field(default_factory=list[LiftDesign])
     postures: list[BodyPosture] = field(default_factory=list[BodyPosture])
     rows: list[FloatArray] = field(default_factory=list[FloatArray])
@@ -75,10 +77,11 @@ class Candidates:
 
     @classmethod
     def of(
-        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None
-    ) -> Candidates:
+        cls, robot: RobotModel, stance: Stance, com: FloatArray, priors: Priors, doubt: FloatArray | None = None,
+        swings: bool = False,
+    ) -> Candidates:  # fmt: skip
         """Of a robot as it is thought to be."""
-        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt)
+        found = cls(Predictor(robot, stance, com), Unknowns(robot, stance, priors), doubt, swings)
         for wanted in _LIFT_POSTURES:
             posture = found._largest(wanted, found._check_lifts)
             if posture is not None:
@@ -128,14 +131,17 @@ class Candidates:
 
     def _add_lifts(self, posture: BodyPosture) -> None:
         side = 1
-        for turn in (None, *AMPLITUDES):
+        passive = LiftDesign(posture, next(iter(DIAGONALS)), side)
+        stirred = [passive, *(replace(passive, turn=turn) for turn in AMPLITUDES)]
+        stirred += [replace(passive, swing=swing) for swing in SWINGS if self.swings]
+        for lift in stirred:
             for diagonal in DIAGONALS:
                 side = -side
-                design = LiftDesign(posture, diagonal, side, turn)
+                design = replace(lift, diagonal=diagonal, side=side)
                 try:
                     self._checks.check(design)
                 except ReachError as error:
-                    self.left_out.append(f"{describe(posture)}, {turn} on {diagonal}: {error}")
+                    self.left_out.append(f"{describe(posture)}, {design.meanwhile} on {diagonal}: {error}")
                     continue
                 self.lifts.append(design)
 

@@ -35,22 +35,22 @@ _ROOMS = ("robot", "experiments", "precise")  # whose code decides
 
 
 @lru_cache(maxsize=2)
-def nominal_candidates(robot: RobotModel, priors: Priors) -> Candidates:
+def nominal_candidates(robot: RobotModel, priors: Priors, swings: bool = False) -> Candidates:
     """What may be done with a robot at its nominal stance, and what it would teach; raises ReachError if there is nothing."""
-    name = f"candidates-{_key(robot, priors)}.npz"
-    empty = _empty(robot, priors)
+    name = f"candidates-{_key(robot, priors, swings)}.npz"
+    empty = _empty(robot, priors, swings)
     content = read_cached(name)
     if content is not None and (found := _read(empty, content)) is not None:
         return found
-    made = Candidates.of(robot, empty.predictor.stance, empty.predictor.com, priors)
+    made = Candidates.of(robot, empty.predictor.stance, empty.predictor.com, priors, swings=swings)
     keep_cached(name, _written(made))
     return made
 
 
-def _empty(robot: RobotModel, priors: Priors) -> Candidates:
+def _empty(robot: RobotModel, priors: Priors, swings: bool) -> Candidates:
     stance = nominal_stance(robot)
     com = composite_parameters(robot, stance.joint_position).com
-    return Candidates(Predictor(robot, stance, com), Unknowns(robot, stance, priors))
+    return Candidates(Predictor(robot, stance, com), Unknowns(robot, stance, priors), swings=swings)
 
 
 def _written(candidates: Candidates) -> bytes:
@@ -77,7 +77,7 @@ def _read(empty: Candidates, content: bytes) -> Candidates | None:
             told: dict[str, Any] = json.loads(str(file["told"]))
             counts, rows = file["counts"], np.asarray(file["rows"], dtype=float)
         lifts = [
-            LiftDesign(BodyPosture(**lift["posture"]), lift["diagonal"], lift["side"], lift["turn"])
+            LiftDesign(BodyPosture(**lift["posture"]), lift["diagonal"], lift["side"], lift["turn"], lift["swing"])
             for lift in told["lifts"]
         ]
         postures = [BodyPosture(**posture) for posture in told["postures"]]
@@ -90,7 +90,7 @@ def _read(empty: Candidates, content: bytes) -> Candidates | None:
         return None
 
 
-def _key(robot: RobotModel, priors: Priors) -> str:
+def _key(robot: RobotModel, priors: Priors, swings: bool) -> str:
     """Hash of all that the candidates depend on."""
     model = (
         robot.source.xml,
@@ -98,7 +98,7 @@ def _key(robot: RobotModel, priors: Priors) -> str:
         repr(robot.description),
         robot.pinocchio.saveToString(),
     )
-    parts = (_FORMAT, __version__, _code(), *model, repr(priors))
+    parts = (_FORMAT, __version__, _code(), *model, repr(priors), repr(swings))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 

@@ -1,0 +1,137 @@
+"""What a run found about motors and links, for people: a line for each, left above right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import floor, log10
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from equipoise.result.calibration import Calibration
+from equipoise.result.findings import Part
+from equipoise.result.quantity import Quantity
+from equipoise.result.shown import Shown
+
+_MOTORS = (
+    Shown("coulomb_friction", "Coulomb [Nm]", 1.0, "", "Coulomb friction"),
+    Shown("viscous_friction", "viscous [mNm s/rad]", 1000.0, "", "viscous friction"),
+    Shown("armature", "armature [g m2]", 1000.0, "", "armature"),
+    Shown("relative_gain", "gain [%]", 100.0, "+", "relative torque gain"),
+    Shown("delay", "delay [ms]", 1000.0, "", "position-loop delay"),
+)
+_LINKS = (
+    Shown("mass", "mass [g]", 1000.0, "", "mass"),
+    Shown("moment_x", "m cx [g m]", 1000.0, "+", "first moment along x"),
+    Shown("moment_y", "m cy [g m]", 1000.0, "+", "first moment along y"),
+    Shown("moment_z", "m cz [g m]", 1000.0, "+", "first moment along z"),
+    Shown("length", "length [mm]", 1000.0, "", "length"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What was found about all parts of a kind.
+
+    Attributes:
+        kind: what they are, "motors" or "links".
+        each: what one of them is called by, "joint" or "link".
+        columns: what is shown of each.
+        found: by name, in an order that puts each above its like on the other side.
+        remark: sentence on what the numbers refer to.
+    """
+
+    kind: str
+    each: str
+    columns: tuple[Shown, ...]
+    found: Mapping[str, Part]
+    remark: str
+
+    @property
+    def legend(self) -> list[str]:
+        """What marks in the table mean, a sentence each."""
+        shown = [one for part in self.found.values() for one in part.quantities.values()]
+        marks = {
+            "In brackets: hardly surer than before the run.": any(one.verdict == "not identified" for one in shown),
+            "(!): what was simulated is outside the interval.": any(one.missed for one in shown),
+        }
+        return [sentence for sentence, there in marks.items() if there]
+
+    def of(self, name: str) -> list[Quantity]:
+        """One quantity of every part."""
+        return [part.quantities[name] for part in self.found.values()]
+
+    def rows(self, plus_minus: str) -> list[list[str]]:
+        """Of each part its name and what was found, as of the columns."""
+        columns = [_cells(self.of(one.name), one, plus_minus) for one in self.columns]
+        return [list(row) for row in zip(self.found, *columns, strict=True)]
+
+
+def parts_of(result: Calibration) -> list[Parts]:
+    """Motors and links, if the run looked at them."""
+    joints = list(result.motors)
+    if result.robot_model is not None:
+        joints = [name for leg in result.robot_model.legs.values() for name in leg.joint_names]
+    kinds = [
+        Parts(
+            "motors", "joint", _MOTORS, _left_by_right(result.motors, joints),
+            "Torques are in the unit in which the motors report them on average; gains are relative to their mean.",
+        ),
+        Parts(
+            "links", "link", _LINKS, _left_by_right(result.links, list(result.links)),
+            "Each link with all that is fixed to it, in its joint's frame: m c is its first moment, the mass times where its "
+            "CoM is, which motions show better than the mass. Lengths go from joint to joint, a calf's to the foot's middle.",
+        ),
+    ]  # fmt: skip
+    return [parts for parts in kinds if parts.found]
+
+
+def print_parts(console: Console, result: Calibration) -> None:
+    """A table of each kind that the run looked at."""
+    for parts in parts_of(result):
+        table = Table(
+            title=f"{result.robot}: {parts.kind}, 95 % +-",
+            title_justify="left",
+            box=box.SIMPLE_HEAD,
+            padding=(0, 0, 0, 1),
+        )
+        table.add_column(parts.each, overflow="fold")
+        for one in parts.columns:
+            table.add_column(escape(one.label.replace(" [", "\n[")), justify="right", no_wrap=True)
+        for name, *cells in parts.rows("+-"):
+            table.add_row(escape(name), *cells)
+        console.print(table)
+        console.print(" ".join([parts.remark, *parts.legend]))
+
+
+def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str, Part]:
+    """Parts in an order that puts each above its like on the other side, of names by the legs FL FR RL RR."""
+    per_leg = len(names) // 4
+    sides = (names[: 2 * per_leg], names[2 * per_leg :])
+    pairs = (pair for side in sides for pair in zip(side[:per_leg], side[per_leg:], strict=True))
+    return {name: found[name] for pair in pairs for name in pair if name in found}
+
+
+def _cells(quantities: list[Quantity], shown: Shown, plus_minus: str) -> list[str]:
+    """A column; the narrowest interval says how many digits all have."""
+    halves = [quantity.half * shown.factor for quantity in quantities if quantity.half]
+    form = f".{_decimals(min(halves, default=1.0))}f"
+    return [_cell(quantity, shown, form, plus_minus) for quantity in quantities]
+
+
+def _decimals(half: float) -> int:
+    """Of a number whose interval is that wide to each side: its first digit, and the second of what begins with 1 or 2."""
+    place = floor(log10(half))
+    return max(0, -place + (half < 3 * 10.0**place))
+
+
+def _cell(quantity: Quantity, shown: Shown, form: str, plus_minus: str) -> str:
+    if quantity.value is None or quantity.half is None:
+        return "-"
+    outside = " (!)" if quantity.missed else ""
+    value, half = quantity.value * shown.factor, quantity.half * shown.factor
+    told = f"{value:{shown.form}{form}}{plus_minus}{half:{form}}"
+    return f"({told}){outside}" if quantity.verdict == "not identified" else told + outside
