@@ -109,8 +109,8 @@ def table(rows: list[Row]) -> Iterator[str]:
         "10,000. `realistic` with legs 10 % off in common and 5 % each in mass, CoMs 4 mm in common to a kind and 2 mm each, "
         "thighs and calves 1.5 mm, and no cable; `stress` with all that it has. Root mean square errors. Thigh, calf: first "
         "moments, length of the error over that of the moment, beside the model file's own. Held: share of 95 % intervals "
-        "with the truth in them, of the whole robot's ten numbers, and of the links'. sd/rms: mean standard deviation over the "
-        "rms error, of the CoM and of the moments of inertia."
+        "with the truth in them, of the whole robot's ten numbers, and of the links'. sd/rms: mean standard deviation over "
+        "the rms error, of the CoM and of the moments of inertia."
     )
     yield ""
     yield (

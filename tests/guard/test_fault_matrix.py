@@ -25,7 +25,12 @@ from equipoise.guard.guard import Guard
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
+from equipoise.precise.lift_design import LiftDesign
+from equipoise.precise.safe_lift import found_doubt
+from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.run_log_reader import read_log
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.posture import BodyPosture
 
 SETTINGS = Precise(budget=32, sway=False)
 CALF, THIGH = 2, 1  # of the front left leg
@@ -106,7 +111,16 @@ def act_of(case, disturbance):
     return lambda begins: grease(disturbance, "FL", 0.05 if begins else 0.8)
 
 
-def run(robot, cases, folder, duration=None):
+class OneSwing(Precise):
+    """A lift in which the two lifted feet swing, and nothing else."""
+
+    def run(self, planted, stance, recordings, report=None):
+        trials = PreciseTrials(planted, stance, composite_parameters(planted.robot, stance.joint_position).com)
+        trials.doubt = found_doubt(stance)
+        trials.lift(LiftDesign(BodyPosture(), "FR_RL", 1, swing="ahead"))
+
+
+def run(robot, cases, folder, duration=None, settings=SETTINGS):
     """A guarded calibration with faults: its result or error, the truth, what the robot saw, and the guard's report."""
     platform, disturbance, truth = simulated(robot, payload="1,0.05,0.02,0.08")
     gains, guard = robot.gains(nominal_stance(robot).hip_height), None
@@ -118,11 +132,11 @@ def run(robot, cases, folder, duration=None):
             fault = Fault(case.kind, case.phase, 0.02, lasts, case.joint, size, act_of(case, disturbance))
             faulty = Faulty(faulty, fault, lambda: guard.phase if guard else "", gains)
             faults.append(faulty)
-        with RunFolder.create(folder, robot, SETTINGS, {}) as kept:
+        with RunFolder.create(folder, robot, settings, {}) as kept:
             guard = Guard(faulty, robot, log=kept.log)
             try:
                 with guard:
-                    outcome = calibrate(guard, robot, SETTINGS, kept.keep)
+                    outcome = calibrate(guard, robot, settings, kept.keep)
             except EquipoiseError as error:
                 outcome = error
         assert all(fault.begun for fault in faults)
@@ -161,6 +175,24 @@ def test_a_fault_ends_in_its_error_with_the_robot_put_down(a1, case, tmp_path):
     content = read_log(tmp_path / "run" / "recording.mcap")
     recorded = sum(len(play.recording.joints.time) for play in content.plays)
     assert recorded > 10 or case.phase == "stand"
+
+
+SWINGING = [
+    Case("nan", "watch", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
+    Case("drop", "watch", (CommunicationError, TrackingError), "no sample has arrived for 1|is it on"),
+    Case("lose torque", "watch", FALLS, "FL_|falling"),
+    Case("stick joint", "watch", TrackingError, "joint 'FL_thigh_joint' was sent through", joint=THIGH),
+    Case("outside", "watch", FALLS, "falling|FL|FR|RL|RR", push=250.0),
+]
+
+
+@pytest.mark.parametrize("case", SWINGING, ids=str)
+def test_a_fault_while_lifted_feet_swing_ends_as_any_other(a1, case, tmp_path):
+    """The front left leg is in the air."""
+    outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=OneSwing())
+    assert isinstance(outcome, case.error), outcome
+    assert re.search(case.words, str(outcome)), outcome
+    assert_put_down(a1, case, peer, report)
 
 
 HARMLESS = [
