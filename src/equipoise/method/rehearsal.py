@@ -10,6 +10,7 @@ from equipoise.conventions import AXES, FloatArray
 from equipoise.errors import ReachError
 from equipoise.experiments.posture import check_clear
 from equipoise.experiments.sway import SwaySettings, extreme_feet, why_unreachable
+from equipoise.result.findings import Link
 from equipoise.robot.kinematics import inverse_kinematics
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
@@ -58,8 +59,11 @@ class Forecast(Protocol):
         deviation: (10,) predicted standard deviations of these.
         left_out: motions that the robot cannot do, and why.
         without: (10,) what the same time would give if no earlier run were known; None: none is.
+        links: leg links by name, with predicted standard deviations; none unless the method looks at them.
     """
 
+    @property
+    def links(self) -> Mapping[str, Link]: ...
     @property
     def without(self) -> FloatArray | None: ...
     @property

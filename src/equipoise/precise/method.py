@@ -271,7 +271,7 @@ class Precise(Method):
             assumptions=self.assumptions,
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes),
             budget=budget_of(posterior),
-            links=link_findings(posterior) if self.swings else {},
+            links=link_findings(posterior.unknowns, posterior.x, posterior.covariance) if self.swings else {},
             timings=timings,
         )
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,12 @@ import numpy as np
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
+from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.gains import Steps
 from equipoise.precise.posterior import body_jacobian, prior_rows
+from equipoise.result.findings import Link
 from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.model import DIAGONALS
 from equipoise.robot.posture import BodyPosture
@@ -91,6 +93,7 @@ class Plan:
         before_search: number of visits before the search.
         search: lifts of the search on each diagonal, in words.
         without: (10,) standard deviations that the same time would give if no earlier run were known; None: none is.
+        links: leg links by name, with predicted standard deviations; none unless feet may swing.
     """
 
     visits: tuple[Visit, ...]
@@ -103,6 +106,7 @@ class Plan:
     before_search: int = 0
     search: str = "passive x 2"
     without: FloatArray | None = None
+    links: Mapping[str, Link] = field(default_factory=dict[str, Link])
 
     @property
     def lifts(self) -> int:
@@ -135,6 +139,7 @@ class Plan:
             ],
             "predicted_deviation": name_components(self.deviation),
             "left_out": list(self.left_out),
+            **({"links": {name: link.to_dict() for name, link in self.links.items()}} if self.links else {}),
             **({} if self.without is None else {"predicted_deviation_without_known": name_components(self.without)}),
         }
 
@@ -227,12 +232,14 @@ def make_plan(
         raise SettingsError(
             f"a budget of {budget + aside:.0f} s allows no lift after the search; give {math.ceil(least + aside)} s or more"
         )
-    covariance = to_body @ np.linalg.inv(information) @ to_body.T
+    everything = np.asarray(np.linalg.inv(information), dtype=float)
+    covariance = to_body @ everything @ to_body.T
     before = to_body @ np.linalg.inv(prior) @ to_body.T
     visits = [part.visits for part in parts]
     return Plan(
         sum(visits, ()), total, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(before)), body,
         tuple(candidates.left_out), len(visits[0]) if turn else None,
+        links=link_findings(unknowns, x, everything) if candidates.swings else {},
     )  # fmt: skip
 
 

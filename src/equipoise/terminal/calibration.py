@@ -23,7 +23,7 @@ from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
 from equipoise.robot.model import DIAGONALS
-from equipoise.terminal.parts import print_parts
+from equipoise.terminal.parts import parts_of, parts_of_legs, print_parts
 
 
 class TrialProgress:
@@ -77,7 +77,8 @@ def print_calibration(
         _print_precise(console, result)
     elif not result.motors or result.composite.com_in_base.x.value is not None:
         _print_paper(console, result)
-    print_parts(console, result)
+    for parts in parts_of(result):
+        print_parts(console, result.robot, parts)
     for assumption in result.assumptions:
         console.print(escape(f"assumed, as you said: {assumption}"))
     for warning in () if result.checks else result.warnings:
@@ -242,6 +243,8 @@ def print_plan(robot: str, plan: Forecast) -> None:
         cells = (format(NORMAL_95 * deviation * factor, form) for deviation in deviations)
         accuracy.add_row(escape(label), format(value * factor, form), *cells)
     console.print(accuracy)
+    if plan.links:
+        print_parts(console, robot, parts_of_legs(plan.links), "the model file's, predicted 95 % +-")
     console.print(
         "Lifts: passive, or with the body turning to and fro about an axis, or with the two lifted feet swinging. Postures "
         "without lifts are moves over planted feet, from which joint zeros follow."

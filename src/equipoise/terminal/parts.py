@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.result.calibration import Calibration
-from equipoise.result.findings import Part
+from equipoise.result.findings import Link, Part
 from equipoise.result.quantity import Quantity
 from equipoise.result.shown import Shown
 
@@ -75,36 +75,37 @@ def parts_of(result: Calibration) -> list[Parts]:
     joints = list(result.motors)
     if result.robot_model is not None:
         joints = [name for leg in result.robot_model.legs.values() for name in leg.joint_names]
-    kinds = [
-        Parts(
-            "motors", "joint", _MOTORS, _left_by_right(result.motors, joints),
-            "Torques are in the unit in which the motors report them on average; gains are relative to their mean.",
-        ),
-        Parts(
-            "links", "link", _LINKS, _left_by_right(result.links, list(result.links)),
-            "Each link with all that is fixed to it, in its joint's frame: m c is its first moment, the mass times where its "
-            "CoM is, which motions show better than the mass. Lengths go from joint to joint, a calf's to the foot's middle.",
-        ),
-    ]  # fmt: skip
-    return [parts for parts in kinds if parts.found]
+    motors = Parts(
+        "motors", "joint", _MOTORS, _left_by_right(result.motors, joints),
+        "Torques are in the unit in which the motors report them on average; gains are relative to their mean.",
+    )  # fmt: skip
+    return [parts for parts in (motors, parts_of_legs(result.links)) if parts.found]
 
 
-def print_parts(console: Console, result: Calibration) -> None:
-    """A table of each kind that the run looked at."""
-    for parts in parts_of(result):
-        table = Table(
-            title=f"{result.robot}: {parts.kind}, 95 % +-",
-            title_justify="left",
-            box=box.SIMPLE_HEAD,
-            padding=(0, 0, 0, 1),
-        )
-        table.add_column(parts.each, overflow="fold")
-        for one in parts.columns:
-            table.add_column(escape(one.label.replace(" [", "\n[")), justify="right", no_wrap=True)
-        for name, *cells in parts.rows("+-"):
-            table.add_row(escape(name), *cells)
-        console.print(table)
-        console.print(" ".join([parts.remark, *parts.legend]))
+def parts_of_legs(links: Mapping[str, Link]) -> Parts:
+    """Links by name, leg by leg."""
+    return Parts(
+        "links", "link", _LINKS, _left_by_right(links, list(links)),
+        "Each link with all that is fixed to it, in its joint's frame: m c is its first moment, the mass times where its CoM "
+        "is, which motions show better than the mass. Lengths go from joint to joint, a calf's to the foot's middle.",
+    )  # fmt: skip
+
+
+def print_parts(console: Console, robot: str, parts: Parts, what: str = "95 % +-") -> None:
+    """A table.
+
+    Args:
+        what: words for what stands behind the numbers.
+    """
+    title = f"{robot}: {parts.kind}, {what}"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    table.add_column(parts.each, overflow="fold")
+    for one in parts.columns:
+        table.add_column(escape(one.label.replace(" [", "\n[")), justify="right", no_wrap=True)
+    for name, *cells in parts.rows("+-"):
+        table.add_row(escape(name), *cells)
+    console.print(table)
+    console.print(" ".join([parts.remark, *parts.legend]))
 
 
 def _left_by_right(found: Mapping[str, Part], names: Sequence[str]) -> dict[str, Part]:

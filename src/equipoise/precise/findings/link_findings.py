@@ -7,7 +7,6 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import LINKS, Unknowns
-from equipoise.precise.posterior import Posterior
 from equipoise.result.findings import Link
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import verdict_of
@@ -17,22 +16,25 @@ _NAMES = ("mass", "moment_x", "moment_y", "moment_z", "length")
 _UNITS = ("kg", "kg m", "kg m", "kg m", "m")
 
 
-def link_findings(posterior: Posterior) -> dict[str, Link]:
+def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> dict[str, Link]:
     """Every moving link of the legs, by its name; each number beside what was believed of it before the run.
 
     A link's own inertia is taken to go with its mass: no motion of a standing robot shows it by itself.
+
+    Args:
+        x: (size,) unknowns.
+        covariance: (size, size) their covariance after the run.
     """
-    unknowns = posterior.unknowns
     robot, legs = unknowns.robot, LegChains(unknowns.robot)
     model, derivative = _at_the_model(unknowns, legs)
-    values = model + derivative @ (posterior.x * unknowns.scale)
+    values = model + derivative @ (x * unknowns.scale)
     beliefs = np.eye(unknowns.size)
     if unknowns.belief is not None:
         beliefs[unknowns.tabled, unknowns.tabled] = unknowns.belief.covariance
     before, after = (
-        np.sqrt(np.einsum("ij,jk,ik->i", rows, covariance, rows))
+        np.sqrt(np.einsum("ij,jk,ik->i", rows, spread, rows))
         for rows in (derivative * unknowns.scale,)
-        for covariance in (beliefs, posterior.covariance)
+        for spread in (beliefs, covariance)
     )
     names = link_names(robot.full_pinocchio)
     joints = [name for leg in robot.legs.values() for name in leg.joint_names]
