@@ -96,7 +96,7 @@ class MujocoPlatform(SimulatedPlatform):
     def _set_gains(self, kp: FloatArray | None, kd: FloatArray | None) -> None:
         super()._set_gains(kp, kd)
         if not (np.array_equal(self._kp, self._gains[0]) and np.array_equal(self._kd, self._gains[1])):
-            self._gains = self._kp, self._kd
+            self._gains = self._kp.copy(), self._kd.copy()  # who commands may change its arrays
             self._simulated.set_gains(*self._gains)
 
     def _run(self, control: FloatArray, raw: FloatArray) -> None:
