@@ -24,6 +24,8 @@ demo: $(RUN_STAMP)
 # whatever becomes of the first.
 test: export OPENBLAS_NUM_THREADS = 1
 test: export OMP_NUM_THREADS = 1
+# pytest keeps what it made of the test files for the second phase, also where Python is told to write no bytecode.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(DEV_STAMP)
 	@failed=0; \
 	$(BIN)/python -m pytest -m "not realtime" --numprocesses logical --dist worksteal || failed=1; \

@@ -68,17 +68,23 @@ class Seen:
         self._platform, self.act, self.accepts, self._hidden = platform, act, accepts, hidden
         self.control_period, self.joint_names = platform.control_period, platform.joint_names
         self.commands, self.joints, self.closed = [], [], 0
+        self._state = platform.read()
 
     def read(self):
-        return replace(self._platform.read(), **dict.fromkeys(self._hidden))
+        self._state = self._platform.read()
+        return self.shown()
 
     def step(self, command):
         self.act(len(self.commands))
         self.commands.append(command)
-        self.joints.append(self._platform.read().joint_position)
+        self.joints.append(self._state.joint_position)
         heard = {"velocity", "torque", "kp", "kd"} - self.accepts - ({"kp", "kd"} if "gains" in self.accepts else set())
-        self._platform.step(replace(command, **dict.fromkeys(heard)))
-        return self.read()
+        self._state = self._platform.step(replace(command, **dict.fromkeys(heard)))
+        return self.shown()
+
+    def shown(self):
+        """What it says of its state."""
+        return replace(self._state, **dict.fromkeys(self._hidden))
 
     def play(self, trajectory, stop=None):
         return play_by_stepping(self, trajectory, stop)
@@ -101,6 +107,7 @@ class MemoryLink:
         self.joint_names = robot.joint_names
         self.sent, self.released, self.closed = [], 0, 0
         self._arrived: list = []
+        self._state = None if platform is None else platform.read()
 
     @property
     def commands(self):
@@ -115,7 +122,7 @@ class MemoryLink:
         self.act(len(self.sent))
         self.sent.append(command)
         if self._platform is not None:
-            self._platform.step(command)
+            self._state = self._platform.step(command)
         self._arrived.append(self._sample())
 
     def release(self):
@@ -125,7 +132,7 @@ class MemoryLink:
         self.closed += 1
 
     def _sample(self):
-        state = at_rest(self._robot, len(self.sent)) if self._platform is None else self._platform.read()
+        state = at_rest(self._robot, len(self.sent)) if self._state is None else self._state
         return replace(state, received=time.monotonic())
 
 

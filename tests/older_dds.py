@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import sysconfig
+import time
 from pathlib import Path
 
 SOURCES = {  # sdists: there are no wheels for the Pythons that have version 11
@@ -20,7 +21,38 @@ class CannotBuildError(Exception):
 
 
 def older_python(version, folder):
-    """The Python of a new environment in a folder; raises CannotBuildError."""
+    """The Python of an environment in a folder, made by the first of the processes that ask; raises CannotBuildError."""
+    outcome = folder / "outcome"
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        _wait_for(outcome)
+    else:
+        outcome.with_suffix(".new").write_text(_why_not(version, folder / "venv"), encoding="utf-8")
+        outcome.with_suffix(".new").rename(outcome)
+    if why := outcome.read_text(encoding="utf-8"):
+        raise CannotBuildError(why)
+    return str(folder / "venv" / "bin" / "python")
+
+
+def _wait_for(path):
+    until = time.monotonic() + 3 * PATIENCE
+    while not path.exists():
+        if time.monotonic() > until:
+            raise CannotBuildError(f"{path.parent} was begun by another process and is not there")
+        time.sleep(0.1)
+
+
+def _why_not(version, folder):
+    """Make it; why that cannot be done, or nothing."""
+    try:
+        _make(version, folder)
+    except CannotBuildError as error:
+        return str(error)
+    return ""
+
+
+def _make(version, folder):
     if sys.version_info < (3, 11):
         raise CannotBuildError("this Python has 0.10 itself")
     home = os.environ.get("CYCLONEDDS_HOME") or str(_home(folder / "home"))
@@ -33,7 +65,6 @@ def older_python(version, folder):
     _run([*pip, *options], {**os.environ, "CYCLONEDDS_HOME": home})
     _add_what_is_installed(python)
     _run([str(python), "-c", "import cyclonedds.core"], os.environ)  # on Python 3.13 it builds, and cannot be imported
-    return str(python)
 
 
 def _home(folder):

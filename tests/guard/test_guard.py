@@ -204,13 +204,13 @@ def test_commands_that_get_lost_in_the_ending_do_not_end_it(a1, seen):
 def test_a_robot_that_goes_wrong_while_it_lies_down_is_damped(a1, seen):
     with Guard(seen, a1) as guard:
         hold(guard, seen, 0.02)
-        sound, began = seen.read, len(seen.commands)
+        sound, began = seen.shown, len(seen.commands)
 
         def unsound():
             state = sound()
             return state if len(seen.commands) < began + 150 else replace(state, joint_velocity=np.full(12, np.nan))
 
-        seen.read = unsound
+        seen.shown = unsound
     down, damped, released = guard.report().ending
     assert down.startswith("lying down, stopped: the velocity of joint 'FL_hip_joint' says what is no number")
     assert (damped, released) == ("damped", "released")

@@ -29,8 +29,8 @@ class Carried(Seen):
         self._simulated, self._step, self.carried = platform, angle / WHILE, 0
         self._rate = 0.0
 
-    def read(self):
-        state = super().read()
+    def shown(self):
+        state = super().shown()
         up = state.acceleration_in_imu / np.linalg.norm(state.acceleration_in_imu)
         return replace(state, angular_velocity_in_imu=state.angular_velocity_in_imu + self._rate * up)
 
@@ -113,8 +113,8 @@ def test_ctrl_c_while_it_waits_lets_it_down(a1):
 
 def test_a_robot_that_was_put_on_its_side_does_not_stand_up(a1):
     class Tipped(Carried):
-        def read(self):
-            state = super().read()
+        def shown(self):
+            state = super().shown()
             up = state.acceleration_in_imu
             return replace(state, acceleration_in_imu=up[[0, 2, 1]]) if self.carried == WHILE else state
 

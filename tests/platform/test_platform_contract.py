@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from guarded import simulated
 from platform_contract import (
     TO_ROUNDING,
     WITHOUT_DELAY,
@@ -54,7 +55,7 @@ class TestGuardedRobot(PlatformContract):
         self.fast = load_text(tmp_path, a1_urdf.replace('velocity="21"', 'velocity="100"'))
 
     def make(self):
-        guard = Guard(simulate(self.robot, "realistic", seed=3).platform, self.fast)
+        guard = Guard(simulated(self.robot)[0], self.fast)
         guard.step(JointCommand(guard.read().joint_position))  # the soft start comes first
         return guard
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from guarded import simulated
 
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.errors import RecordingError, UnrecordedError
@@ -76,14 +77,14 @@ def test_two_platforms_do_not_know_of_each_other(a1):
             assert platform.play(stand(platform, 6)).joints.time[0] == simulation.platform.read().time - 6 * 2e-3
 
 
-def test_a_calibration_goes_through_as_without_lost_samples(a1, simulation, tmp_path):
+def test_a_calibration_goes_through_as_without_lost_samples(a1, tmp_path):
     """It ended by "joint times must be finite and increasing", and with it went the recording."""
     settings = Paper(com_search=ComSearchSettings(tolerance=0.02), sway=SwaySettings(duration=1.0))
     folder = RunFolder.create(tmp_path / "run", a1, settings, {})
-    with folder:
-        platform = Stuttering(simulation.platform)
-        result = calibrate(Logged(platform, folder.log), a1, settings, folder.keep)
-    error = result.with_truth(simulation.truth).composite.com_in_base.errors
+    platform, _, truth = simulated(a1)
+    with folder, platform:
+        result = calibrate(Logged(Stuttering(platform), folder.log), a1, settings, folder.keep)
+    error = result.with_truth(truth).composite.com_in_base.errors
     assert np.abs(error[:2]).max() < 0.02
     again = RunFolder.open(folder.path).estimate()
     assert again.composite.com_in_base == result.composite.com_in_base

@@ -126,8 +126,9 @@ class PeerRobot:
             self._platform.close()
 
     def say(self, **what: object) -> None:
-        """Append to the log."""
-        print(json.dumps({"time": round(self._state.time, 4), **what}), file=self._log, flush=True)
+        """Append to the log, at one go: Ctrl-C must not part a line from its end."""
+        self._log.write(json.dumps({"time": round(self._state.time, 4), **what}) + "\n")
+        self._log.flush()
 
     def _in_force(self) -> JointCommand:
         """What the motor boards do now."""

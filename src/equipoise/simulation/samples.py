@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from equipoise.conventions import FloatArray
 from equipoise.platform.platform import RobotState
@@ -48,6 +47,8 @@ class Samples:
         """
         if self._sections is None:
             return raw
+        from scipy import signal  # noqa: PLC0415 - where there is a filter, it is imported
+
         imu = raw[:, -6:]
         if self._filter_state is None:
             at_rest = signal.sosfilt_zi(self._sections)
@@ -153,6 +154,8 @@ def _low_pass(frequency: float, timestep: float) -> FloatArray | None:
     """Sections of the IMU's filter; None: it has none, or one that lets all pass that the engine can show."""
     if not frequency or frequency >= 0.5 / timestep:
         return None
+    from scipy import signal  # noqa: PLC0415 - a second to import, which robots without the filter need not wait for
+
     return np.asarray(signal.butter(_ORDER, frequency, fs=1 / timestep, output="sos"))
 
 
