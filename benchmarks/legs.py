@@ -86,6 +86,8 @@ def links(result: Calibration, robot: RobotModel) -> Row:
     First moments are taken across the joint's axis, where a link swings, and along it.
     """
     found: Row = {}
+    if not result.links:
+        return found
     joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
     per_leg = len(joints) // 4
     for number, (link, joint) in enumerate(zip(result.links.values(), joints, strict=True)):
