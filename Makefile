@@ -173,7 +173,7 @@ bench-ros2 bench-udp: bench-%: $(DEV_STAMP)
 	$(BIN)/python benchmarks/$*.py
 
 lock:
-	for extras in run: dev:dev robots:dev,robots; do \
+	for extras in run:desk dev:dev,desk robots:dev,desk,robots; do \
 	  uv pip compile --quiet --universal --python-version 3.10 --generate-hashes --no-annotate --no-strip-extras \
 	    --custom-compile-command "make lock" $$(echo $${extras#*:} | tr ',' '\n' | sed '/^$$/d; s/^/--extra /') \
 	    pyproject.toml -o requirements/$${extras%%:*}.lock || exit 1; \

@@ -160,7 +160,7 @@ def test_lists_import_nothing_that_they_do_not_show(words):
 
 
 MISSING = {
-    "mujoco": "simulation needs MuJoCo: pip install mujoco",
+    "mujoco": "simulation needs MuJoCo: pip install 'equipoise[simulation]'",
     "dartpy": "simulation in DART needs dartpy: pip install 'equipoise[dart]'",
 }
 

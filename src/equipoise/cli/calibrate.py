@@ -32,6 +32,7 @@ from equipoise.cli.flags import (
     load,
 )
 from equipoise.cli.methods import method_asked_for, method_flags, owners, read_method, refuse_flags_of_other_methods
+from equipoise.cli.report import if_installed
 from equipoise.cli.session import Place, Session, confirm
 from equipoise.cli.settings import Verb, chosen, flag_names, shaped, unknown_flags
 from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
@@ -136,19 +137,27 @@ class ShownFlags(Output):
         """Who looks on."""
         return Watch(self.view, self.view_port, self.rerun)
 
+    @staticmethod
+    def _picture(result: Calibration, folder: Path) -> list[Path]:
+        from equipoise.pictures.files import save_plan_view
+
+        return save_plan_view(result, folder)
+
+    @staticmethod
+    def _page(result: Calibration, folder: Path) -> list[Path]:
+        from equipoise.report.page import save_report
+
+        return [save_report(result, folder)]
+
     def show(self, result: Calibration, folder: RunFolder) -> None:
         """Draw and print a result."""
         from equipoise.terminal.calibration import print_calibration
 
         files = [folder.path / "calibration.json"]
         if self.pictures:
-            from equipoise.pictures.files import save_plan_view
-
-            files += save_plan_view(result, folder.path)
+            files += if_installed(self._picture, result, folder.path)
         if self.report:
-            from equipoise.report.page import save_report
-
-            files.append(save_report(result, folder.path))
+            files += if_installed(self._page, result, folder.path)
         if self.json:
             print(result.to_json(), end="")
         else:
@@ -357,7 +366,7 @@ def _repeated(
 ) -> list[Calibration]:
     """Several runs on one robot, and how much they differ."""
     from equipoise.calibration.repeatability import repeatability, to_dict
-    from equipoise.report.page import REPORT, save_comparison, save_report
+    from equipoise.report.page import save_comparison, save_report
     from equipoise.terminal.repeatability import print_repeatability
 
     results: dict[str, Calibration] = {}
@@ -369,15 +378,14 @@ def _repeated(
             result = run_into(session, folder, method, output.silent)
         results[folder.path.name] = result
         if output.report:
-            save_report(result, folder.path)
+            if_installed(lambda result, path: [save_report(result, path)], result, folder.path)
     repeated = repeatability(list(results.values()))
     table = to_dict(repeated, count)
     write_file(out / "repeatability.json", json_module.dumps(table, indent=2) + "\n")
-    if output.report:
-        save_comparison(results, out)
+    page = if_installed(lambda results, path: [save_comparison(results, path)], results, out) if output.report else []
     if output.json:
         print(json_module.dumps(table, indent=2))
     else:
         print_repeatability(session.robot.name, repeated, count)
-        print(f"saved: {out}" + (f"\nsee {out / REPORT}" if output.report else ""))
+        print(f"saved: {out}" + "".join(f"\nsee {file}" for file in page))
     return [*results.values()]

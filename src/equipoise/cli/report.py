@@ -5,18 +5,20 @@ from __future__ import annotations
 import dataclasses
 import json as json_module
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from tyro.conf import Positional, arg
 
 from equipoise.cli.flags import File, Output
-from equipoise.errors import OutputError, SettingsError
+from equipoise.errors import MissingDependencyError, OutputError, SettingsError
 
 if TYPE_CHECKING:
     from equipoise.result.calibration import Calibration
 
 _COMPARISON = "comparison.html"
+Shown = TypeVar("Shown")
 Runs = Annotated[
     Positional[tuple[Path, ...]],
     arg(metavar="RUN", help="Run folders, the folder of a --repeat, or JSON results of 'estimate LOG --out'."),
@@ -91,12 +93,21 @@ def _found(path: Path) -> Calibration:
     return dataclasses.replace(Calibration.load(path / RESULT), robot_model=folder.robot())
 
 
+def if_installed(draw: Callable[[Shown, Path], list[Path]], shown: Shown, path: Path) -> list[Path]:
+    """The files that a function draws; none where a robot's computer has not what draws them: the result is what counts."""
+    try:
+        return draw(shown, path)
+    except MissingDependencyError as error:
+        print(f"warning: {error}; 'equipoise report {path}' draws the page elsewhere", file=sys.stderr)
+        return []
+
+
 def try_to_save(result: Calibration, path: Path) -> list[Path]:
     """Write the page beside a result that was asked for itself: a folder that cannot be written costs the page alone."""
     from equipoise.report.page import save_report
 
     try:
         return [save_report(result, path)]
-    except OutputError as error:
+    except (OutputError, MissingDependencyError) as error:
         print(f"warning: {error}", file=sys.stderr)
         return []

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
 
 from equipoise.errors import EquipoiseError, PluginError, RecordingError
+from equipoise.logs.bag_files import is_bag
 from equipoise.logs.log import Log, RawLog, assemble
-from equipoise.logs.rosbag import is_bag, read_bag
 from equipoise.logs.topics import Topics
 from equipoise.plugins import Table
 from equipoise.robot.model import RobotModel
@@ -67,7 +67,7 @@ def read_log(
     Raises:
         RecordingError: the log cannot be read, or lacks what is needed.
         SettingsError: the joint map does not fit.
-        MissingDependencyError: Parquet needs pyarrow.
+        MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow.
         PluginError: the package that brings the reader cannot be used.
     """
     path = Path(path)
@@ -78,7 +78,7 @@ def read_log(
         raise RecordingError(
             f"{str(path)!r} is no log that can be read: it must be the folder of a rosbag2 bag, or a file {known}"
         )
-    reader = read_bag if path.is_dir() else READERS[_suffix(path)]
+    reader = READERS["mcap" if path.is_dir() else _suffix(path)]
     return assemble(robot, _read(reader, path, robot, topics or Topics()), joint_map, span)
 
 

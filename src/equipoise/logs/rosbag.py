@@ -7,14 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Connection, MessageDefinitionFormat
-from rosbags.rosbag2 import Reader
-from rosbags.rosbag2.storage_mcap import McapReader
-from rosbags.typesys import get_types_from_idl, get_types_from_msg
+from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError
+
+try:
+    from rosbags.interfaces import Connection, MessageDefinitionFormat
+    from rosbags.rosbag2 import Reader
+    from rosbags.rosbag2.storage_mcap import McapReader
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+except ModuleNotFoundError as error:
+    raise MissingDependencyError("bags need rosbags: pip install 'equipoise[logs]'") from error
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
-from equipoise.errors import EquipoiseError, RecordingError
+from equipoise.logs.bag_files import METADATA, bag_files
 from equipoise.logs.bag_streams import BagStream, GatheredTopic
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_by_order
@@ -24,16 +29,6 @@ from equipoise.logs.stamps import common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
 from equipoise.recording.mcap_reader import message_batches
 from equipoise.robot.model import RobotModel
-
-SUFFIXES = (".mcap", ".db3")
-_METADATA = "metadata.yaml"
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: a folder of one, or one of its files."""
-    if path.is_dir():
-        return (path / _METADATA).exists() or any(_files(path))
-    return path.suffix.lower() in SUFFIXES
 
 
 def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
@@ -52,20 +47,16 @@ def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
         raise
     except Exception as error:  # damaged files fail in many ways in several libraries, few of them typed
         hint = ""
-        if path.suffix.lower() == ".mcap" or any(file.suffix == ".mcap" for file in _files(path)):
+        if path.suffix.lower() == ".mcap" or any(file.suffix == ".mcap" for file in bag_files(path)):
             hint = "; if the recorder was killed, `mcap recover` repairs the file"
         raise RecordingError(f"the bag {str(path)!r} cannot be read: {error or repr(error)}{hint}") from error
 
 
-def _files(path: Path) -> list[Path]:
-    return sorted(file for file in path.glob("*") if file.suffix in SUFFIXES) if path.is_dir() else []
-
-
 def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     # A recorder that was killed leaves files without metadata.
-    parts = [path] if not path.is_dir() or (path / _METADATA).exists() else _files(path)
+    parts = [path] if not path.is_dir() or (path / METADATA).exists() else bag_files(path)
     if not parts:
-        raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {_METADATA} nor .mcap or .db3 files")
+        raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {METADATA} nor .mcap or .db3 files")
     found: dict[str, tuple[str, int]] = {}
     gathered: dict[str, GatheredTopic] = {}
     findings: list[LogFinding] = []

@@ -8,10 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from plotly.offline import get_plotlyjs
-
 from equipoise._version import __version__
-from equipoise.errors import OutputError
+from equipoise.errors import MissingDependencyError, OutputError
 from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
 from equipoise.result.calibration import Calibration
@@ -29,6 +27,7 @@ def save_report(result: Calibration, path: str | Path) -> Path:
 
     Raises:
         OutputError: it cannot be written.
+        MissingDependencyError: Plotly is not installed.
     """
     return _save(run_contents(result), path)
 
@@ -67,10 +66,19 @@ def page(contents: dict[str, Any]) -> str:
         "style": read("style.css"),
         "contents": _json(contents),
         "scripts": "\n".join(read(name) for name in _SCRIPTS),
-        "plotly": get_plotlyjs(),
+        "plotly": _plotly(),
     }
     head, *rest = read("page.html").split("{{")
     return head + "".join(parts[name] + after for name, after in (part.split("}}", 1) for part in rest))
+
+
+def _plotly() -> str:
+    """The library that draws the figures, in the browser."""
+    try:
+        from plotly.offline import get_plotlyjs  # noqa: PLC0415 - a page can be made where this is installed alone
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("reports need Plotly: pip install 'equipoise[pictures]'") from error
+    return get_plotlyjs()
 
 
 def _json(contents: dict[str, Any]) -> str:

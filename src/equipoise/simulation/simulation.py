@@ -172,7 +172,7 @@ def _in_mujoco(
         from equipoise.simulation.mujoco_model import TIMESTEP, build_simulated_robot  # noqa: PLC0415
         from equipoise.simulation.mujoco_truth import MujocoWitness, link_truth, simulated_truth  # noqa: PLC0415
     except ModuleNotFoundError as error:
-        raise MissingDependencyError("simulation needs MuJoCo: pip install mujoco") from error
+        raise MissingDependencyError("simulation needs MuJoCo: pip install 'equipoise[simulation]'") from error
     timestep = TIMESTEP if timestep is None else timestep
     simulated = build_simulated_robot(robot, stance, errors, payload, timestep, contacts)
     truth = simulated_truth(robot, simulated, stance.joint_position)

@@ -1,0 +1,20 @@
+"""Which files are bags: found without what reads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+SUFFIXES = (".mcap", ".db3")
+METADATA = "metadata.yaml"
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: a folder of one, or one of its files."""
+    if path.is_dir():
+        return (path / METADATA).exists() or bool(bag_files(path))
+    return path.suffix.lower() in SUFFIXES
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Files of a bag in a folder; none if the path is no folder."""
+    return sorted(file for file in path.glob("*") if file.suffix in SUFFIXES) if path.is_dir() else []

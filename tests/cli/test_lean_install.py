@@ -1,0 +1,65 @@
+"""A robot's computer without simulator, pictures and readers of bags: results come, and what is lacking is named."""
+
+import subprocess
+import sys
+
+import pytest
+
+from equipoise import Paper, RunFolder, calibrate, simulate
+
+LACKING = ("mujoco", "matplotlib", "plotly", "rosbags")
+CODE = "import sys; sys.modules |= dict.fromkeys({}); from equipoise.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, a1, coarse_engine):
+    path = tmp_path_factory.mktemp("runs") / "a1"
+    with simulate(a1, "ideal") as simulation, RunFolder.create(path, a1, Paper(), {}) as folder:
+        folder.save(calibrate(simulation.platform, a1, Paper(), folder.keep))
+    return path
+
+
+def lean(*words, lacking=LACKING):
+    command = [sys.executable, "-c", CODE.format(repr(lacking)), *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_run_is_estimated_and_its_page_left_out(run):
+    done = lean("estimate", run)
+    assert done.returncode == 0, done.stderr
+    assert "CoM x in base [mm]" in done.stdout
+    assert done.stderr == "warning: reports need Plotly: pip install 'equipoise[pictures]'\n"
+    assert "report.html" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("calibrate", "--out", "{}/new"), "simulation needs MuJoCo: pip install 'equipoise[simulation]'"),
+        (("report", "{}"), "reports need Plotly: pip install 'equipoise[pictures]'"),
+        (("estimate", "{}/recording.mcap", "--robot", "a1"), "bags need rosbags: pip install 'equipoise[logs]'"),
+        (("monte-carlo", "a1"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_a_verb_that_lacks_something_says_what_to_install(run, words, message):
+    done = lean(*(word.format(run) for word in words))
+    assert done.returncode == 7
+    assert done.stderr.splitlines()[-1] == f"error: {message}"
+
+
+def test_a_calibration_ends_well_without_its_pictures(tmp_path):
+    out = tmp_path / "run"
+    words = ("calibrate", "--method", "static", "--noise", "ideal", "--out", out)
+    done = lean(*words, lacking=("matplotlib", "plotly"))
+    assert done.returncode == 0, done.stderr
+    assert RunFolder.open(out).complete
+    told = [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
+    assert told == [
+        f"warning: {what}: pip install 'equipoise[pictures]'; 'equipoise report {out}' draws the page elsewhere"
+        for what in ("pictures need Matplotlib", "reports need Plotly")
+    ]
+
+
+def test_plans_and_rehearsals_need_none_of_it():
+    assert lean("plan", "unitree_a1", "--budget", "40s").returncode == 0
