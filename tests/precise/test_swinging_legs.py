@@ -104,6 +104,12 @@ def test_what_cannot_be_seen_is_said(found, capsys):
     assert max(map(len, shown.splitlines())) <= 80
 
 
+def test_links_of_a_run_whose_checks_fail_are_doubtful(found):
+    link = found[0].links["FL_thigh"].doubted()
+    assert {one.verdict for one in link.quantities.values()} == {"doubtful"}
+    assert link.moment_z.value == found[0].links["FL_thigh"].moment_z.value
+
+
 def test_a_result_with_links_is_read_as_it_was_written(found, tmp_path):
     result, _ = found
     result.save(tmp_path / "result.json")

@@ -242,6 +242,8 @@ class Precise(Method):
         def told(body: Body) -> Body:
             return body if well else body.doubted()
 
+        links = link_findings(posterior.unknowns, posterior.x, posterior.covariance) if self.swings else {}
+
         return Calibration(
             **model_facts(robot, stance.joint_position),
             method=self.name,
@@ -271,7 +273,7 @@ class Precise(Method):
             assumptions=self.assumptions,
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes),
             budget=budget_of(posterior),
-            links=link_findings(posterior.unknowns, posterior.x, posterior.covariance) if self.swings else {},
+            links=links if well else {name: link.doubted() for name, link in links.items()},
             timings=timings,
         )
 

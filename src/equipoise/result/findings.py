@@ -61,6 +61,12 @@ class Part:
         joined = {name: replace(q, truth=truth.get(name)) for name, q in self.quantities.items()}
         return replace(self, **joined)
 
+    def doubted(self: Found) -> Found:
+        """The same after a check of the run has failed."""
+        return replace(
+            self, **{name: replace(q, verdict="doubtful") for name, q in self.quantities.items() if q.verdict}
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         return asdict(self)
