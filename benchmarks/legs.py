@@ -124,7 +124,8 @@ def table(rows: list[Row]) -> Iterator[str]:
         "thighs and calves 1.5 mm, and no cable; `stress` with all that it has. Root mean square errors. Thigh, calf: first "
         "moment across the joint's axis, over its size, beside the model file's own error; of hips, and of what is along an "
         "axis, hardly anything is told. Held: share of 95 % intervals with the truth in them, of the whole robot's ten "
-        "numbers, and of all links'. sd/rms: mean standard deviation over the rms error, of the CoM and of the moments of inertia."
+        "numbers, and of all links'. sd/rms: mean standard deviation over the rms error, of the CoM and of the moments of "
+        "inertia."
     )
     yield ""
     yield (
