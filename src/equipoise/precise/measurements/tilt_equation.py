@@ -98,6 +98,16 @@ class TiltEquation:
         momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
         return self._integrated(momentum.value, rate.value), self.levers(values, inertial)
 
+    def evaluate_each(self, values: Sequence[Values], inertial: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """(n,) y(t), and (trials,) inertia l . I_o l at each first sample [kg m2]; each trial at values of its own."""
+        own = {name: np.stack([of[name] for of in values], axis=1) for name in self.DEPENDS_ON}
+        own["inertial"] = np.stack(inertial, axis=1)
+        counts = [trial.stop - trial.start for trial in self.trials]
+        repeated = {name: np.repeat(value, counts, axis=1) for name, value in own.items()}
+        momentum, rate = self._samples.momentum_and_rate(inputs_of(repeated, [*own], self._samples.count))
+        inertia, _ = self._first.inertia_and_moment(inputs_of(own, [*own], self._first.count))
+        return self._integrated(momentum.value, rate.value), inertia.value
+
     def levers(self, values: Values, inertial: FloatArray) -> FloatArray:
         """The second part of `evaluate`."""
         about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
