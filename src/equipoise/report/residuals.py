@@ -110,8 +110,8 @@ def held_out_blocks(result: Calibration) -> list[Block]:
         if body != FOUND
     )
     said = text(
-        f"{len(predicted.lifts)} lifts were each predicted from {predicted.others} alone. Errors are {1000 * predicted.error(FOUND):.2f} mm "
-        f"rms at the centre of mass; {beside}."
+        f"{len(predicted.lifts)} lifts were each predicted from {predicted.others} alone. Errors are "
+        f"{1000 * predicted.error(FOUND):.2f} mm rms at the centre of mass; {beside}."
     )
     rows: list[list[Cell]] = [
         [body, f"{1000 * predicted.error(body):.2f}", f"{_in_intervals(result, body):.1f}",
