@@ -61,6 +61,7 @@ class MujocoReplay:
         self._model.actuator_forcelimited[:] = 0
         if base is not None:
             _replace_base(self._simulated, base)
+        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # how hard contacts are hangs on masses and gains
         self._data, self._rollout = mujoco.MjData(self._model), rollout.Rollout(nthread=0)
         self._feet = [self._model.geom(foot_name(leg)).id for leg in LEG_NAMES]
 
@@ -136,4 +137,3 @@ def _replace_base(simulated: SimulatedRobot, base: InertialParameters) -> None:
     model.body_mass[body], model.body_ipos[body], model.body_inertia[body] = base.mass, base.com, moments
     mujoco.mju_mat2Quat(model.body_iquat[body], axes.reshape(9).copy())
     model.body_sameframe[:] = 0  # the compiler notes which frames are the same, and never looks again
-    mujoco.mj_setConst(model, mujoco.MjData(model))
