@@ -81,7 +81,7 @@ class MujocoReplay:
         initial = np.zeros(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, initial, _STATE)
         states, _ = self._rollout.rollout(
-            model, data, initial[None], control[None], initial_warmstart=np.array(data.qacc_warmstart)[None]
+            [model], [data], initial[None], control[None], initial_warmstart=np.array(data.qacc_warmstart)[None]
         )
         path: FloatArray = np.concatenate([initial[None], np.asarray(states[0], dtype=float)])
         if not (np.diff(path[:, 0]) > 0).all():  # the engine restarts at time zero when it diverges
