@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors legs weigh size)
+  guard report view robots motors legs weigh validate size)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -163,6 +163,10 @@ bench-motors bench-legs: bench-%: $(ROBOTS_STAMP)
 # An hour on one core; it goes on like bench-accuracy.
 bench-weigh: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/weigh.py
+
+# A quarter of an hour on one core; it goes on like bench-accuracy.
+bench-validate: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/validate.py
 
 # A minute; needs Chromium for the browser's part, and says so where it is missing.
 bench-report: $(DEV_STAMP)

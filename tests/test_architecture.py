@@ -43,7 +43,7 @@ ENGINES = {
     "mujoco": {
         "simulation/mujoco.py", "simulation/mujoco_model.py", "simulation/mujoco_truth.py", "simulation/simulation.py",
         "simulation/disturbance.py", "simulation/mujoco_contacts.py", "simulation/mujoco_drive.py",
-        "simulation/mujoco_legs.py",
+        "simulation/mujoco_legs.py", "simulation/replay/in_mujoco.py",
     },
     "dartpy": {
         "simulation/dart.py", "simulation/dart_links.py", "simulation/dart_model.py", "simulation/dart_truth.py",

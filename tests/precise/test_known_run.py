@@ -19,6 +19,7 @@ from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.parameters import Unknowns
 from equipoise.precise.planning.nominal import nominal_candidates
 from equipoise.precise.trials import PreciseTrials
+from equipoise.result.held_out import EARLIER, FOUND, MODEL
 from equipoise.result.requirements import UNMET
 from equipoise.robot.inertial import composite_parameters
 
@@ -55,6 +56,13 @@ def test_a_short_run_finds_the_com_and_what_was_taken_off(a1, earlier, later, pr
     assert not any(quantity.missed for quantity in payload)
     assert "taken off" in found.sentence
     assert found.to_dict()["answer"] == "removed"
+
+
+def test_the_earlier_runs_body_predicts_worse_once_its_payload_is_off(later):
+    found = later[2].held_out
+    assert found.bodies == (MODEL, EARLIER, FOUND)
+    assert found.error(EARLIER) > 3 * max(found.error(FOUND), found.error(MODEL))
+    assert "with the earlier run's body off by" in found.sentence()
 
 
 def test_the_covariance_of_both_runs_is_that_of_one_estimate(earlier, later):

@@ -81,10 +81,17 @@ def stored(text):
 def test_a_precise_run_shows_all_parts(precise):
     contents = run_contents(precise)
     assert titles(contents) == [
-        "Trials", "In space", "Residuals", "Sensors", "Uncertainty", "What would help", "Other bodies", "Checks", "Provenance",
+        "On lifts it has not seen", "Trials", "In space", "Residuals", "Sensors", "Uncertainty", "What would help",
+        "Other bodies", "Checks", "Provenance",
     ]  # fmt: skip
     figures = [figure["title"] for figure in blocks(contents, "figure")]
-    for title in ("Lifts on FL_RR", "Lifts on FR_RL", "Misfit of each motion", "Support planes and centre of mass"):
+    for title in (
+        "Lifts on FL_RR",
+        "Lifts on FR_RL",
+        "Lifts it has not seen",
+        "Misfit of each motion",
+        "Support planes and centre of mass",
+    ):
         assert title in figures
     assert len(contents["numbers"]["rows"]) == 10
 
@@ -114,7 +121,9 @@ def test_the_static_method_leaves_out_what_it_does_not_know(static):
 def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
     precise.save(tmp_path / "result.json")
     contents = run_contents(Calibration.load(tmp_path / "result.json"))
-    assert titles(contents) == ["Trials", "Residuals", "Sensors", "Uncertainty", "Other bodies", "Checks", "Provenance"]
+    assert titles(contents) == [
+        "On lifts it has not seen", "Trials", "Residuals", "Sensors", "Uncertainty", "Other bodies", "Checks", "Provenance",
+    ]  # fmt: skip
     assert contents["numbers"] == run_contents(precise)["numbers"]
     assert "feet" not in contents["plan_view"]
 

@@ -68,7 +68,7 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     table = json.loads(calibration.to_json())
     assert list(table) == [
         "schema", "robot", "method", "model", "stance", "composite", "base", "stance_effective",
-        "sensors", "checks", "budget", "verdicts", "sways", "support_lines", "trials",
+        "sensors", "checks", "budget", "held_out", "verdicts", "sways", "support_lines", "trials",
         "settings", "provenance", "warnings", "assumptions", "nominal", "truth", "errors",
     ]  # fmt: skip
     assert table["schema"] == "equipoise.calibration/3"
@@ -184,6 +184,7 @@ def test_a_file_of_the_schema_before_tells_the_same(method, path):
     assert now.pop("assumptions") == []  # nobody could say any
     assert now["stance"].pop("held") == {}  # nothing was
     assert now.pop("budget") == []  # nor was that kept
+    assert now.pop("held_out") is None
     assert "identified" in now.pop("verdicts")
     assert now == before
 

@@ -21,6 +21,7 @@ VERBS = {
     "calibrate": ("calibrate", "find mass, centre of mass and inertia; simulated or on the robot"),
     "plan": ("inspect", "what 'calibrate' would do, and how accurate it would be"),
     "estimate": ("inspect", "estimate again from a run, or from a log that is not ours"),
+    "validate": ("validate", "play recorded lifts again in simulation: which body tips as the robot did"),
     "view": ("view", "watch a run in the browser, live or again"),
     "report": ("report", "a page to read and to show: a run, or several compared"),
     "export": ("export", "write the result into the file that your controller reads"),

@@ -6,7 +6,7 @@ import json as json_module
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -39,6 +39,7 @@ from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
 
 if TYPE_CHECKING:
+    from equipoise.logs.offline import LogEstimate
     from equipoise.result.calibration import Calibration
     from equipoise.robot.audit import Audit
 
@@ -212,17 +213,21 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     return result
 
 
-def _estimate_log(
-    path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: EstimateOutput
-) -> Calibration:
-    from equipoise.cli.report import try_to_save
+def estimated_log(
+    path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: Output,
+    verbose: bool = False,
+) -> LogEstimate:  # fmt: skip
+    """What a log that is not ours says; what was found in it is printed first where nothing can be estimated.
+
+    Args:
+        given: settings of the method.
+        verbose: whether every piece of the log is printed then.
+    """
     from equipoise.logs.joint_names import read_joint_map
     from equipoise.logs.offline import estimate_log
     from equipoise.logs.reader import read_log
     from equipoise.precise.method import Precise
-    from equipoise.terminal.calibration import print_calibration
     from equipoise.terminal.log import print_log_report
-    from equipoise.terminal.uncertainty import print_budget
 
     model, method = load(robot, description), Precise(**given)
     joint_map = None if source.joint_map is None else read_joint_map(source.joint_map)
@@ -232,9 +237,21 @@ def _estimate_log(
         found = estimate_log(model, log, method)
     except LogError as error:
         if not output.json:
-            print_log_report(error.report, output.verbose)
+            print_log_report(error.report, verbose)
         raise
-    result = found.result.with_provenance(log=str(path), **log.about)
+    return replace(found, result=found.result.with_provenance(log=str(path), **log.about))
+
+
+def _estimate_log(
+    path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: EstimateOutput
+) -> Calibration:
+    from equipoise.cli.report import try_to_save
+    from equipoise.terminal.calibration import print_calibration
+    from equipoise.terminal.log import print_log_report
+    from equipoise.terminal.uncertainty import print_budget
+
+    found = estimated_log(path, robot, source, description, given, output, output.verbose)
+    result = found.result
     files: list[Path] = []
     if output.out is not None:
         result.save(output.out)

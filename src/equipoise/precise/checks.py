@@ -14,6 +14,8 @@ from equipoise.precise.measurements.support_planes import com_by_planes
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
 from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
+from equipoise.result.held_out import FOUND, HeldOut
+from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, composite_parameters
 from equipoise.robot.model import RobotModel
 
@@ -26,6 +28,8 @@ _OUTLYING_SHIFT, _STEADY = 5.0, 5.0
 # Chance that any row that is held is called wrong in a run where none is: 2.9 normal deviates if three are tested, 3.6 if
 # thirty are. Clean development runs came to 1.9 and to 2.5 (perfect sensors: contacts that give).
 _UNLIKELY = 5e-3
+# Chance that predictions as good as their intervals say are called worse: lifts in one posture count as one.
+_UNPREDICTED = 1e-2
 _CAUSES = 3  # what is wrong of one thing pulls at what is alike
 _FEWEST_SIDE = 3  # motions before and after a change: one or two that differ are outliers
 _CHANGE = 0.1  # of what is not known of the base beforehand: what moves on a robot is no new robot
@@ -38,8 +42,14 @@ _LEGS_DIFFER = 4.0
 _PLANES_AGREE = (7e-3, 25e-3)
 
 
-def judge(robot: RobotModel, evidence: RunEvidence, posterior: Posterior) -> list[Check]:
-    """All checks, in the order in which a user should read them: causes before what they cause."""
+def judge(
+    robot: RobotModel, evidence: RunEvidence, posterior: Posterior, predicted: HeldOut | None = None
+) -> list[Check]:
+    """All checks, in the order in which a user should read them: causes before what they cause.
+
+    Args:
+        predicted: the lifts, each predicted by an estimate without it; None: they were not predicted.
+    """
     return [
         _enough(evidence, posterior),
         _feet_stay(evidence, posterior.moves),
@@ -49,6 +59,7 @@ def judge(robot: RobotModel, evidence: RunEvidence, posterior: Posterior) -> lis
         _held_fits(posterior),
         _halves_agree(posterior),
         _no_motion_outweighs(evidence, posterior),
+        *([] if predicted is None else [_predicts(predicted)]),
         _sensors_plausible(posterior),
         _left_and_right_agree(robot, posterior),
         _planes_agree(robot, evidence, posterior),
@@ -68,17 +79,13 @@ def shift_without(posterior: Posterior, motions: Collection[int]) -> tuple[Float
 def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> tuple[FloatArray, FloatArray]:
     """(n, 10) `shift_without` each of n groups of motions."""
     to_body = body_jacobian(posterior.unknowns, posterior.x, posterior.unknowns.robot_body)
-    whole = np.linalg.inv(posterior.covariance)
     floor = _SMALL_SHIFT**2 * np.diag(posterior.robot_covariance)
     shifts: list[FloatArray] = []
     deviations: list[FloatArray] = []
     for group in groups:
-        left_out = [motion for motion in group if motion in posterior.information]
-        removed = sum((posterior.information[motion] for motion in left_out), np.zeros_like(whole))
-        pull = sum((posterior.gradient[motion] for motion in left_out), np.zeros(posterior.unknowns.size))
-        without = np.linalg.inv(whole - removed)
-        shift = to_body @ without @ pull
-        variance = np.diag(to_body @ (without - posterior.covariance) @ to_body.T)
+        step, covariance = posterior.without(group)
+        shift = to_body @ step
+        variance = np.diag(to_body @ (covariance - posterior.covariance) @ to_body.T)
         shifts.append(shift)
         deviations.append(shift / np.sqrt(np.maximum(variance, floor)))
     return np.array(shifts), np.array(deviations)
@@ -161,6 +168,29 @@ def _no_motion_outweighs(evidence: RunEvidence, posterior: Posterior) -> Check:
         "than without any other motion"
     )
     return Check("leave one out", largest < _OUTLYING_SHIFT, message)
+
+
+def _predicts(predicted: HeldOut) -> Check:
+    """Whether what was found predicts lifts that it has not seen as well as its intervals say."""
+    sizes = NORMAL_95 * np.array([lift.intervals[FOUND] for lift in predicted.lifts])
+    size = float(np.sqrt(np.mean(sizes**2)))
+    limit = _rms_by_chance(predicted.folds)
+    passed = size < limit
+    message = (
+        f"{predicted.sentence()}; errors are {size:.1f} times their standard deviation, {limit:.1f} by chance at most"
+    )
+    if not passed:
+        message += (
+            ". What one posture says is not what the others say: the legs are not the model's (lengths, hips), something "
+            "bends or swings, or the floor is uneven"
+        )
+    return Check("held out", passed, message)
+
+
+def _rms_by_chance(count: int) -> float:
+    """Root mean square that so many normal deviates exceed with that chance (Wilson and Hilferty 1931)."""
+    spread = 2 / (9 * count)
+    return (1 - spread + NormalDist().inv_cdf(1 - _UNPREDICTED) * spread**0.5) ** 1.5
 
 
 def _held_fits(posterior: Posterior) -> Check:

@@ -16,6 +16,7 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import judge
+from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
@@ -232,7 +233,9 @@ class Precise(Method):
         with _Timed(timings, "estimate"):
             posterior, changes = self._posterior(robot, stance, evidence, lifts_needed)
         with _Timed(timings, "check"):
-            looked_at = judge(robot, evidence, posterior)
+            predictions = predict_held_out(evidence, posterior, self.known)
+            predicted = held_out(predictions)
+            looked_at = judge(robot, evidence, posterior, predicted)
             looked_at += [] if self.known is None else [check_of_changes(changes, self.known)]
             checks = tuple(sorted(looked_at, key=lambda check: check.passed))
             findings = (*map(Change.finding, changes), *sensor_findings(posterior))
@@ -271,7 +274,8 @@ class Precise(Method):
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
             assumptions=self.assumptions,
-            evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes),
+            evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
+            held_out=predicted,
             budget=budget_of(posterior),
             links=links if well else {name: link.doubted() for name, link in links.items()},
             timings=timings,

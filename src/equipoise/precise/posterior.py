@@ -12,9 +12,10 @@ Residuals, each in units of its own noise:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,23 @@ class Posterior:
     moves: tuple[Misfit, ...]
     torque_misfit: float | None
     converged: bool
+
+    @cached_property
+    def whole_information(self) -> FloatArray:
+        """(size, size) inverse of the covariance."""
+        return np.asarray(np.linalg.inv(self.covariance), dtype=float)
+
+    def without(self, motions: Collection[int]) -> tuple[FloatArray, FloatArray]:
+        """(size,) change of x, and (size, size) covariance, if motions were left out; to first order.
+
+        Args:
+            motions: motion indices; of those that told nothing there is nothing to leave out.
+        """
+        left_out = [motion for motion in motions if motion in self.information]
+        removed = sum((self.information[motion] for motion in left_out), np.zeros_like(self.covariance))
+        pull = sum((self.gradient[motion] for motion in left_out), np.zeros(self.unknowns.size))
+        covariance = np.asarray(np.linalg.inv(self.whole_information - removed), dtype=float)
+        return covariance @ pull, covariance
 
     def deviation(self, name: str) -> FloatArray:
         """Posterior standard deviations of a block, in its own units."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from equipoise.precise.findings.held_out import LiftPrediction
 from equipoise.precise.known.changes import Change
 from equipoise.precise.known.known_run import KnownRun
 from equipoise.precise.measurements.evidence import MotionReading
@@ -21,11 +22,13 @@ class PosteriorEvidence(Evidence):
         motions: readings of the recordings, in order.
         posterior: estimate with its information by motion.
         changes: what changed since the earlier run that is known.
+        predictions: every lift predicted without the motions in its posture.
     """
 
     motions: tuple[MotionReading, ...]
     posterior: Posterior
     changes: tuple[Change, ...] = ()
+    predictions: tuple[LiftPrediction, ...] = ()
 
     def keepsake(self, settings: Mapping[str, Any]) -> dict[str, Any]:
         return KnownRun.of(self.posterior, settings).to_dict()

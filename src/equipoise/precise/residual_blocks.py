@@ -237,6 +237,14 @@ class TiltBlock(_MotionBlock):
             jacobians.append(whitening @ (derivative - grown))
         return np.concatenate(residuals), np.concatenate(jacobians)
 
+    def unwhitened(self, x: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Of each lift's residual: (n, len(columns)) derivative [rad/s], and (n, n) covariance of the noise [rad2/s2]."""
+        _, jacobian = self.linearise(x)
+        levers = self.equation.levers(self.unknowns.values(x), self.unknowns.inertial(x))
+        for (_, rows), noise, gains in zip(self.motions, self._noise, (levers[1:] / levers[0]).T, strict=True):
+            derivative = np.linalg.solve(noise.whitening(gains), jacobian[rows])
+            yield np.asarray(derivative, dtype=float), noise.covariance(gains)
+
     def normalised_residual(self, x: FloatArray) -> FloatArray:
         return np.array(
             [

@@ -454,11 +454,13 @@ def inputs_of(values: Values, names: Sequence[str], count: int, by: Sequence[str
     """Some values as inputs of an equation of so many samples; it can read no others.
 
     Args:
+        values: (size,) values of all samples alike, or (size, count) values of each.
         by: names of those that derivatives are taken by.
     """
 
     def laid_out(name: str) -> Traced:
-        value = np.broadcast_to(values[name][:, None], (len(values[name]), count))
+        given = values[name]
+        value = np.broadcast_to(given if given.ndim == 2 else given[:, None], (len(given), count))
         return Traced.input(value) if name in by else Traced(value)
 
     return {name: laid_out(name) for name in names}

@@ -13,7 +13,7 @@ from equipoise.report.parts import LINKS, MOTORS, motor_sentence, motors_alone, 
 from equipoise.report.plan_view import plan_view_block
 from equipoise.report.progress import progress_figures
 from equipoise.report.provenance import provenance_blocks
-from equipoise.report.residuals import residual_figures
+from equipoise.report.residuals import held_out_blocks, residual_figures
 from equipoise.report.scene import scene
 from equipoise.report.sensors import sensor_blocks
 from equipoise.report.sway import sway_blocks
@@ -31,6 +31,7 @@ def run_contents(result: Calibration) -> Block:
     planes = lift_planes(result)
     closing = [one for one in (bracket_figure(result), error_figure(result)) if one is not None]
     sections = [
+        section("held-out", "On lifts it has not seen", held_out_blocks(result)),
         section("trials", "Trials", [
             {"type": "figures", "figures": closing} if closing else None, progress_figures(result), tilt_figures(result),
             trial_table(result),

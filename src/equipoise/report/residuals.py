@@ -1,12 +1,14 @@
-"""How the motions fit: misfit of each, how the misfits spread, and how the support planes miss each other."""
+"""How the motions fit, and how well those are predicted that an estimate has not seen."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from equipoise.figures.lift_planes import LiftPlanes
-from equipoise.report.blocks import SERIES, Block, axes, figure, plain, short
+from equipoise.precise.posterior_evidence import PosteriorEvidence
+from equipoise.report.blocks import SERIES, Block, Cell, axes, figure, line, plain, short, table, text
 from equipoise.result.calibration import Calibration
+from equipoise.result.held_out import FOUND
 
 _KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"))
 _OUT = "x"
@@ -95,3 +97,55 @@ def _tilt_by_offset(result: Calibration) -> list[Block]:
     return (
         [figure("Tilt by offset", caption, data, axes("offset of the support line [mm]", "tilt [deg]"))] if data else []
     )
+
+
+def held_out_blocks(result: Calibration) -> list[Block]:
+    """A sentence, the errors over time if the recordings are at hand, and whose body predicts how well."""
+    predicted = result.held_out
+    if predicted is None:
+        return []
+    beside = "; ".join(
+        f"with the {body}'s body they are {predicted.error(body) / predicted.error(FOUND):.1f} times as large"
+        for body in predicted.bodies
+        if body != FOUND
+    )
+    said = text(
+        f"{len(predicted.lifts)} lifts were each predicted from {predicted.others} alone. Errors are "
+        f"{1000 * predicted.error(FOUND):.2f} mm rms at the centre of mass; {beside}."
+    )
+    rows: list[list[Cell]] = [
+        [body, f"{1000 * predicted.error(body):.2f}", f"{_in_intervals(result, body):.1f}",
+         f"{predicted.inside(body)} of {len(predicted.lifts)}"]
+        for body in reversed(predicted.bodies)
+    ]  # fmt: skip
+    columns = ["body", "|rms error [mm]", "|over half the interval", "|inside the interval"]
+    caption = "At each lift's end; sensors and floor as found without the lift's posture, for all bodies"
+    return [said, *_errors_over_time(result), table(columns, rows, caption)]
+
+
+def _in_intervals(result: Calibration, body: str) -> float:
+    assert result.held_out is not None
+    return float(np.sqrt(np.mean([lift.intervals[body] ** 2 for lift in result.held_out.lifts])))
+
+
+def _errors_over_time(result: Calibration) -> list[Block]:
+    evidence = result.evidence
+    if not isinstance(evidence, PosteriorEvidence) or not evidence.predictions:
+        return []
+    lines: list[Block] = []
+    for series, body in enumerate(reversed(tuple(evidence.predictions[0].errors))):
+        time: list[float] = []
+        error: list[float] = []
+        for lift in evidence.predictions:  # a gap after each
+            time += [*lift.time, np.nan]
+            error += [*(1000 * lift.height * lift.errors[body]), np.nan]
+        lines.append(line(time, error, body, series, line={"width": 1}))
+    caption = "A line a lift: measured less predicted tilt about the support line, as a way of the centre of mass."
+    return [
+        {
+            "type": "figures",
+            "figures": [
+                figure("Lifts it has not seen", caption, lines, axes("time on two feet [s]", "error of the tilt [mm]"))
+            ],
+        }
+    ]

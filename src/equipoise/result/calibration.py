@@ -20,6 +20,7 @@ from equipoise.errors import NotEstimatedError, RecordingError
 from equipoise.recording.recording import Recording
 from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
 from equipoise.result.findings import Check, JointFindings, Link, Motor, SensorFinding
+from equipoise.result.held_out import HeldOut
 from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
 from equipoise.result.requirements import verdicts
@@ -162,6 +163,7 @@ class Calibration:
         motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.
         links: what was found about each moving link of the legs, by the model file's names; of runs with `legs` only.
         budget: sources of the uncertainty of the whole robot's parameters, the largest first; `precise` only.
+        held_out: lifts predicted by estimates that have not seen them; `precise` only.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
 
@@ -188,6 +190,7 @@ class Calibration:
     motors: Mapping[str, Motor] = field(default_factory=dict[str, Motor])
     links: Mapping[str, Link] = field(default_factory=dict[str, Link])
     budget: tuple[UncertaintySource, ...] = ()
+    held_out: HeldOut | None = None
 
     @property
     def trustworthy(self) -> bool:
@@ -298,6 +301,7 @@ class Calibration:
             **({"links": {name: link.to_dict() for name, link in self.links.items()}} if self.links else {}),
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "budget": [source.to_dict() for source in self.budget],
+            "held_out": None if self.held_out is None else self.held_out.to_dict(),
             "verdicts": verdicts(self.composite, self.checks),
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
@@ -371,6 +375,7 @@ class Calibration:
             sensors=tuple(SensorFinding(**finding) for finding in table["sensors"]),
             checks=tuple(Check(**check) for check in table["checks"]),
             budget=tuple(UncertaintySource.from_dict(source) for source in table.get("budget", ())),
+            held_out=None if table.get("held_out") is None else HeldOut.from_dict(table["held_out"]),
             motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
             links={name: Link.from_dict(link) for name, link in table.get("links", {}).items()},
         )

@@ -131,6 +131,8 @@ def _print_precise(console: Console, result: Calibration) -> None:
             f"Base link {base_link} with all that is fixed to it: {base.mass.value:.3f} kg, CoM {com} mm; its inertia, "
             "covariances and the paper's stance-effective body are in the JSON form."
         )
+    if result.held_out is not None:
+        console.print(f"Held out: {result.held_out.sentence()}.")
     notable = [finding.sentence for finding in result.sensors if finding.notable]
     if notable:
         console.print("Worth fixing: " + escape("; ".join(notable)) + ".")

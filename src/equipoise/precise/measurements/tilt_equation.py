@@ -50,6 +50,24 @@ Derivatives = Mapping[str, FloatArray]
 """(rows, size) derivatives by each unknown, by its name, and by "inertial"."""
 
 
+@dataclass(frozen=True, eq=False)
+class SensedLift:
+    """The time on two feet of one trial, less the errors of its sensors.
+
+    Attributes:
+        joint_position, joint_velocity: (n, nj) joint positions of the links [rad] and velocities [rad/s].
+        up_in_base: (n, 3) direction against gravity.
+        angular_velocity_base_in_base: (n, 3) angular velocity of the base [rad/s].
+        line_in_base: (n, 3) direction of the support line, from the right foot to the left.
+    """
+
+    joint_position: FloatArray
+    joint_velocity: FloatArray
+    up_in_base: FloatArray
+    angular_velocity_base_in_base: FloatArray
+    line_in_base: FloatArray
+
+
 class TiltEquation:
     """y(t) of a set of trials, at any values of what it depends on.
 
@@ -97,6 +115,22 @@ class TiltEquation:
         """
         momentum, rate = self._samples.momentum_and_rate(self._inputs(values, inertial, self._samples))
         return self._integrated(momentum.value, rate.value), self.levers(values, inertial)
+
+    def evaluate_each(self, values: Sequence[Values], inertial: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """(n,) y(t), and (trials,) inertia l . I_o l at each first sample [kg m2]; each trial at values of its own."""
+        own = {name: np.stack([of[name] for of in values], axis=1) for name in self.DEPENDS_ON}
+        own["inertial"] = np.stack(inertial, axis=1)
+        counts = [trial.stop - trial.start for trial in self.trials]
+        repeated = {name: np.repeat(value, counts, axis=1) for name, value in own.items()}
+        momentum, rate = self._samples.momentum_and_rate(inputs_of(repeated, [*own], self._samples.count))
+        inertia, _ = self._first.inertia_and_moment(inputs_of(own, [*own], self._first.count))
+        return self._integrated(momentum.value, rate.value), inertia.value
+
+    def sensed(self, values: Values) -> list[SensedLift]:
+        """Each trial as its sensors have it, less their errors."""
+        inputs = self._inputs(values, np.zeros(BASE + 4 * self.legs.links), self._samples)
+        parts = self._samples.less_errors(inputs)
+        return [SensedLift(*(part.value[:, trial].T for part in parts)) for trial in self.trials]
 
     def levers(self, values: Values, inertial: FloatArray) -> FloatArray:
         """The second part of `evaluate`."""
@@ -252,6 +286,13 @@ class _Samples:
             joints=replace(again.joints, velocity=readings[3:], torque_rate=still, acceleration=still),
             angular_velocity_in_imu=readings[:3],
         )
+
+    def less_errors(self, values: TracedValues) -> tuple[Traced, ...]:
+        """Components of `SensedLift`, first axes first, in its order."""
+        imu, (position, velocity) = self._sensed(values), self.joints.later(values)
+        posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
+        line = SupportLine.of(posture, self.feet, self._to_centre(values, imu.up))
+        return position, velocity, imu.up, imu.turning, line.left
 
     def momentum(self, values: TracedValues) -> Traced:
         """(n,) l . L_o [kg m2/s]."""

@@ -1,0 +1,89 @@
+"""How well a result predicts motions that its estimate has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+MODEL, EARLIER, FOUND = "model file", "earlier run", "this run"
+"""Whose body predicts."""
+
+
+@dataclass(frozen=True)
+class HeldOutLift:
+    """One lift, predicted by an estimate without it.
+
+    Attributes:
+        motion: index of the recording.
+        fold: index of the motions that were left out together.
+        tilt: rotation about the support line while two feet were up, as measured; positive forward [rad].
+        errors: measured less predicted tilt times the height of the CoM above the line, by whose body predicts [m].
+        intervals: size of that error over half its 95 % interval, by whose body predicts.
+    """
+
+    motion: int
+    fold: int
+    tilt: float
+    errors: Mapping[str, float]
+    intervals: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """All lifts of a run, each predicted by an estimate without it.
+
+    Attributes:
+        lifts: lifts in order.
+    """
+
+    lifts: tuple[HeldOutLift, ...]
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Whose bodies predict: MODEL, EARLIER if an earlier run is known, FOUND."""
+        return tuple(self.lifts[0].errors)
+
+    @property
+    def folds(self) -> int:
+        """Number of estimates, each without some of the motions."""
+        return len({lift.fold for lift in self.lifts})
+
+    def error(self, body: str) -> float:
+        """Root mean square error over lifts [m]."""
+        return float(np.sqrt(np.mean([lift.errors[body] ** 2 for lift in self.lifts])))
+
+    def inside(self, body: str) -> int:
+        """Number of lifts whose error is inside its 95 % interval."""
+        return sum(lift.intervals[body] <= 1 for lift in self.lifts)
+
+    @property
+    def others(self) -> str:
+        """What a lift is predicted from, in words."""
+        return "other postures" if self.folds < len(self.lifts) else "all other motions"
+
+    def sentence(self) -> str:
+        """What was predicted, how well, and how well by the other bodies."""
+        beside = "; ".join(
+            f"with the {body}'s body off by {1000 * self.error(body):.2f} mm" for body in self.bodies if body != FOUND
+        )
+        return (
+            f"{len(self.lifts)} lifts predicted from {self.others}: off by {1000 * self.error(FOUND):.2f} mm rms, "
+            f"{self.inside(FOUND)} within their intervals; {beside}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "folds": self.folds,
+            "errors": {body: self.error(body) for body in self.bodies},
+            "inside": {body: self.inside(body) for body in self.bodies},
+            "lifts": [asdict(lift) for lift in self.lifts],
+        }
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> HeldOut:
+        """From the JSON form."""
+        return cls(tuple(HeldOutLift(**lift) for lift in table["lifts"]))

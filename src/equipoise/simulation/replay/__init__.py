@@ -1,0 +1,1 @@
+"""Recorded motions played again in an engine."""

@@ -1,0 +1,107 @@
+"""Lifts predicted by estimates that have not seen them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from equipoise import Calibration
+from equipoise.precise.checks import judge
+from equipoise.precise.findings.held_out import folds_of, tilt_errors
+from equipoise.precise.gauss_newton import descend
+from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
+from equipoise.precise.posterior import MapProblem
+from equipoise.precise.residual_blocks import TiltBlock, TorqueBlock
+from equipoise.recording.phases import Phase
+from equipoise.result.held_out import FOUND, MODEL, HeldOut
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.posture import BodyPosture
+
+
+@pytest.fixture(scope="module")
+def evidence(a1, precise_run):
+    return read_evidence(a1, precise_run.stance, precise_run.recordings)
+
+
+@pytest.fixture(scope="module")
+def predictions(precise_run):
+    return precise_run.result.evidence.predictions
+
+
+@pytest.fixture(scope="module")
+def posterior(precise_run):
+    return precise_run.result.evidence.posterior
+
+
+def refit_without(posterior, evidence, motions):
+    """The estimate made anew without some motions, at the noise levels of the whole run."""
+    left = RunEvidence(tuple(motion for motion in evidence.motions if motion.index not in motions))
+    whole, unknowns = posterior.problem, posterior.unknowns
+    problem = MapProblem(unknowns.robot, unknowns.stance, left, unknowns.priors, whole.mass, lifts_needed=True)
+    problem.anchored = False
+    for block, of_all in zip(problem.blocks, whole.blocks, strict=True):
+        if isinstance(block, TorqueBlock):
+            block.normalised_residual = of_all.normalised_residual
+        else:
+            block.scale = of_all.scale[[index not in motions for index, _ in of_all.motions]]
+    return descend(problem, posterior.x)[0]
+
+
+def test_an_estimate_made_anew_without_a_lift_predicts_it_the_same(evidence, posterior, predictions):
+    last = predictions[-1]
+    x = refit_without(posterior, evidence, [last.motion])
+    block = next(block for block in posterior.problem.blocks if isinstance(block, TiltBlock))
+    index = [motion for motion, _ in block.motions].index(last.motion)
+
+    def error(at):
+        return tilt_errors(block, posterior.unknowns, np.tile(at, (len(block.motions), 1)))[index][-1]
+
+    missed = abs(error(x) - last.errors[FOUND][-1])
+    assert missed < 0.1 * last.deviation[-1]
+    assert missed < 0.3 * abs(error(x) - error(posterior.x))  # what was left out had a say
+
+
+def test_motions_in_one_posture_are_left_out_together_unless_that_is_much_of_the_run(evidence, posterior):
+    alone = folds_of(evidence.motions, posterior)
+    assert alone == [[index] for index in sorted(posterior.information)]
+    lift = next(motion for motion in evidence.motions if motion.lift is not None)
+    leaning = [
+        replace(lift, index=index, trial=replace(lift.trial, posture=BodyPosture(roll=0.1 * (index // 2))))
+        for index in range(10)
+    ]
+    told = replace(posterior, information=dict.fromkeys(range(10), np.zeros((0, 0))))
+    assert folds_of(leaning, told) == [[0, 1], [2, 3], [4, 5], [6, 7], [8, 9]]
+
+
+def test_a_payload_is_predicted_and_the_model_file_does_not_know_of_it(precise_run):
+    found = precise_run.result.held_out
+    assert found.error(MODEL) > 10 * found.error(FOUND)
+    assert found.inside(FOUND) >= 0.9 * len(found.lifts)
+    assert found.inside(MODEL) <= 0.4 * len(found.lifts)
+
+
+def test_a_tilt_is_the_one_that_was_measured(precise_run, predictions):
+    for lift in predictions:
+        imu = precise_run.recordings[lift.motion].phase(Phase.REST, until=Phase.LOWER).imu
+        turned = np.abs(np.cumsum(imu.angular_velocity_in_imu, axis=0) * np.diff(imu.time).mean()).max()
+        assert abs(lift.tilt[-1]) < turned
+        assert lift.tilt[0] == lift.errors[FOUND][0] == lift.deviation[0] == 0
+
+
+def test_the_check_allows_what_its_chance_is_and_no_more(a1, evidence, posterior, precise_run):
+    found = precise_run.result.held_out
+    limit = np.sqrt(chi2.isf(0.01, found.folds) / found.folds)
+
+    def verdict(sizes):
+        lifts = [replace(lift, intervals={**lift.intervals, FOUND: sizes / NORMAL_95}) for lift in found.lifts]
+        checks = judge(a1, evidence, posterior, HeldOut(tuple(lifts)))
+        return next(check for check in checks if check.name == "held out").passed
+
+    assert verdict(0.98 * limit)
+    assert not verdict(1.02 * limit)
+
+
+def test_it_is_in_the_json_form(precise_run, tmp_path):
+    precise_run.result.save(tmp_path / "found.json")
+    assert Calibration.load(tmp_path / "found.json").held_out == precise_run.result.held_out
