@@ -166,7 +166,9 @@ class _Player:
         try:
             from equipoise.simulation.replay.in_mujoco import MujocoReplay  # noqa: PLC0415 - what estimates needs no engine
         except ModuleNotFoundError as error:
-            raise MissingDependencyError("to play lifts again needs MuJoCo: pip install 'equipoise[simulation]'") from error
+            raise MissingDependencyError(
+                "to play lifts again needs MuJoCo: pip install 'equipoise[simulation]'"
+            ) from error
         self._replay = MujocoReplay(robot, base)
         self._columns = [joint_names.index(name) for name in robot.joint_names]
 
