@@ -12,6 +12,7 @@ import platform
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
@@ -19,6 +20,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import mujoco
 import numpy as np
 
+from commit import commit
 from equipoise import __version__, calibrate, load_robot, simulate
 from equipoise.errors import ModelWarning
 from equipoise.motors.method import Motors
@@ -44,7 +46,7 @@ def run(name: str, seed: int, duration: int) -> dict[str, object]:
     with simulate(robot, "realistic", seed=seed) as simulation:
         result = calibrate(simulation.platform, robot, Motors(motor_time=float(duration)))
         result = result.with_truth_of_parts(simulation.truth_of_parts)
-    row: dict[str, object] = {"robot": name, "seed": seed, "duration": duration}
+    row: dict[str, object] = {"robot": name, "seed": seed, "duration": duration, "commit": commit()}
     for quantity, _, unit, _ in FOUND:
         of_joints = [getattr(motor, quantity) for motor in result.motors.values()]
         row[quantity] = [float(one.error / (unit or 0.01 * one.truth)) for one in of_joints]
@@ -89,9 +91,16 @@ def said(value: float, target: float) -> str:
     return text if value <= target else f"**{text}**"
 
 
+def of_known_code(path: Path) -> list[dict[str, Any]]:
+    """Rows that are there, but those that do not say of which commit they are: they are made again."""
+    kept = [row for row in map(json.loads, path.read_text().splitlines()) if "commit" in row] if path.exists() else []
+    path.write_text("".join(json.dumps(row) + "\n" for row in kept))
+    return kept
+
+
 def main() -> None:
     warnings.simplefilter("ignore", ModelWarning)
-    rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
+    rows = of_known_code(ROWS)
     done = {(row["robot"], row["seed"], row["duration"]) for row in rows}
     asked = [(n, FIRST + i, t) for i in range(max(RUNS.values())) for t in (10, 30) for n in RUNS if i < RUNS[n]]
     for case in asked:
