@@ -1,7 +1,8 @@
 """How well a lying robot that swings its legs tells its motors: `make bench-motors`. Writes benchmarks/results/motors.md.
 
 Simulated robots with ordinary sensors swing all joints for 10 s and for 30 s, lying on their bellies; what is found is held
-against what was simulated. Rows are kept in motors.jsonl: it goes on where it was.
+against what was simulated. Rows are kept in motors.jsonl: it goes on where it was. Then other methods on the same recordings:
+`peers/motors.py`.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import json
 import os
 import platform
 import warnings
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,8 +21,9 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import mujoco
 import numpy as np
-
 from commit import commit
+from peers import motors as peers
+
 from equipoise import __version__, calibrate, load_robot, simulate
 from equipoise.errors import ModelWarning
 from equipoise.motors.method import Motors
@@ -60,8 +63,19 @@ def rms(rows: list[dict[str, object]], quantity: str) -> float:
     return float(np.sqrt(np.mean(np.square([row[quantity] for row in rows]))))
 
 
-def table(rows: list[dict[str, object]]) -> Iterator[str]:
+def page(rows: list[dict[str, Any]], of_peers: list[dict[str, Any]]) -> Iterator[str]:
     """Lines of the page."""
+    yield from table(rows)
+    yield ""
+    yield from peers.section(rows, of_peers, {name: label for name, label, *_ in FOUND})
+    yield ""
+    commits = Counter(row["commit"] for row in (*rows, *of_peers))
+    made = ", ".join(f"{count} rows at commit {name}" for name, count in commits.items())
+    yield f"equipoise {__version__} ({made}), MuJoCo {mujoco.__version__}, Python {platform.python_version()}."
+
+
+def table(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Lines on our own."""
     yield "# Motors, without a stand"
     yield ""
     yield (
@@ -81,8 +95,6 @@ def table(rows: list[dict[str, object]]) -> Iterator[str]:
                 cells = [said(rms(of, quantity), targets[duration]) for quantity, _, _, targets in FOUND]
                 hold = f"{held:.0f}" if held >= HOLD else f"**{held:.0f}**"
                 yield f"| {name} | {len(of)} | {duration} s | " + " | ".join(cells) + f" | {hold} |"
-    yield ""
-    yield f"equipoise {__version__}, MuJoCo {mujoco.__version__}, Python {platform.python_version()}."
 
 
 def said(value: float, target: float) -> str:
@@ -108,7 +120,7 @@ def main() -> None:
             rows.append(run(*case))
             with ROWS.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
-    (RESULTS / "motors.md").write_text("\n".join(table(rows)) + "\n")
+    (RESULTS / "motors.md").write_text("\n".join(page(rows, peers.run_missing())) + "\n")
 
 
 if __name__ == "__main__":

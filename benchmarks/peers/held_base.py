@@ -1,14 +1,14 @@
 """Legs that swing on a base at rest, as a MuJoCo model: what fits of trajectories roll out.
 
-The model is of the robot's file, legs trusted, its base held as the accelerometer says that it lies. Joint control, friction and
-integrator are those of the simulated robot, in the peers' favour.
+The model is of the robot's file, legs trusted, its base held as the accelerometer says that it lies. Joint control, friction
+and integrator are those of the simulated robot, in the peers' favour.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -26,7 +26,7 @@ from equipoise.simulation.sensors import DrawnErrors
 FloatArray = NDArray[np.float64]
 
 GRAVITY = 9.81  # [m/s2]
-TIMESTEP = 1e-3  # [s]
+TIMESTEP = mujoco_model.TIMESTEP  # [s]: with 1 ms delays come out 0.25 ms longer
 _STILL = 25  # samples of rest from whose mean a rollout begins
 
 
@@ -132,19 +132,31 @@ class HeldBase:
         turned = np.vstack([np.zeros_like(swing.start), np.cumsum(np.diff(sent)[:, None] * swing.target, axis=0)])
         return np.diff(np.column_stack([np.interp(edges, sent, column) for column in turned.T]), axis=0) / step
 
-    def shown(self, sets: Sequence[JointParameters]) -> FloatArray:
-        """(sets, n, nj) what encoders show with each set of parameters [rad]."""
+    def states(self, sets: Sequence[JointParameters]) -> FloatArray:
+        """(sets, steps + 1, ...) the engine's states with each set of parameters, the initial one first."""
         first = np.array([self.initial(one) for one in sets])
         states, _ = rollout.rollout(
             [self.model_of(one) for one in sets], mujoco.MjData(self.model), first,
             np.array([self.control(one.delay) for one in sets]),
         )  # fmt: skip
-        path = np.concatenate([first[:, None], states], axis=1)[:, :, 1 + self.qpos]
-        at = (self.swing.time - self.swing.time[0]) / self.model.opt.timestep
+        return np.concatenate([first[:, None], states], axis=1)
+
+    def shown(self, sets: Sequence[JointParameters]) -> FloatArray:
+        """(sets, n, nj) what encoders show with each set of parameters [rad]."""
+        path = self.states(sets)[:, :, 1 + self.qpos]
+        return self.sampled(path) + np.array([one.bias for one in sets])[:, None]
+
+    def encoders_and_torques(self, parameters: JointParameters, states: FloatArray, target: FloatArray) -> FloatArray:
+        """(steps + 1, 2 nj) positions by the encoders [rad] and torques as reported [Nm] by states of as many targets."""
+        encoder, speed = states[:, 1 + self.qpos] + parameters.bias, states[:, 1 + self.model.nq + self.dof]
+        return np.hstack([encoder, self.swing.kp * (target - encoder) - self.swing.kd * speed])
+
+    def sampled(self, path: FloatArray, age: float = 0.0) -> FloatArray:
+        """(..., n, nj) a path (..., steps + 1, nj) of the engine as it was `age` [s] before the samples were taken."""
+        at = np.maximum(self.swing.time - self.swing.time[0] - age, 0.0) / self.model.opt.timestep
         before = np.minimum(at.astype(int), self.steps - 1)
         share = (at - before)[:, None]
-        seen = (1 - share) * path[:, before] + share * path[:, before + 1]
-        return seen + np.array([one.bias for one in sets])[:, None]
+        return (1 - share) * path[..., before, :] + share * path[..., before + 1, :]
 
 
 def held_spec(robot: RobotModel, timestep: float) -> mujoco.MjSpec:
@@ -162,15 +174,3 @@ def held_spec(robot: RobotModel, timestep: float) -> mujoco.MjSpec:
     mujoco_model._add_actuators_and_sensors(spec, robot, base, errors)
     mujoco_model.set_options(spec, timestep)
     return spec
-
-
-def part_of(swing: Swing, start: float, end: float) -> Swing:
-    """Samples between two times [s]; that of the first must be of joints at rest."""
-    kept = (swing.time >= start) & (swing.time < end)
-    torque = None if swing.torque is None else swing.torque[kept]
-    return replace(
-        swing, time=swing.time[kept], position=swing.position[kept], torque=torque, start=swing.position[kept][0]
-    )
-
-
-PER_JOINT = tuple(field.name for field in fields(JointParameters) if field.name != "delay")

@@ -2,8 +2,9 @@
 
     tau - Y(q, v, a) pi = F_c sgn(v) + F_v v + A a + o
 
-Y pi is the inverse dynamics of the model file's legs, which are trusted, o an offset. Torques are taken as they were sampled, gains
-as one. All signals go through the same low-pass filter without delay, the sign of the velocity too.
+Y pi is the inverse dynamics of the model file's legs, which are trusted, o an offset. Torques are taken as they were sampled,
+gains as one. All signals go through the same low-pass filter without delay, the sign of the velocity too; samples about which
+a joint turned back are left out.
 """
 
 from __future__ import annotations
@@ -19,18 +20,23 @@ from peers.held_base import JointParameters, Swing
 
 FloatArray = NDArray[np.float64]
 
-CUTOFF = 20.0  # [Hz] on an A1, whose swings end at 6 Hz; 12 and 30 were no better on tuning seeds
+# Of 8, 12, 20 and 30 Hz (on an A1, whose swings end at 6 Hz) and of 0, 0.5, 0.8 and 0.95 these suited an A1 and a Go2 of a
+# tuning seed best; at 45 Hz viscous friction was off by half on the Go2.
+CUTOFF, SLIDES = 30.0, 0.5
 _STICTION_SPEED = 0.03  # [rad/s], below which Coulomb friction is not yet its full size
 _MARGIN = 0.3  # [s] cut off both ends, where the filter has not all it needs
 _STRIDE = 2  # one sample in so many is used
 
 
-def fit(robot: RobotModel, swing: Swing, scale: Scale, cutoff: float = CUTOFF) -> JointParameters:
+def fit(
+    robot: RobotModel, swing: Swing, scale: Scale, cutoff: float = CUTOFF, slides: float = SLIDES
+) -> JointParameters:
     """Friction and armature of each joint; no delay, no bias.
 
     Args:
         scale: of the robot; the filter is slower on a larger one.
         cutoff: of the filter, on an A1 [Hz].
+        slides: smoothed |sgn(v)| from which on samples are used.
     """
     assert swing.torque is not None
     period = float(np.median(np.diff(swing.time)))
@@ -46,13 +52,11 @@ def fit(robot: RobotModel, swing: Swing, scale: Scale, cutoff: float = CUTOFF) -
     margin = round(_MARGIN / period)
     kept = slice(margin, -margin, _STRIDE)
     model = leg_torques(robot, swing.gravity_in_base, position[kept], velocity[kept], acceleration[kept])
-    found = [
-        np.linalg.lstsq(np.column_stack([*columns, np.ones(len(left))]), left, rcond=None)[0]
-        for left, *columns in zip(
-            (torque[kept] - model).T, sign[kept].T, velocity[kept].T, acceleration[kept].T, strict=True
-        )
-    ]
-    coulomb, viscous, armature, _ = np.array(found).T
+    columns = np.stack([sign, velocity, acceleration, np.ones_like(sign)], axis=-1)[kept]
+    left, used = torque[kept] - model, np.abs(sign[kept]) > slides
+    coulomb, viscous, armature, _ = np.array(
+        [np.linalg.lstsq(columns[u, j], left[u, j], rcond=None)[0] for j, u in enumerate(used.T)]
+    ).T
     return JointParameters(armature, viscous, coulomb, 0 * coulomb, np.ones_like(coulomb), np.nan)
 
 

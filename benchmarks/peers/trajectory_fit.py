@@ -33,19 +33,23 @@ _MOST_ROUNDS = 20
 
 
 def fit(
-    robot: RobotModel, swing: Swing, scale: Scale, timestep: float = TIMESTEP, rounds: int = _MOST_ROUNDS
+    robot: RobotModel,
+    swing: Swing,
+    scale: Scale,
+    used: NDArray[np.bool_] | None = None,
+    timestep: float = TIMESTEP,
 ) -> JointParameters:
     """Parameters whose rollout is nearest to the encoders.
 
     Args:
         scale: of the robot; what is expected of an A1 is multiplied by it.
+        used: (n,) which samples are compared; None: all.
         timestep: of the engine [s].
-        rounds: of the optimiser, at most.
     """
-    problem = _Problem(robot, swing, scale, timestep)
+    problem = _Problem(robot, swing, scale, np.ones(len(swing.time), bool) if used is None else used, timestep)
     found = least_squares(
         problem.residual, problem.start, problem.jacobian, bounds=(problem.lower, np.inf), x_scale="jac",
-        max_nfev=rounds, ftol=1e-6, xtol=1e-6,
+        max_nfev=_MOST_ROUNDS, ftol=1e-4,
     )  # fmt: skip
     return problem.parameters(found.x)
 
@@ -53,9 +57,10 @@ def fit(
 class _Problem:
     """Unknowns in units of their sizes: QUANTITIES, one after the other, of all joints, then the delay."""
 
-    def __init__(self, robot: RobotModel, swing: Swing, scale: Scale, timestep: float) -> None:
+    def __init__(self, robot: RobotModel, swing: Swing, scale: Scale, used: NDArray[np.bool_], timestep: float) -> None:
         kept = replace(swing, time=swing.time[::_KEPT], position=swing.position[::_KEPT])
         self.world, self.measured, self.legs = HeldBase(robot, kept, timestep), kept.position, robot.leg_joints
+        self.used = used[::_KEPT]
         joints = len(robot.joint_names)
         factors = [1.0 if name == "bias" else scale.torque for name in QUANTITIES]
         sizes = [_SIZES[name] * factor for name, factor in zip(QUANTITIES, factors, strict=True)]
@@ -70,7 +75,7 @@ class _Problem:
         return JointParameters(**per_joint, gain=np.ones(self.measured.shape[1]), delay=float(values[-1]))
 
     def residual(self, x: FloatArray) -> FloatArray:
-        return (self.world.shown([self.parameters(x)])[0] - self.measured).ravel()
+        return (self.world.shown([self.parameters(x)])[0] - self.measured)[self.used].ravel()
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         groups = list(self._groups())
@@ -81,7 +86,7 @@ class _Problem:
             change = (seen - here) / _DIFFERENCE
             for column, joints in group.items():
                 rows[:, joints, column] = change[:, joints]
-        return rows.reshape(-1, x.size)
+        return rows[self.used].reshape(-1, x.size)
 
     def _groups(self) -> Iterator[dict[int, NDArray[np.intp]]]:
         """Unknowns that one rollout moves, each with the joints that feel it."""

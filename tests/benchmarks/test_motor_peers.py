@@ -1,0 +1,120 @@
+"""The peers of our motor identification find what a simulated leg holds: a comparison with a broken peer says nothing."""
+
+import json
+import pickle
+import sys
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from equipoise import nominal_stance
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # behind ours, of which some have the same names
+
+from peers import go2_log, motors, mujoco_sysid, mujoco_sysid_motors, torque_regression, trajectory_fit
+from peers.held_base import HeldBase, JointParameters, Swing
+
+TIMESTEP = 1e-3  # [s]
+
+
+@pytest.fixture(scope="module")
+def scale(a1):
+    return nominal_stance(a1).scale
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """Motors of which no two are alike."""
+    spread = np.linspace(0.8, 1.2, 12)
+    gain = np.ones(12)
+    return JointParameters(0.01 * spread, 0.06 * spread[::-1], 0.3 * spread, 0.004 * (spread - 1), gain, 5e-3)
+
+
+@pytest.fixture(scope="module")
+def swing(a1, truth):
+    """What an A1's legs show in two seconds, without noise; commands are kept for 2 ms each."""
+    sent, start = 0.002 * np.arange(1, 1100), nominal_stance(a1).joint_position
+    phases = np.arange(12)
+    rates = 2 * np.pi * np.array([1.1, 2.9, 5.3])
+    sines = np.sin(rates * sent[:, None, None] + phases[:, None]) - np.sin(phases)[:, None]
+    target = start + 0.5 * np.clip(sent / 0.2, 0, 1)[:, None] * (sines * [0.2, 0.12, 0.08]).sum(axis=2)
+    time = sent[10:1010]
+    bare = Swing(time, np.zeros((1000, 12)), None, start, sent, target, 25.0, 0.8, np.array([0.3, -0.2, -9.8]))
+    world = HeldBase(a1, bare, TIMESTEP)
+    control = world.control(truth.delay)
+    target = np.vstack([control, control[-1:]])
+    position, torque = np.split(
+        world.sampled(world.encoders_and_torques(truth, world.states([truth])[0], target)), 2, axis=1
+    )
+    return replace(bare, position=position, torque=torque)
+
+
+def off(found, truth, name):
+    """Largest error over all joints, relative to the truth."""
+    return np.abs(getattr(found, name) / getattr(truth, name) - 1).max()
+
+
+def test_a_trajectory_fit_finds_motors_from_commands_and_encoders(a1, scale, swing, truth):
+    blind = replace(swing, torque=None)
+    short = replace(blind, time=swing.time[:400], position=swing.position[:400])
+    found = trajectory_fit.fit(a1, short, scale, timestep=2 * TIMESTEP)
+    assert max(off(found, truth, name) for name in ("armature", "viscous", "coulomb")) < 0.06
+    assert found.delay == pytest.approx(truth.delay + TIMESTEP / 2, abs=0.1e-3)  # of the longer step: held_base.py
+
+
+def test_a_torque_regression_finds_motors_whose_torques_are_exact(a1, scale, swing, truth):
+    found = torque_regression.fit(a1, swing, scale)
+    assert off(found, truth, "coulomb") < 0.05
+    assert off(found, truth, "viscous") < 0.25
+    assert off(found, truth, "armature") < 0.25
+
+
+def test_mujoco_sysid_finds_motors_where_it_is_installed(a1, scale, swing, truth):
+    if mujoco_sysid.toolbox() is None:
+        pytest.skip("mujoco.sysid is not installed")
+    short = replace(swing, time=swing.time[:300], position=swing.position[:300], torque=swing.torque[:300])
+    found = mujoco_sysid_motors.fit(a1, short, scale)
+    assert max(off(found, truth, name) for name in ("armature", "viscous", "coulomb")) < 0.06
+
+
+def test_errors_are_those_of_our_table(truth):
+    exact = [
+        {"coulomb_friction": c, "viscous_friction": v, "armature": a, "relative_gain": 0.0, "delay": 5e-3}
+        for c, v, a in zip(truth.coulomb, truth.viscous, truth.armature, strict=True)
+    ]
+    more = ("relative_gain", "delay")
+    assert all(max(map(abs, errors)) < 1e-9 for errors in motors.errors_of(truth, exact, more).values())
+    wrong = replace(truth, delay=6e-3, coulomb=1.1 * truth.coulomb, gain=np.linspace(0.9, 1.1, 12))
+    errors = motors.errors_of(wrong, exact, more)
+    assert errors["delay"] == pytest.approx([1.0] * 12)
+    assert errors["coulomb_friction"] == pytest.approx([10.0] * 12)
+    assert errors["relative_gain"][0] == pytest.approx(-10.0)
+
+
+def test_a_file_of_torch_is_read_and_runs_nothing(tmp_path):
+    def file(data):
+        with zipfile.ZipFile(tmp_path / "log.pt", "w") as archive:
+            archive.writestr("log/data.pkl", data)
+            archive.writestr("log/data/0", np.arange(6, dtype="<f4").tobytes())
+        return tmp_path / "log.pt"
+
+    tensor = (
+        b"(dS'q'\nctorch._utils\n_rebuild_tensor_v2\n((S'storage'\nctorch\nFloatStorage\nS'0'\nS'cpu'\nI6\ntQ"
+        b"I1\n(I2\nI2\nt(I2\nI1\ntI00\nNtRs."
+    )
+    assert go2_log.read_tensors(file(tensor))["q"].tolist() == [[1, 2], [3, 4]]
+    with pytest.raises(pickle.UnpicklingError, match=r"os\.system is neither a tensor"):
+        go2_log.read_tensors(file(b"cos\nsystem\n(S'true'\ntR."))
+
+
+def test_rows_that_do_not_say_their_commit_are_made_again(tmp_path):
+    import motors as ours  # noqa: PLC0415 - sets the number of threads
+
+    rows = [{"seed": 1, "commit": "abc"}, {"seed": 2}]
+    (tmp_path / "rows.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert ours.of_known_code(tmp_path / "rows.jsonl") == rows[:1]
+    assert ours.of_known_code(tmp_path / "rows.jsonl") == rows[:1]
+    assert ours.of_known_code(tmp_path / "none.jsonl") == []
