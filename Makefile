@@ -156,9 +156,14 @@ bench-check: $(ROBOTS_STAMP)
 bench-payload: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/payload.py
 
-# A quarter of an hour, and half an hour, on one core; they go on like bench-accuracy.
-bench-motors bench-legs: bench-%: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/$*.py
+# Half an hour on one core, a third of it mujoco.sysid; it goes on like bench-accuracy. bench-peers says what that wants installed.
+bench-motors: $(ROBOTS_STAMP)
+	$(PIP) 'dartpy>=6.20'
+	$(BIN)/python benchmarks/motors.py
+
+# Half an hour on one core; it goes on like bench-accuracy.
+bench-legs: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/legs.py
 
 # An hour on one core; it goes on like bench-accuracy.
 bench-weigh: $(ROBOTS_STAMP)

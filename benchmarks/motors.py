@@ -67,7 +67,7 @@ def page(rows: list[dict[str, Any]], of_peers: list[dict[str, Any]]) -> Iterator
     """Lines of the page."""
     yield from table(rows)
     yield ""
-    yield from peers.section(rows, of_peers, {name: label for name, label, *_ in FOUND})
+    yield from peers.section(of_peers, {name: label for name, label, *_ in FOUND})
     yield ""
     commits = Counter(row["commit"] for row in (*rows, *of_peers))
     made = ", ".join(f"{count} rows at commit {name}" for name, count in commits.items())

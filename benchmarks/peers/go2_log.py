@@ -18,6 +18,7 @@ import sys
 import warnings
 import zipfile
 from collections import OrderedDict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -105,13 +106,12 @@ def triangles(target: FloatArray) -> NDArray[np.intp]:
     return np.concatenate([[0], np.cumsum(low[1:] & ~low[:-1])])
 
 
-def ours(robot: RobotModel, recording: Recording, used: NDArray[np.bool_], scale: Scale) -> JointParameters:
-    """`--what motors` without torques, which uses only some of the samples."""
-    samples = motor_samples(robot, recording, scale.time)
-    time, knot = recording.phase(Phase.SWING).joints.time, KNOT * scale.time
-    at = np.arange(len(samples.slides)) * knot + time[0] + 3 * knot
-    kept = np.interp(at, time, used.astype(float)) > 0.5
-    fit = fit_motors(robot, type(samples)(**{**vars(samples), "slides": samples.slides * kept[:, None]}), scale)
+def ours(robot: RobotModel, recording: Recording, scale: Scale, used: NDArray[np.bool_]) -> JointParameters:
+    """`--what motors` of a log without torques, by only some of its samples."""
+    samples, time = motor_samples(robot, recording, scale.time), recording.phase(Phase.SWING).joints.time
+    smoothed = time[0] + KNOT * scale.time * (3 + np.arange(len(samples.slides)))
+    kept = np.interp(smoothed, time, used.astype(float)) > 0.5
+    fit = fit_motors(robot, replace(samples, slides=samples.slides * kept[:, None]), scale)
     gain, coulomb, viscous, armature = fit.values
     assert fit.delay is not None
     return JointParameters(armature, viscous, coulomb, np.zeros_like(gain), 1 + gain, fit.delay[0])
@@ -134,7 +134,7 @@ def main() -> None:
     used = triangles(swing.target[-len(swing.time) :, robot.legs["FL"].joints[-1]]) % 2 == 0
     every_other = (
         ("file's legs alone", JointParameters.alike(len(robot.joint_names), 0.0, 0.0, 0.0, 0.0)),
-        ("equipoise, without torques", ours(robot, recording, used, scale)),
+        ("equipoise, without torques", ours(robot, recording, scale, used)),
         ("trajectory fit", trajectory_fit.fit(robot, swing, scale, used)),
     )
     found = {name: errors_of(world, parameters, used) for name, parameters in every_other}
