@@ -10,6 +10,7 @@ benchmarks/results/motors_go2_log.json.
 
 from __future__ import annotations
 
+import argparse
 import io
 import json
 import os
@@ -126,9 +127,12 @@ def errors_of(world: HeldBase, parameters: JointParameters, used: NDArray[np.boo
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("log", type=Path, help="traj_0.pt of a checkout")
+    path = parser.parse_args().log
     warnings.simplefilter("ignore")
     robot = load_robot("go2")
-    scale, recording = nominal_stance(robot).scale, recording_of(robot, read_tensors(Path(sys.argv[1])))
+    scale, recording = nominal_stance(robot).scale, recording_of(robot, read_tensors(path))
     swing: Swing = read_swing(robot, recording)
     world = HeldBase(robot, swing)
     used = triangles(swing.target[-len(swing.time) :, robot.legs["FL"].joints[-1]]) % 2 == 0
