@@ -7,7 +7,7 @@ import pytest
 from exporting import found, read_again
 from robots import load_text, quadruped_mjcf
 
-from equipoise.errors import ModelError
+from equipoise.errors import ModelError, SettingsError
 from equipoise.exports.formats import export
 from equipoise.result.findings import Link
 from equipoise.result.quantity import Quantity
@@ -54,6 +54,11 @@ def test_the_base_alone_goes_with_the_files_legs(result, tmp_path):
     again = read_again(export(result, robot.source.format).save(tmp_path / robot.source.path.name), robot)
     for joint in robot.legs["FL"].joint_ids:
         assert again.pinocchio.inertias[joint].isApprox(robot.pinocchio.inertias[joint], 1e-9)
+
+
+def test_links_go_with_the_base_that_was_found_with_them(result):
+    with pytest.raises(SettingsError, match="write both, with --what base,legs"):
+        export(result, result.robot_model.source.format, what="legs")
 
 
 def test_links_of_another_robot_are_refused(result):

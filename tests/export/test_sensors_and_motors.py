@@ -244,11 +244,6 @@ def test_a_run_that_looked_at_no_motor_tells_what_all_have_in_common(result):
     [
         (
             "urdf",
-            {"what": "legs"},
-            "legs are found with the base that goes with them: write both, with --what base,legs",
-        ),
-        (
-            "urdf",
             {"what": "base,legs", "payload_link": True},
             "--add-payload-link leaves the model's links as they are",
         ),

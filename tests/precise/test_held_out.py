@@ -84,7 +84,7 @@ def test_a_payload_is_predicted_and_the_model_file_does_not_know_of_it(precise_r
 def test_a_tilt_is_the_one_that_was_measured(precise_run, predictions):
     for lift in predictions:
         imu = precise_run.recordings[lift.motion].phase(Phase.REST, until=Phase.LOWER).imu
-        turned = np.abs(np.cumsum(imu.angular_velocity_in_imu, axis=0) * np.diff(imu.time).mean()).max()
+        turned = np.linalg.norm(np.cumsum(imu.angular_velocity_in_imu, axis=0) * np.diff(imu.time).mean(), axis=1).max()
         assert abs(lift.tilt[-1]) < turned
         assert lift.tilt[0] == lift.errors[FOUND][0] == lift.deviation[0] == 0
 

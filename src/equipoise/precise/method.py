@@ -63,8 +63,6 @@ class Precise(Method):
         mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
         mass_sd: standard deviation of that [kg]; default 0.5 %.
         sway: the sway about all axes at the end, which tells more about friction and Izz.
-        swings: lifts in which the two lifted feet swing as well, which teach what the legs weigh, where their CoMs are and
-            how long they are; the CoM's height and the inertia become surer with them.
         turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
             and the accelerometer's bias are told from the planar CoM.
         surface: what the robot stands on; on a `carpet` feet may resist rolling, and footholds be uneven, three times as much.
@@ -75,6 +73,8 @@ class Precise(Method):
         priors: what is believed before anything is measured; a TOML file of standard deviations by name.
         known: an earlier run of the same robot, whose sensors, legs and friction are known then: the run's folder. Half a
             minute does (default budget 30 s on an A1) for the CoM; what changed since is named.
+        swings: lifts in which the two lifted feet swing as well, which teach what the legs weigh, where their CoMs are and
+            how long they are; the CoM's height and the inertia become surer with them.
     """
 
     name: ClassVar[str] = "precise"
@@ -89,7 +89,6 @@ class Precise(Method):
     mass: float | None = None
     mass_sd: float | None = None
     sway: bool = True
-    swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
     turn: bool = False
     cable: Literal["none", "light", "heavy"] = "light"
     legs: Literal["unknown", "trusted"] = "unknown"
@@ -97,6 +96,7 @@ class Precise(Method):
     goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
     priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
     known: KnownRun | None = field(default=None, metadata={"file": KnownRun.read, "metavar": "RUN"})
+    swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
 
     def __post_init__(self) -> None:
         for name, least, most in (("budget", 20.0, 3600.0), ("mass", 0.05, 5000.0), ("mass_sd", 1e-4, 500.0)):
