@@ -81,7 +81,7 @@ def stored(text):
 def test_a_precise_run_shows_all_parts(precise):
     contents = run_contents(precise)
     assert titles(contents) == [
-        "On lifts it has not seen", "Trials", "In space", "Residuals", "Sensors", "Uncertainty", "What would help",
+        "Unseen lifts", "Trials", "In space", "Residuals", "Sensors", "Uncertainty", "What would help",
         "Other bodies", "Checks", "Provenance",
     ]  # fmt: skip
     figures = [figure["title"] for figure in blocks(contents, "figure")]
@@ -122,7 +122,7 @@ def test_a_result_from_json_shows_what_it_has(precise, tmp_path):
     precise.save(tmp_path / "result.json")
     contents = run_contents(Calibration.load(tmp_path / "result.json"))
     assert titles(contents) == [
-        "On lifts it has not seen", "Trials", "Residuals", "Sensors", "Uncertainty", "Other bodies", "Checks", "Provenance",
+        "Unseen lifts", "Trials", "Residuals", "Sensors", "Uncertainty", "Other bodies", "Checks", "Provenance",
     ]  # fmt: skip
     assert contents["numbers"] == run_contents(precise)["numbers"]
     assert "feet" not in contents["plan_view"]

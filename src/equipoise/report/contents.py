@@ -31,7 +31,7 @@ def run_contents(result: Calibration) -> Block:
     planes = lift_planes(result)
     closing = [one for one in (bracket_figure(result), error_figure(result)) if one is not None]
     sections = [
-        section("held-out", "On lifts it has not seen", held_out_blocks(result)),
+        section("held-out", "Unseen lifts", held_out_blocks(result)),
         section("trials", "Trials", [
             {"type": "figures", "figures": closing} if closing else None, progress_figures(result), tilt_figures(result),
             trial_table(result),
