@@ -151,16 +151,21 @@ def truth_in_dart(robot, stance, errors):
     return dart_truth(robot, dart_model.build_dart_robot(robot, stance, errors, None), stance.joint_position)
 
 
-@pytest.mark.parametrize("engine", [truth_in_mujoco, truth_in_dart])
-@pytest.mark.parametrize("name", EVERY_ROBOT)
-def test_with_nothing_changed_and_nothing_added_the_truth_is_the_model(tmp_path, name, engine):
+def read_or_skip(name, folder):
+    """A robot of EVERY_ROBOT."""
     read, what = EVERY_ROBOT[name]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
         try:
-            robot = read(what, tmp_path)
+            return read(what, folder)
         except ImportError as error:
             pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("engine", [truth_in_mujoco, truth_in_dart])
+@pytest.mark.parametrize("name", EVERY_ROBOT)
+def test_with_nothing_changed_and_nothing_added_the_truth_is_the_model(tmp_path, name, engine):
+    robot = read_or_skip(name, tmp_path)
     stance = nominal_stance(robot)
     truth = engine(robot, stance, DrawnErrors.draw(IDEAL, len(robot.joint_names), 0))
     nominal = nominal_inertia(robot, stance.joint_position)
@@ -173,13 +178,7 @@ def test_with_nothing_changed_and_nothing_added_the_truth_is_the_model(tmp_path,
 
 @pytest.mark.parametrize("name", EVERY_ROBOT)
 def test_links_of_an_unchanged_robot_are_the_models(tmp_path, name):
-    read, what = EVERY_ROBOT[name]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
-        try:
-            robot = read(what, tmp_path)
-        except ImportError as error:
-            pytest.skip(str(error))
+    robot = read_or_skip(name, tmp_path)
     truth, names = link_truth(robot, built(robot)), link_names(robot.full_pinocchio)
     assert len(truth) == sum(len(leg.joints) for leg in robot.legs.values())
     for leg in robot.legs.values():

@@ -25,7 +25,7 @@ from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.residual_blocks import TiltBlock
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND, MODEL
-from equipoise.robot.inertial import InertialParameters, nominal_inertia
+from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.replay.motion import TwoFootMotion
@@ -210,9 +210,7 @@ def _base_of(name: str, robot: RobotModel, result: Calibration) -> InertialParam
             f"--against {name}: it is of {result.robot!r}, by another model file or at another stance than {robot.name!r} "
             "here; give the model file that it was exported to"
         )
-    nominal = nominal_inertia(robot, stance)
-    found = result.composite.parameters().vector
-    return InertialParameters.from_vector(nominal.base.vector + found - nominal.composite.vector)
+    return InertialParameters.from_vector(result.base_for_model_legs)
 
 
 def _sensed(evidence: PosteriorEvidence) -> Iterator[tuple[LiftPrediction, LiftSamples, SensedLift]]:

@@ -137,31 +137,37 @@ class ShownFlags(Output):
         """Who looks on."""
         return Watch(self.view, self.view_port, self.rerun)
 
-    @staticmethod
-    def _picture(result: Calibration, folder: Path) -> list[Path]:
-        from equipoise.pictures.files import save_plan_view
-
-        return save_plan_view(result, folder)
-
-    @staticmethod
-    def _page(result: Calibration, folder: Path) -> list[Path]:
-        from equipoise.report.page import save_report
-
-        return [save_report(result, folder)]
-
     def show(self, result: Calibration, folder: RunFolder) -> None:
         """Draw and print a result."""
         from equipoise.terminal.calibration import print_calibration
 
         files = [folder.path / "calibration.json"]
         if self.pictures:
-            files += if_installed(self._picture, result, folder.path)
+            files += if_installed(_picture, result, folder.path)
         if self.report:
-            files += if_installed(self._page, result, folder.path)
+            files += if_installed(_page, result, folder.path)
         if self.json:
             print(result.to_json(), end="")
         else:
             print_calibration(result, files, self.verbose, folder.path)
+
+
+def _picture(result: Calibration, folder: Path) -> list[Path]:
+    from equipoise.pictures.files import save_plan_view
+
+    return save_plan_view(result, folder)
+
+
+def _page(result: Calibration, folder: Path) -> list[Path]:
+    from equipoise.report.page import save_report
+
+    return [save_report(result, folder)]
+
+
+def _comparison(results: dict[str, Calibration], folder: Path) -> list[Path]:
+    from equipoise.report.page import save_comparison
+
+    return [save_comparison(results, folder)]
 
 
 @dataclass(frozen=True)
@@ -366,7 +372,6 @@ def _repeated(
 ) -> list[Calibration]:
     """Several runs on one robot, and how much they differ."""
     from equipoise.calibration.repeatability import repeatability, to_dict
-    from equipoise.report.page import save_comparison, save_report
     from equipoise.terminal.repeatability import print_repeatability
 
     results: dict[str, Calibration] = {}
@@ -378,11 +383,11 @@ def _repeated(
             result = run_into(session, folder, method, output.silent)
         results[folder.path.name] = result
         if output.report:
-            if_installed(lambda result, path: [save_report(result, path)], result, folder.path)
+            if_installed(_page, result, folder.path)
     repeated = repeatability(list(results.values()))
     table = to_dict(repeated, count)
     write_file(out / "repeatability.json", json_module.dumps(table, indent=2) + "\n")
-    page = if_installed(lambda results, path: [save_comparison(results, path)], results, out) if output.report else []
+    page = if_installed(_comparison, results, out) if output.report else []
     if output.json:
         print(json_module.dumps(table, indent=2))
     else:

@@ -104,9 +104,9 @@ def if_installed(draw: Callable[[Shown, Path], list[Path]], shown: Shown, path: 
 
 def try_to_save(result: Calibration, path: Path) -> list[Path]:
     """Write the page beside a result that was asked for itself: a folder that cannot be written costs the page alone."""
-    from equipoise.report.page import save_report
-
     try:
+        from equipoise.report.page import save_report
+
         return [save_report(result, path)]
     except (OutputError, MissingDependencyError) as error:
         print(f"warning: {error}", file=sys.stderr)

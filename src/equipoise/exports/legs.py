@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from equipoise.errors import ModelError, SettingsError
 from equipoise.exports.found import BASE, LEGS, MOTORS
-from equipoise.exports.model_file import edited_link
+from equipoise.exports.model_file import edited_link, read_robot
 from equipoise.exports.subject import Subject, seen_from
+from equipoise.exports.xml_edit import Document, Edit
 from equipoise.robot.bodies import link_names
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
@@ -31,11 +33,14 @@ def what_else(subject: Subject, joints: str) -> str:
     return "; ".join(words for part, words in parts.items() if part in subject.parts) or "nothing else was changed"
 
 
-def leg_links(subject: Subject, robot: RobotModel) -> Iterator[tuple[str, InertialParameters]]:
-    """Names of the links that are edited, none unless legs are asked for, and what each gets, in its own frame.
+def with_legs(
+    subject: Subject, robot: RobotModel, edit: Callable[[Document, str, InertialParameters], list[Edit]]
+) -> tuple[Subject, RobotModel]:
+    """The subject with the leg links in its file as found, if they are asked for, and the robot that this file describes.
 
-    A link and all that is fixed to it then have the mass and the first moment that were found, and an inertia about their
-    CoM that went with the mass.
+    Args:
+        robot: robot that the file describes as it is.
+        edit: function that gives a link, by its name, another inertial.
 
     Raises:
         SettingsError: legs are asked for without the base, which was found with them.
@@ -43,21 +48,32 @@ def leg_links(subject: Subject, robot: RobotModel) -> Iterator[tuple[str, Inerti
         NotPhysicalError: no body near enough can be what a link gets, and that is not overridden.
     """
     if LEGS not in subject.parts:
-        return
+        return subject, robot
     if BASE not in subject.parts:
         raise SettingsError("legs are found with the base that goes with them: write both, with --what base,legs")
+    assert subject.file is not None
+    document = Document(subject.file.content, subject.file.path)
+    edits = [change for name, body in _leg_links(subject, robot) for change in edit(document, name, body)]
+    content = document.edited(edits)
+    subject = replace(subject, file=replace(subject.file, content=content))
+    return subject, read_robot(subject, content)
+
+
+def _leg_links(subject: Subject, robot: RobotModel) -> Iterator[tuple[str, InertialParameters]]:
+    """Names of the links that are edited, and what each gets, in its own frame.
+
+    A link and all that is fixed to it then have the mass and the first moment that were found, and an inertia about their
+    CoM that went with the mass.
+    """
     model, found = robot.full_pinocchio, subject.result.links
     names = link_names(model)
     for leg in robot.legs.values():
         for joint in map(model.getJointId, leg.joint_names):
             if (name := names.get(joint, "")) not in found:
                 raise ModelError(f"{robot.source.path.name} has a leg link {name!r}, which the run knows nothing of")
-            edited, total = edited_link(robot, joint), model.inertias[joint]
-            body = found[name]
-            mass, moment = (
-                float(body.mass.value or total.mass),
-                np.array([one.value for one in body.moment], dtype=float),
-            )
+            edited, total, body = edited_link(robot, joint), model.inertias[joint], found[name]
+            mass = float(body.mass.value or total.mass)
+            moment = np.array([one.value for one in body.moment], dtype=float)
             wanted = InertialParameters(mass, moment / mass, mass / total.mass * np.array(total.inertia))
             what = f"link {edited.name!r} of {robot.source.path.name}"
             vector = edited.vector + wanted.vector - np.array(total.toDynamicParameters())

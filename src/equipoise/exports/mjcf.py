@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from equipoise.errors import ModelError, SettingsError
-from equipoise.exports.found import BASE, LEGS
-from equipoise.exports.legs import COMMENT, leg_links, what_else
+from equipoise.exports.found import BASE
+from equipoise.exports.legs import COMMENT, what_else, with_legs
 from equipoise.exports.model_file import (
     composite_of,
     edited_link,
@@ -18,12 +16,11 @@ from equipoise.exports.model_file import (
     require_format,
     with_joints_alone,
 )
-from equipoise.exports.subject import PAYLOAD, Subject, UsersFile, number, numbers
+from equipoise.exports.subject import PAYLOAD, Subject, number, numbers
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.mjcf_poses import ORIENTATIONS
-from equipoise.robot.model import RobotModel
 
 _ATTRIBUTES = {"armature": "armature", "frictionloss": "coulomb_friction", "damping": "viscous_friction"}
 _JOINTS = "joints' armature, frictionloss and damping as found, torques in the unit in which the motors report them"
@@ -31,15 +28,12 @@ _JOINTS = "joints' armature, frictionloss and damping as found, torques in the u
 
 def write(subject: Subject) -> Written:
     """The file as it was but for the base body's <inertial> and joints' attributes, or with one body more."""
-    file = subject.file
-    assert file is not None
-    robot = read_robot(subject, file.content)
+    assert subject.file is not None
+    robot = read_robot(subject, subject.file.content)
     require_format(robot, "mjcf")
-    if LEGS in subject.parts:
-        file = replace(file, content=_with_legs(subject, file, robot))
-        subject = replace(subject, file=file)
-        robot = read_robot(subject, file.content)
-    document = Document(file.content, file.path)
+    subject, robot = with_legs(subject, robot, _leg_edits)
+    assert subject.file is not None
+    document = Document(subject.file.content, subject.file.path)
     base = _base_body(document)
     if BASE not in subject.parts:
         edits = _joint_edits(document, base, subject, subject.header(_JOINTS))
@@ -67,18 +61,8 @@ def write(subject: Subject) -> Written:
     return Written(content, about, notes)
 
 
-def _with_legs(subject: Subject, file: UsersFile, robot: RobotModel) -> bytes:
-    """The file with the leg links' <inertial> as found."""
-    document = Document(file.content, file.path)
-    base = _base_body(document)
-    bodies = leg_links(subject, robot)
-    return document.edited(
-        [
-            edit
-            for name, body in bodies
-            for edit in _inertial_edits(document, _named(document, base, name), body, COMMENT)
-        ]
-    )
+def _leg_edits(document: Document, name: str, body: InertialParameters) -> list[Edit]:
+    return _inertial_edits(document, _named(document, _base_body(document), name), body, COMMENT)
 
 
 def _base_body(document: Document) -> Element:

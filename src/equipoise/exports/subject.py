@@ -82,10 +82,9 @@ class Subject:
 
     @cached_property
     def _base(self) -> tuple[InertialParameters, tuple[str, ...]]:
-        nominal = self.result.nominal
         what = f"base link {self.base_link!r}, less the model's legs,"
         remedy = "do the model's legs weigh what it says? See 'equipoise audit'"
-        return self.nearest_body(nominal.base.vector + self.added_to(nominal.composite), what, remedy)
+        return self.nearest_body(self.result.base_for_model_legs, what, remedy)
 
     def nearest_body(self, vector: FloatArray, what: str, remedy: str) -> tuple[InertialParameters, tuple[str, ...]]:
         """A body of (10,) parameters, or, where none can have its inertia, the nearest within the run's intervals.
@@ -177,7 +176,7 @@ class Subject:
     @property
     def columns_words(self) -> str:
         """About sensors, motors and legs."""
-        parts = ", ".join(dict.fromkeys(column.part for column in self.columns))
+        parts = " and ".join(dict.fromkeys(column.part for column in self.columns))
         return f"{parts} as found; torques in the unit in which the motors report them on average"
 
     @property

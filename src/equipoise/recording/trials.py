@@ -248,8 +248,9 @@ def _read_lift(data: Mapping[str, Any], found_at: float | None) -> LiftTrial:
         return CommandedLift(diagonal=diagonal, found_at=found_at, **commanded)
     posture = BodyPosture(**{name: float(value) for name, value in data["posture"].items()})
     turn, swing = data["turn"], data.get("swing")
-    if turn not in (None, *AXES) or swing not in (None, *SWINGS):
-        raise ValueError(f"no turn is called {turn!r}, or no swing {swing!r}")
+    for what, called, known in (("turn", turn, AXES), ("swing", swing, SWINGS)):
+        if called not in (None, *known):
+            raise ValueError(f"no {what} is called {called!r}")
     return DesignedLift(
         diagonal=diagonal, found_at=found_at, posture=posture, side=int(data["side"]), turn=turn, swing=swing,
         **commanded,

@@ -100,8 +100,8 @@ def _in_words(plan: Plan) -> list[str]:
 def _lifts(visit: Visit) -> str:
     said: list[str] = []
     for diagonal in DIAGONALS:
-        turns = [lift.meanwhile for lift in visit.lifts if lift.diagonal == diagonal]
-        said += [f"lifts on {diagonal} with turns about {', '.join(turns)}"] if turns else []
+        if turns := visit.turns(diagonal):
+            said.append(f"lifts on {diagonal}: {turns}")
     return "; ".join(said)
 
 

@@ -1,4 +1,4 @@
-"""From contents to one self-contained file."""
+"""From contents to one self-contained file; importing it raises MissingDependencyError where Plotly is not installed."""
 
 from __future__ import annotations
 
@@ -10,6 +10,12 @@ from typing import Any
 
 from equipoise._version import __version__
 from equipoise.errors import MissingDependencyError, OutputError
+
+try:
+    from plotly.offline import get_plotlyjs
+except ModuleNotFoundError as error:
+    raise MissingDependencyError("reports need Plotly: pip install 'equipoise[pictures]'") from error
+
 from equipoise.report.comparison import comparison_contents
 from equipoise.report.contents import run_contents
 from equipoise.result.calibration import Calibration
@@ -27,7 +33,6 @@ def save_report(result: Calibration, path: str | Path) -> Path:
 
     Raises:
         OutputError: it cannot be written.
-        MissingDependencyError: Plotly is not installed.
     """
     return _save(run_contents(result), path)
 
@@ -66,19 +71,10 @@ def page(contents: dict[str, Any]) -> str:
         "style": read("style.css"),
         "contents": _json(contents),
         "scripts": "\n".join(read(name) for name in _SCRIPTS),
-        "plotly": _plotly(),
+        "plotly": get_plotlyjs(),
     }
     head, *rest = read("page.html").split("{{")
     return head + "".join(parts[name] + after for name, after in (part.split("}}", 1) for part in rest))
-
-
-def _plotly() -> str:
-    """The library that draws the figures, in the browser."""
-    try:
-        from plotly.offline import get_plotlyjs  # noqa: PLC0415 - a page can be made where this is installed alone
-    except ModuleNotFoundError as error:
-        raise MissingDependencyError("reports need Plotly: pip install 'equipoise[pictures]'") from error
-    return get_plotlyjs()
 
 
 def _json(contents: dict[str, Any]) -> str:

@@ -216,8 +216,7 @@ class Body(_Group):
 
     def doubted(self) -> Body:
         """The same, as a run gives it of which a check failed."""
-        verdicts = ["doubtful" if one.verdict in ("identified", "weak") else one.verdict for one in self]
-        return self._with(verdict=verdicts)
+        return self._of([one.doubted() for one in self], self.covariance)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form, with `uncertainty` beside the numbers; None there: the method gives none."""

@@ -220,6 +220,15 @@ class Calibration:
         return RobotInertia(**{name: _given(getattr(self, name).truth, name) for name in BODIES})
 
     @property
+    def base_for_model_legs(self) -> FloatArray:
+        """(10,) base with which the model file's legs make the composite that was found, which a run tells best.
+
+        In Pinocchio's order, about the base's origin; perhaps of no body that can exist.
+        """
+        nominal = self.nominal
+        return nominal.base.vector + self.composite.parameters().vector - nominal.composite.vector
+
+    @property
     def moments(self) -> dict[Axis, Quantity]:
         """The paper's I by axis [kg m2], for axes with an estimate, beside the body that it is meant to be of."""
         moments: dict[Axis, Quantity] = {}

@@ -63,9 +63,7 @@ class Part:
 
     def doubted(self: Found) -> Found:
         """The same after a check of the run has failed."""
-        return replace(
-            self, **{name: replace(q, verdict="doubtful") for name, q in self.quantities.items() if q.verdict}
-        )
+        return replace(self, **{name: quantity.doubted() for name, quantity in self.quantities.items()})
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from equipoise.result.statistics import NORMAL_95
 
@@ -59,6 +59,10 @@ class Quantity:
     def change(self) -> float | None:
         """Estimate less the model file's value."""
         return _difference(self.value, self.model)
+
+    def doubted(self) -> Quantity:
+        """The same, as a run gives it of which a check failed: what it told is doubtful."""
+        return replace(self, verdict="doubtful") if self.verdict in ("identified", "weak") else self
 
     @property
     def missed(self) -> bool:

@@ -106,7 +106,12 @@ def _add_inertia(model: mujoco.MjModel, body: int, tensor: FloatArray) -> None:
     axes = np.zeros(9)
     mujoco.mju_quat2Mat(axes, model.body_iquat[body])
     axes = axes.reshape(3, 3)
-    moments, principal = np.linalg.eigh(axes @ np.diag(model.body_inertia[body]) @ axes.T + tensor)
+    set_inertia(model, body, axes @ np.diag(model.body_inertia[body]) @ axes.T + tensor)
+
+
+def set_inertia(model: mujoco.MjModel, body: int, tensor: FloatArray) -> None:
+    """Give a body a (3, 3) inertia about its CoM, in its own axes [kg m2]."""
+    moments, principal = np.linalg.eigh(tensor)
     principal[:, 2] *= np.sign(np.linalg.det(principal))
     model.body_inertia[body] = moments
     mujoco.mju_mat2Quat(model.body_iquat[body], principal.reshape(9).copy())

@@ -31,11 +31,8 @@ def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> 
     beliefs = np.eye(unknowns.size)
     if unknowns.belief is not None:
         beliefs[unknowns.tabled, unknowns.tabled] = unknowns.belief.covariance
-    before, after = (
-        np.sqrt(np.einsum("ij,jk,ik->i", rows, spread, rows))
-        for rows in (derivative * unknowns.scale,)
-        for spread in (beliefs, covariance)
-    )
+    rows = derivative * unknowns.scale
+    before, after = (np.sqrt(np.einsum("ij,jk,ik->i", rows, spread, rows)) for spread in (beliefs, covariance))
     names = link_names(robot.full_pinocchio)
     joints = [name for leg in robot.legs.values() for name in leg.joint_names]
     told = zip(values.reshape(-1, 5), after.reshape(-1, 5), before.reshape(-1, 5), model.reshape(-1, 5), strict=True)

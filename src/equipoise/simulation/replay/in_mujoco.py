@@ -20,6 +20,7 @@ from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.effects import SensorErrors
 from equipoise.simulation.mujoco_contacts import foot_name
+from equipoise.simulation.mujoco_legs import set_inertia
 from equipoise.simulation.mujoco_model import TIMESTEP, SimulatedRobot, build_simulated_robot
 from equipoise.simulation.replay.motion import TwoFootMotion
 from equipoise.simulation.sensors import DrawnErrors
@@ -132,8 +133,6 @@ def _replace_base(simulated: SimulatedRobot, base: InertialParameters) -> None:
     fixed = model.body_weldid == model.body_weldid[body]
     model.body_mass[fixed] = 0.0
     model.body_inertia[fixed] = 0.0
-    moments, axes = np.linalg.eigh(base.inertia)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    model.body_mass[body], model.body_ipos[body], model.body_inertia[body] = base.mass, base.com, moments
-    mujoco.mju_mat2Quat(model.body_iquat[body], axes.reshape(9).copy())
+    model.body_mass[body], model.body_ipos[body] = base.mass, base.com
+    set_inertia(model, body, base.inertia)
     model.body_sameframe[:] = 0  # the compiler notes which frames are the same, and never looks again
