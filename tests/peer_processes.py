@@ -1,6 +1,7 @@
 """Simulated robots in processes of their own, for tests: started, read, and ended."""
 
 import functools
+import itertools
 import json
 import socket
 import subprocess
@@ -65,6 +66,12 @@ class PeerProcess:
         for line in self._process.stdout:
             if line.endswith("\n"):  # a killed process leaves a piece of one
                 self.log.append(json.loads(line))
+
+
+def modes_heard(log):
+    """Modes in a peer's log, in order; a silence and what it interrupts is a busy machine's, and no mode's change."""
+    heard = [entry["mode"] for entry in log if "mode" in entry and entry["mode"] != "silence"]
+    return [mode for mode, _ in itertools.groupby(heard)]
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """The versions of cyclonedds that robots run: driver, peer and ROS 2 with them, and what pairs of versions do."""
 
-import itertools
 import os
 import subprocess
 import sys
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from older_dds import SOURCES, CannotBuildError, older_python
-from peer_processes import PATIENCE, running_peer, unused_domain
+from peer_processes import PATIENCE, modes_heard, running_peer, unused_domain
 
 pytest.importorskip("cyclonedds")
 
@@ -104,8 +103,7 @@ def test_a_go2_is_calibrated(older, tmp_path):
         assert any("behind" in entry for entry in peer.log), told
     else:
         pytest.skip(f"this machine is too busy for real time: {told.splitlines()[-1]}")
-    heard = [entry["mode"] for entry in peer.log if "mode" in entry and entry["mode"] != "silence"]
-    modes = [mode for mode, _ in itertools.groupby(heard)]  # on a busy machine one begins anew behind a silence
+    modes = modes_heard(peer.log)
     assert modes[modes.index("commanded") :][:3] == ["commanded", "damped", "released"]
     assert "mass" in told
 
