@@ -136,7 +136,8 @@ def validate(result: Calibration, against: Mapping[str, RobotModel | Calibration
         MissingDependencyError: MuJoCo is not installed.
     """
     evidence, robot = result.evidence, result.robot_model
-    if not isinstance(evidence, PosteriorEvidence) or not evidence.predictions or robot is None:
+    lifted = isinstance(evidence, PosteriorEvidence) and any(one.kind == "lift" for one in evidence.predictions)
+    if not isinstance(evidence, PosteriorEvidence) or not lifted or robot is None:
         raise NotEstimatedError(
             f"the result of {result.robot!r} by {result.method!r} has no lift to play again; validate takes runs and logs in "
             "which the method 'precise' found lifts"
@@ -214,10 +215,10 @@ def _base_of(name: str, robot: RobotModel, result: Calibration) -> InertialParam
 
 
 def _sensed(evidence: PosteriorEvidence) -> Iterator[tuple[LiftPrediction, LiftSamples, SensedLift]]:
-    """Every lift that the estimate uses."""
+    """Every lift that the estimate uses; not the steps of a walk, of which each is too short to tell."""
     posterior = evidence.posterior
     block = next(block for block in posterior.problem.blocks if isinstance(block, TiltBlock))
-    used = {prediction.motion: prediction for prediction in evidence.predictions}
+    used = {prediction.motion: prediction for prediction in evidence.predictions if prediction.kind == "lift"}
     sensed = block.equation.sensed(posterior.unknowns.values(posterior.x))
     for (motion, _), lift, seen in zip(block.motions, block.lifts, sensed, strict=True):
         if motion in used:

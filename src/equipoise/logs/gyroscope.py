@@ -1,4 +1,5 @@
-"""The gyroscope held against the legs: over planted feet the encoders alone say how the base turns.
+"""The gyroscope held against the legs: over planted feet the encoders alone say how the base turns, and over two standing
+feet how it turns across their line.
 
 What both feel of one motion tells by how much their clocks differ, before anything else is read from a log; and whether the
 gyroscope is in other units or axes.
@@ -15,10 +16,12 @@ from numpy.typing import NDArray
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.logs.track import Integral, Track
+from equipoise.logs.walking import find_steps
 from equipoise.precise.measurements.leg_motion import LegChains, cross, cross_matrix
+from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.precise.screening import GYROSCOPE_MISTAKES
 from equipoise.recording.recording import Recording
-from equipoise.robot.model import RobotModel
+from equipoise.robot.model import LEG_NAMES, PAIRS, RobotModel
 from equipoise.robot.stance import Stance
 
 Unexplained = Callable[[float, FloatArray], float]
@@ -31,6 +34,7 @@ _ENOUGH = 1.0  # [s] of such motion
 _AT_ONCE = 4096  # [steps]
 # Steps that are looked at at once, that are enough of such motion, and too few.
 _PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
+_SHORT_STEP = 0.1  # [s]
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
 _CURED = 0.25
 
@@ -44,43 +48,97 @@ class GyroscopeComparison:
         unexplained: fraction of the base's angular velocity by the legs that the gyroscope leaves unexplained.
         agrees: whether that fraction is small enough to believe the offset.
         time: duration of the motion that was compared [s].
+        motion: kind of motion, in words.
     """
 
     offset: float
     unexplained: float
     agrees: bool
     time: float
+    motion: str
 
 
 def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -> GyroscopeComparison | None:
-    """By how much the IMU's clock differs; None if there is too little motion over planted feet to tell.
+    """By how much the IMU's clock differs; None if there is too little motion over planted feet, or walking, to tell.
 
     Raises:
         RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
     """
-    moving = _moving_part(LegChains(robot), stance, Track.of(robot, recording, stance.scale.time))
-    if moving is None:
+    legs, motion = LegChains(robot), "motion over planted feet"
+    track = Track.of(robot, recording, stance.scale.time)
+    seen = _moving_part(legs, stance, track)
+    if seen is None:
+        seen, motion = _walking_part(legs, stance, track), "steps"
+    if seen is None:
         return None
-    steps, angular_velocity_in_base = moving
     gyroscope = recording.imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T
     angle = Integral(recording.imu.time, gyroscope)
 
     def unexplained(offset: float, factor: FloatArray) -> float:
-        edges = steps - offset
+        edges = seen.edges - offset
         inside = (edges[0] >= recording.imu.time[0]) & (edges[1] <= recording.imu.time[-1])
-        felt = factor * angle.means_between(*edges)
-        difference, reference = (felt - angular_velocity_in_base)[inside], angular_velocity_in_base[inside]
-        spread = ((reference - reference.mean(axis=0)) ** 2).sum()
-        return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
+        return seen.unexplained(factor * angle.means_between(*edges), inside)
 
     offset, left = _best_offset(unexplained, np.ones(3))
     if left > _WRONG:
-        _name_mistake(unexplained)
-    return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(steps, axis=0).sum()))
+        _name_mistake(unexplained, motion)
+    return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(seen.edges, axis=0).sum()), motion)
 
 
-def _moving_part(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, FloatArray] | None:
-    """(2, n) begin and end of steps in which the base turns over planted feet, and its (n, 3) angular velocity by the legs.
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the encoders say of the base's turning, in n steps of a track.
+
+    Attributes:
+        edges: (2, n) begin and end of each [s].
+        turning: (n, 3) angular velocity, or what it does to arms, in base axes.
+        arms: (n, 3) arms that are seen to turn, in base axes [m]; None: the angular velocity itself is seen.
+    """
+
+    edges: FloatArray
+    turning: FloatArray
+    arms: FloatArray | None = None
+
+    def unexplained(self, angular_velocity: FloatArray, inside: NDArray[np.bool_]) -> float:
+        """Fraction of its variance that (n, 3) angular velocities leave."""
+        felt = angular_velocity if self.arms is None else cross(angular_velocity, self.arms)
+        difference, reference = (felt - self.turning)[inside], self.turning[inside]
+        spread = ((reference - reference.mean(axis=0)) ** 2).sum()
+        return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
+
+
+def _walking_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
+    """How the line between two standing feet turns in the base: none of them moves over the floor but by rolling.
+
+    Of velocities v in the base frame, less rolling, that is v_one - v_other = -omega x (p_one - p_other).
+    """
+    if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
+        return None
+    bias = gyro_bias_of_walks([(track.time, track.angular_velocity_in_base, track.acceleration_in_base)])
+    steps, _ = find_steps(legs, stance, track.without_bias(bias))
+    up = np.median(track.acceleration_in_base, axis=0)
+    edges: list[FloatArray] = []
+    turning: list[FloatArray] = []
+    arms: list[FloatArray] = []
+    for step in steps[: round(_PLENTY * track.step / _SHORT_STEP)]:
+        part = track.part(track.indices(step.start, step.end))
+        if len(part.time) < _FEWEST:
+            continue
+        velocity = np.gradient(part.joint_position, part.time, axis=0)
+        motion = legs.motion(part.joint_position, velocity, np.zeros((len(velocity), 3)))
+        radius = legs.foot_radius[:, None] * (up / np.linalg.norm(up))
+        moved = motion.foot_velocity - cross(motion.foot_angular_velocity, np.broadcast_to(radius, motion.foot.shape))
+        one, other = (LEG_NAMES.index(leg) for leg in PAIRS[step.pair])
+        edges.append(np.array([part.time - track.step / 2, part.time + track.step / 2]))
+        turning.append(moved[:, other] - moved[:, one])
+        arms.append((motion.foot - radius)[:, one] - (motion.foot - radius)[:, other])
+    if sum(map(len, turning)) * track.step < _ENOUGH * stance.scale.time:
+        return None
+    return _Seen(np.hstack(edges), np.concatenate(turning), np.concatenate(arms))
+
+
+def _moving_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
+    """How the base turns over planted feet, by the legs.
 
     Some minutes of motion tell all that there is to tell; a long log is looked at a piece at a time until there are as many.
     None if there is too little.
@@ -98,7 +156,7 @@ def _moving_part(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatAr
             break
     if sum(map(len, turning)) * track.step < _ENOUGH * stance.scale.time:
         return None
-    return np.hstack(steps), np.concatenate(turning)
+    return _Seen(np.hstack(steps), np.concatenate(turning))
 
 
 def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -147,11 +205,11 @@ def _best_offset(unexplained: Unexplained, factor: FloatArray) -> tuple[float, f
     return offset, unexplained(offset, factor)
 
 
-def _name_mistake(unexplained: Unexplained) -> None:
+def _name_mistake(unexplained: Unexplained, motion: str) -> None:
     for what, factor in GYROSCOPE_MISTAKES:
         _, cured = _best_offset(unexplained, factor)
         if cured < _CURED:
             raise RecordingError(
-                "over planted feet the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in "
-                f"the axes of the IMU's frame ({what})"
+                f"in {motion} the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in the "
+                f"axes of the IMU's frame ({what})"
             )

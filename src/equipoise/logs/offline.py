@@ -15,7 +15,7 @@ from equipoise.logs.segments import LogSegment, find_segments, usable
 from equipoise.precise.method import Precise
 from equipoise.precise.screening import screen_log
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, PostureTrial
+from equipoise.recording.trials import LiftTrial, PostureTrial, WalkTrial
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -89,13 +89,15 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
     """With the IMU's stamps moved so that gyroscope and legs turn together."""
     compared = compare_gyroscope(robot, stance, recording)
     if compared is None:
-        message = "too little motion over planted feet to hold the clocks of joints and IMU against each other"
+        message = (
+            "too little motion over planted feet or in steps to hold the clocks of joints and IMU against each other"
+        )
         findings.append(LogFinding("clocks", message))
         return recording
     if not compared.agrees:
         message = (
-            f"over planted feet the gyroscope does not turn as the legs say ({compared.unexplained:.0%} of it differs): are "
-            "the joints, the IMU's axes and the robot the right ones?"
+            f"in {compared.motion} the gyroscope does not turn as the legs say ({compared.unexplained:.0%} of it differs): "
+            "are the joints, the IMU's axes and the robot the right ones?"
         )
         findings.append(LogFinding("gyroscope", message))
         return recording
@@ -104,7 +106,7 @@ def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findi
     later = "late" if compared.offset < 0 else "early"
     message = (
         f"the IMU's stamps are {abs(compared.offset) * 1000:.0f} ms {later} against the joints', by {compared.time:.0f} s of "
-        "motion over planted feet: they are moved by as much"
+        f"{compared.motion}: they are moved by as much"
     )
     findings.append(LogFinding("clocks", message))
     return replace(recording, imu=replace(recording.imu, time=recording.imu.time + compared.offset))
@@ -139,8 +141,18 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
     used = [segment for segment in report.segments if segment.used and segment.recording is not None]
     trials = [segment.recording.trial for segment in used if segment.recording is not None]
     diagonals = {trial.diagonal for trial in trials if isinstance(trial, LiftTrial)}
+    pairs = {step.pair for trial in trials if isinstance(trial, WalkTrial) for step in trial.steps}
     said: list[str] = []
-    if not diagonals:
+    if pairs and not diagonals:
+        said.append(
+            "The robot walks, and is not seen to lift two feet out of a rest: joint zeros and the IMU's mounting are not told "
+            "from an offset of the centre of mass. Lifts, or moves over planted feet from rest to rest, would."
+        )
+        if len(pairs) == 1:
+            said.append(
+                f"It stands on {pairs.pop()} alone: along the line of these feet the centre of mass is not told."
+            )
+    elif not diagonals:
         said.append(
             "There is no lift of two diagonal feet after a rest: the height of the centre of mass and the inertia cannot be "
             "told, and x and y only as well as joint torques tell them."
@@ -150,7 +162,7 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
             f"All lifts are on {diagonals.pop()}: the centre of mass is known across that line, and along it only as well as "
             "joint torques tell it."
         )
-    if not any(isinstance(trial, PostureTrial) for trial in trials):
+    if not pairs and not any(isinstance(trial, PostureTrial) for trial in trials):
         said.append(
             "There is no move over planted feet from rest to rest: a joint's zero cannot be told from an offset of the centre "
             "of mass."
@@ -175,7 +187,8 @@ def _nothing_usable(report: LogReport) -> LogError:
     reasons = dict.fromkeys(f"{segment.what}: {segment.why_not}" for segment in report.segments if segment.why_not)
     return LogError(
         f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are "
-        "rests on four feet with joint torques, and lifts of two diagonal feet or moves over planted feet after them",
+        "rests on four feet with joint torques, lifts of two diagonal feet or moves over planted feet after them, and walks "
+        "that stand on two feet now and then, as a trot does",
         report,
         {"log": report.to_dict()},
     )

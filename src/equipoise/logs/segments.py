@@ -1,4 +1,4 @@
-"""What a long recording without events holds: rests, moves and sways over planted feet, lifts of two diagonal feet.
+"""What a long recording without events holds: rests, moves and sways over planted feet, lifts of two diagonal feet, walks.
 
 Every piece of it ends up in a `LogSegment`: what it is, and whether it can be used or why not. What can be used comes with a
 `Recording` that says what it is in the words that the estimators know, as if we had commanded it ourselves.
@@ -11,26 +11,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
 from equipoise.logs.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
 from equipoise.logs.foot_paths import FootPaths
 from equipoise.logs.oscillation import Oscillation, find_oscillation
 from equipoise.logs.rests import LoggedRest, find_rests
 from equipoise.logs.track import Track
+from equipoise.logs.walking import find_steps, walks
 from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.precise.screening import screen
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, StandTrial, SwayTrial
+from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, StandTrial, SwayTrial, TwoFeet, WalkTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
-Kind = Literal["rest", "move", "nudge", "sway", "lift", "steps", "slip", "motion", "gap"]
+Kind = Literal["rest", "move", "nudge", "sway", "lift", "walk", "steps", "slip", "motion", "gap"]
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
@@ -43,6 +47,7 @@ _HELD = 1.0  # [s] of a rest that are used, at most: what is nearest to the moti
 # [s] at a rest's ends that are left out, if it is long enough: a fifth of a millimetre's creep there moves a CoM by as much.
 _SETTLING, _LEAVING = 0.3, 0.12
 _LANDED = 0.2  # [s] after a lift that are kept with it
+_UNTOLD = 0.5  # [s] around a walk that are not worth a word
 _SHORTEST_SWAY = 1.5  # [s] of planted motion that torques are worth reading of
 
 
@@ -83,7 +88,7 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
     rests = [find_rests(robot, stance, track) for track in tracks]
     all_rests = [rest for of_piece in rests for rest in of_piece]
     _screen_rests(robot, recording, all_rests)
-    bias = np.median([rest.angular_velocity_in_base for rest in all_rests], axis=0) if all_rests else np.zeros(3)
+    bias = _gyro_bias(stance, tracks, all_rests)
     segments: list[LogSegment] = []
     for piece, track, of_piece in zip(pieces, tracks, rests, strict=True):
         if piece.gap is not None and segments:
@@ -93,6 +98,16 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
         reader = _PieceReader(robot, stance, piece.recording, track.without_bias(bias), of_piece)
         segments += reader.segments()
     return segments
+
+
+def _gyro_bias(stance: Stance, tracks: Sequence[Track], rests: Sequence[LoggedRest]) -> FloatArray:
+    """(3,) in base axes [rad/s]; where nothing rests, what gravity tells."""
+    if rests:
+        return np.asarray(np.median([rest.angular_velocity_in_base for rest in rests], axis=0), dtype=float)
+    long = [track for track in tracks if len(track.time) * track.step > 2 * CONTEXT * stance.scale.time]
+    return gyro_bias_of_walks(
+        [(track.time, track.angular_velocity_in_base, track.acceleration_in_base) for track in long]
+    )
 
 
 def usable(segments: Sequence[LogSegment]) -> list[Recording]:
@@ -119,8 +134,39 @@ class _PieceReader:
         self.legs = LegChains(robot)
         self._weighed: set[int] = set()  # rests by index whose torques a motion has: none counts twice
 
+    @cached_property
+    def _steps(self) -> tuple[list[TwoFeet], FloatArray]:
+        return find_steps(self.legs, self.stance, self.track)
+
     def segments(self) -> list[LogSegment]:
         """Rests and what lies between them, in order."""
+        return [piece for segment in self._between_rests() for piece in self._walked(segment)]
+
+    def _walked(self, segment: LogSegment) -> list[LogSegment]:
+        """The walks in a segment that is of no use otherwise, and what is left of it around them."""
+        if segment.used or segment.kind not in ("steps", "slip", "motion"):
+            return [segment]
+        steps = [one for one in self._steps[0] if segment.start <= one.start and one.end <= segment.end]
+        pieces, start = list[LogSegment](), segment.start
+        for walk in walks(steps, self.stance):
+            if walk[0].start > start + _UNTOLD * self.stance.scale.time:
+                pieces.append(replace(segment, start=start, end=walk[0].start))
+            pieces.append(self._walk(walk))
+            start = walk[-1].end
+        if not pieces or segment.end > start + _UNTOLD * self.stance.scale.time:
+            pieces.append(replace(segment, start=start))
+        return pieces
+
+    def _walk(self, steps: list[TwoFeet]) -> LogSegment:
+        context = CONTEXT * self.stance.scale.time
+        start, end = steps[0].start, steps[-1].end
+        heading = float(np.interp(start, self.track.time, self._steps[1]))
+        trial = WalkTrial(steps=tuple(steps), heading=heading, found_at=start)
+        phases = [(Phase.WALK, start), (Phase.END, end)]
+        recording = _marked(self.recording, phases, start - context, end + context, trial)
+        return LogSegment(start, end, "walk", f"walk, {len(steps)} times on two feet", None, recording)
+
+    def _between_rests(self) -> list[LogSegment]:
         start, end = self.recording.joints.time[0], self.recording.joints.time[-1]
         if not self.rests:
             return [

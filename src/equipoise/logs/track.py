@@ -12,6 +12,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.measurements.smoothing import noise_in_motion
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 
@@ -121,7 +122,4 @@ def _noise_of_means(time: FloatArray, values: FloatArray, step: float) -> float:
     """Standard deviation that white noise leaves in a step's mean: the median over columns, motion left aside."""
     if len(time) < 8:
         return 0.0
-    # Third differences forget all that is smooth; of white noise they have twenty times its variance.
-    sizes = [float(np.median(np.abs(np.diff(column, n=3)))) for column in values.T]
-    noise = float(np.median(sizes)) / (0.6745 * np.sqrt(20))
-    return noise / np.sqrt(max(1.0, step / float(np.median(np.diff(time)))))
+    return noise_in_motion(values) / np.sqrt(max(1.0, step / float(np.median(np.diff(time)))))

@@ -35,7 +35,15 @@ from equipoise.precise.screening import screen
 from equipoise.precise.sway import sway_time
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial, PostureTrial, RecordedTrial, SwayTrial
+from equipoise.recording.trials import (
+    CommandedLift,
+    DesignedLift,
+    LiftTrial,
+    PostureTrial,
+    RecordedTrial,
+    SwayTrial,
+    WalkTrial,
+)
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, Trial, model_facts
 from equipoise.robot.inertial import COMPONENTS, composite_parameters, nominal_inertia
@@ -306,16 +314,17 @@ def _planned_postures(robot: RobotModel, stance: Stance, plan: Plan) -> list[Reh
 
 
 def _trial(motion: MotionReading, posterior: Posterior) -> Trial:
-    misfits = {misfit.motion: misfit for misfit in (*posterior.lifts, *posterior.moves)}
-    misfit = misfits.get(motion.index)
+    misfits = [misfit for misfit in (*posterior.lifts, *posterior.moves) if misfit.motion == motion.index]
+    used = [misfit.normalised_residual for misfit in misfits if misfit.used]
+    worst = max(used or [misfit.normalised_residual for misfit in misfits], default=None)
     trial = motion.trial
     note = motion.left_out
-    if misfit is not None and not misfit.used:
+    if misfits and not used:
         note = "left out: it does not fit the others"
     return Trial(
         "motion" if trial is None else trial.kind, _about(trial), None,
         trial.lift_height if isinstance(trial, CommandedLift) else None,
-        None, None, motion.duration, None if misfit is None else misfit.normalised_residual, note,
+        None, None, motion.duration, worst, note,
     )  # fmt: skip
 
 
@@ -324,6 +333,8 @@ def _about(trial: RecordedTrial | None) -> str:
     if trial is None:
         return ""
     words = [trial.diagonal] if isinstance(trial, LiftTrial) else []
+    if isinstance(trial, WalkTrial):
+        words.append(f"{len(trial.steps)} steps")
     if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
         words.append(trial.meanwhile)
     if trial.found_at is not None:

@@ -149,7 +149,7 @@ class MapProblem:
         self.mass = mass
         self.anchored = mass is None
         self.unknowns = Unknowns(robot, stance, priors)
-        enough = any(motion.lift or (motion.torques and not lifts_needed) for motion in evidence.motions)
+        enough = any(motion.on_two_feet or (motion.torques and not lifts_needed) for motion in evidence.motions)
         if not enough:
             reasons = {motion.left_out for motion in evidence.motions if motion.left_out}
             raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")

@@ -31,7 +31,7 @@ def planes_through_com(robot: RobotModel, com: FloatArray, motions: Sequence[Mot
         motions: readings of the trials.
     """
     lifts = [(motion.index, motion.lift) for motion in motions if motion.lift]
-    shifts = [(index, lift.diagonal, centre_shift(robot, lift)) for index, lift in lifts]
+    shifts = [(index, lift.pair, centre_shift(robot, lift)) for index, lift in lifts]
     return [
         LiftPlane(index, diagonal, SupportPlane(com + shift.distance * shift.normal, shift.normal))
         for index, diagonal, shift in shifts

@@ -168,7 +168,7 @@ class _MotionBlock(ResidualBlock):
 
 
 class TiltBlock(_MotionBlock):
-    """Rows of the tilt equation of all lifts, whitened."""
+    """Rows of the tilt equation of all lifts and steps, whitened."""
 
     depends_on = (*INERTIAL, *TiltEquation.DEPENDS_ON)
     shared = _SHARED
@@ -184,8 +184,8 @@ class TiltBlock(_MotionBlock):
 
     @classmethod
     def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> TiltBlock | None:
-        """All lifts of a run; None if there is none."""
-        lifts = [(motion.index, motion.lift) for motion in evidence.motions if motion.lift is not None]
+        """All lifts of a run and all steps; None if there is none."""
+        lifts = [(motion.index, lift) for motion in evidence.motions for lift in motion.on_two_feet]
         return cls(unknowns, legs, lifts) if lifts else None
 
     def prepare(self, x: FloatArray) -> None:

@@ -34,6 +34,9 @@ class Phase:
     LIFT: Final = "lift"
     WATCH: Final = "watch"
     LOWER: Final = "lower"
+    # found in logs
+    WALK: Final = "walk"
+    """Feet are lifted and put down in turn."""
     # balancing
     BALANCE: Final = "balance"
     CATCH: Final = "catch"

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from equipoise.conventions import AXES, SWINGS, Axis, Swing
 from equipoise.errors import RecordingError
 from equipoise.recording.phases import Phase
-from equipoise.robot.model import DIAGONALS
+from equipoise.robot.model import DIAGONALS, PAIRS
 from equipoise.robot.posture import BodyPosture
 
 
@@ -22,7 +22,7 @@ class RecordedTrial:
     """What all trials have.
 
     Attributes:
-        kind: kind of trial, "lift", "posture", "sway", "stand", "turn" or "motors".
+        kind: kind of trial, "lift", "posture", "sway", "stand", "walk", "turn" or "motors".
         starts_with: name of the phase with which the robot does what the trial is for; before it, it may be refused.
         complete_with: name of the phase that begins once the trial has shown what it is for.
         found_at: time in a log in which the trial was found, None if we commanded it [s].
@@ -180,6 +180,43 @@ class StandTrial(RecordedTrial):
     complete_with: ClassVar[str] = Phase.REST
 
 
+@dataclass(frozen=True)
+class TwoFeet:
+    """A time in which a robot that walks stands on two feet.
+
+    Attributes:
+        pair: name of the two feet, one of PAIRS.
+        start, end: times at which it begins and ends [s].
+    """
+
+    pair: str
+    start: float
+    end: float
+
+    def __post_init__(self) -> None:
+        if self.pair not in PAIRS:
+            raise ValueError(f"no two feet are called {self.pair!r}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkTrial(RecordedTrial):
+    """The robot walks; found in a log.
+
+    Attributes:
+        steps: times on two feet.
+        heading: angle by which the robot had turned since the log began when the walk does, to its left [rad].
+    """
+
+    kind: ClassVar[str] = "walk"
+    starts_with: ClassVar[str] = Phase.WALK
+    complete_with: ClassVar[str] = Phase.END
+    steps: tuple[TwoFeet, ...]
+    heading: float
+
+    def _own_data(self) -> dict[str, Any]:
+        return {"steps": [[step.pair, step.start, step.end] for step in self.steps], "heading": self.heading}
+
+
 @dataclass(frozen=True, kw_only=True)
 class TurnTrial(RecordedTrial):
     """The robot lies down, somebody turns it to face the other way, and it stands up."""
@@ -226,6 +263,9 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
                 return _read_sway(data, found_at)
             case StandTrial.kind:
                 return StandTrial(found_at=found_at)
+            case WalkTrial.kind:
+                steps = tuple(TwoFeet(str(pair), float(start), float(end)) for pair, start, end in data["steps"])
+                return WalkTrial(steps=steps, heading=float(data["heading"]), found_at=found_at)
             case TurnTrial.kind:
                 return TurnTrial(found_at=found_at)
             case MotorTrial.kind:

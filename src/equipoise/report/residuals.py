@@ -110,7 +110,7 @@ def held_out_blocks(result: Calibration) -> list[Block]:
         if body != FOUND
     )
     said = text(
-        f"{len(predicted.lifts)} lifts were each predicted from {predicted.others} alone. Errors are "
+        f"{predicted.counted} were each predicted from {predicted.others} alone. Errors are "
         f"{1000 * predicted.error(FOUND):.2f} mm rms at the centre of mass; {beside}."
     )
     rows: list[list[Cell]] = [

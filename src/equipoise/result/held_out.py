@@ -1,7 +1,8 @@
-"""How well a result predicts motions that its estimate has not seen."""
+"""How well a result predicts motions that its estimate has not seen: lifts, and the steps of a walk."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -14,7 +15,7 @@ MODEL, EARLIER, FOUND = "model file", "earlier run", "this run"
 
 @dataclass(frozen=True)
 class HeldOutLift:
-    """One lift, predicted by an estimate without it.
+    """One time on two feet, predicted by an estimate without it.
 
     Attributes:
         motion: index of the recording.
@@ -22,6 +23,7 @@ class HeldOutLift:
         tilt: rotation about the support line while two feet were up, as measured; positive forward [rad].
         errors: measured less predicted tilt times the height of the CoM above the line, by whose body predicts [m].
         intervals: size of that error over half its 95 % interval, by whose body predicts.
+        kind: kind of motion, "lift" or "step".
     """
 
     motion: int
@@ -29,14 +31,15 @@ class HeldOutLift:
     tilt: float
     errors: Mapping[str, float]
     intervals: Mapping[str, float]
+    kind: str = "lift"
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """All lifts of a run, each predicted by an estimate without it.
+    """All lifts of a run and all steps, each predicted by an estimate without it.
 
     Attributes:
-        lifts: lifts in order.
+        lifts: lifts and steps in order.
     """
 
     lifts: tuple[HeldOutLift, ...]
@@ -61,8 +64,16 @@ class HeldOut:
 
     @property
     def others(self) -> str:
-        """What a lift is predicted from, in words."""
+        """What a lift or a step is predicted from, in words."""
+        if any(lift.kind == "step" for lift in self.lifts):
+            return "other motions"
         return "other postures" if self.folds < len(self.lifts) else "all other motions"
+
+    @property
+    def counted(self) -> str:
+        """As "12 lifts and 30 steps"."""
+        counts = Counter(lift.kind for lift in self.lifts)
+        return " and ".join(f"{count} {kind}s" for kind, count in counts.items())
 
     def sentence(self) -> str:
         """What was predicted, how well, and how well by the other bodies."""
@@ -70,7 +81,7 @@ class HeldOut:
             f"with the {body}'s body off by {1000 * self.error(body):.2f} mm" for body in self.bodies if body != FOUND
         )
         return (
-            f"{len(self.lifts)} lifts predicted from {self.others}: off by {1000 * self.error(FOUND):.2f} mm rms, "
+            f"{self.counted} predicted from {self.others}: off by {1000 * self.error(FOUND):.2f} mm rms, "
             f"{self.inside(FOUND)} within their intervals; {beside}"
         )
 

@@ -1,4 +1,4 @@
-"""Every lift predicted by what other motions say: the check on data that the estimate has not seen.
+"""Every lift, and every step of a walk, predicted by what other motions say: the check on data that the estimate has not seen.
 
 Motions in one posture are left out together; one by one in short runs, of which a posture is much. Without them, of
 information H_k and gradient g_k, the estimate x of information H becomes, to first order,
@@ -48,6 +48,7 @@ class LiftPrediction:
         tilt: (n,) rotation about the support line since then, as measured; positive forward [rad].
         errors: (n,) measured less predicted tilt, by whose body predicts [rad].
         deviation: (n,) standard deviation of such an error, of the body found [rad].
+        kind: kind of motion, "lift" or "step".
     """
 
     motion: int
@@ -57,6 +58,7 @@ class LiftPrediction:
     tilt: FloatArray
     errors: Mapping[str, FloatArray]
     deviation: FloatArray
+    kind: str
 
     def at_the_end(self) -> HeldOutLift:
         """What the result keeps of it."""
@@ -64,7 +66,7 @@ class LiftPrediction:
         half = NORMAL_95 * float(self.deviation[-1])
         return HeldOutLift(
             self.motion, self.fold, float(self.tilt[-1]), {body: self.height * end for body, end in ends.items()},
-            {body: abs(end) / half for body, end in ends.items()},
+            {body: abs(end) / half for body, end in ends.items()}, self.kind,
         )  # fmt: skip
 
 
@@ -94,14 +96,14 @@ def predict_held_out(
     }
     deviations = _deviations(block, x, [without[fold][1] for fold in of_lifts])
     heights = block.equation.levers(unknowns.values(x), unknowns.inertial(x))[1] / posterior.robot_body.mass
-    legs, used = LegChains(unknowns.robot), {misfit.motion for misfit in posterior.lifts if misfit.used}
+    legs, walked = LegChains(unknowns.robot), {motion.index for motion in evidence.motions if motion.steps}
     return tuple(
         LiftPrediction(
             motion, of_lifts[index], float(heights[index]), _times(lift), _tilt(unknowns, legs, lift),
-            {name: error[index] for name, error in errors.items()}, deviations[index],
+            {name: error[index] for name, error in errors.items()}, deviations[index], "step" if motion in walked else "lift",
         )
-        for index, ((motion, _), lift) in enumerate(zip(block.motions, block.lifts, strict=True))
-        if motion in used
+        for index, (misfit, (motion, _), lift) in enumerate(zip(posterior.lifts, block.motions, block.lifts, strict=True))
+        if misfit.used
     )  # fmt: skip
 
 
@@ -112,8 +114,8 @@ def folds_of(motions: Sequence[MotionReading], posterior: Posterior) -> list[lis
     for motion in told:
         posture = motion.trial.posture if isinstance(motion.trial, DesignedLift | PostureTrial) else None
         folds.setdefault(motion.index if posture is None else posture, []).append(motion)
-    most = max(sum(motion.lift is not None for motion in fold) for fold in folds.values())
-    if most > _LARGEST * sum(motion.lift is not None for motion in told):
+    most = max(sum(len(motion.on_two_feet) for motion in fold) for fold in folds.values())
+    if most > _LARGEST * sum(len(motion.on_two_feet) for motion in told):
         return [[motion.index] for motion in told]
     return [[motion.index for motion in fold] for fold in folds.values()]
 

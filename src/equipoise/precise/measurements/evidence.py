@@ -15,9 +15,10 @@ from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import LiftSamples, read_lift
 from equipoise.precise.measurements.planted_moves import PlantedMove, read_move
 from equipoise.precise.measurements.torque_balance import TorqueSamples
+from equipoise.precise.measurements.walking import gyro_bias_of_walks, read_walk
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, SwayTrial, TurnTrial
+from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, SwayTrial, TurnTrial, WalkTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -29,9 +30,11 @@ class MotionReading:
     Attributes:
         index: index of the recording in the run.
         trial: trial that it is of; None if it does not say.
-        lift, move, torque: samples of a lift, a planted move and joint torques; None if it holds none.
+        lift, move: samples of a lift and a planted move; None if it holds none.
+        torques: joint torques.
         left_out: reason why a lift could not be read, or None.
         duration: duration of the recording [s].
+        steps: samples of a walk, of each time on two feet.
     """
 
     index: int
@@ -41,6 +44,12 @@ class MotionReading:
     torques: tuple[TorqueSamples, ...]
     left_out: str | None
     duration: float
+    steps: tuple[LiftSamples, ...] = ()
+
+    @property
+    def on_two_feet(self) -> tuple[LiftSamples, ...]:
+        """The lift or the steps."""
+        return self.steps if self.lift is None else (self.lift, *self.steps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +69,7 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
     Raises:
         RecordingError: nothing in them can be used.
     """
-    rested = [recording for recording in recordings if recording.has_phase(Phase.REST)]
-    if not rested:
-        raise RecordingError(
-            "the recordings hold no rest before a lift or after a move; are they of the precise method?"
-        )
-    # The median over rests: one in which the robot still swayed does not count.
-    bias = np.median(
-        [recording.phase(Phase.REST).imu.angular_velocity_in_imu.mean(axis=0) for recording in rested], axis=0
-    )
+    bias = _gyro_bias(recordings)
     legs, headings = LegChains(robot), _headings(robot, recordings)
     ends = np.cumsum([recording.duration for recording in recordings])
     when = (ends - ends[-1] / 2) / ends[-1]
@@ -78,6 +79,20 @@ def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Record
             for index, recording in enumerate(recordings)
         )
     )
+
+
+def _gyro_bias(recordings: Sequence[Recording]) -> FloatArray:
+    """(3,) bias of the gyroscope, in the IMU frame [rad/s]."""
+    rested = [recording for recording in recordings if recording.has_phase(Phase.REST)]
+    if rested:  # the median over rests: one in which the robot still swayed does not count
+        rests = [recording.phase(Phase.REST).imu.angular_velocity_in_imu for recording in rested]
+        return np.asarray(np.median([rest.mean(axis=0) for rest in rests], axis=0), dtype=float)
+    walks = [one.imu for one in recordings if isinstance(one.trial, WalkTrial)]
+    if not walks:
+        raise RecordingError(
+            "the recordings hold no rest before a lift or after a move; are they of the precise method?"
+        )
+    return gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu) for imu in walks])
 
 
 def _headings(robot: RobotModel, recordings: Sequence[Recording]) -> FloatArray:
@@ -94,6 +109,7 @@ def _read(
     alive()
     trial = recording.trial
     lift: LiftSamples | None = None
+    steps: tuple[LiftSamples, ...] = ()
     move: PlantedMove | None = None
     torques: list[TorqueSamples] = []
     left_out: str | None = None
@@ -118,6 +134,9 @@ def _read(
         elif isinstance(trial, SwayTrial) and recording.complete:
             samples = TorqueSamples.of_motion(recording.phase(Phase.SWAY), gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
+        elif isinstance(trial, WalkTrial) and recording.complete:
+            steps, left_out = read_walk(robot, recording, trial, stance, gyro_bias)
+            steps = tuple(replace(step, when=when) for step in steps)
     except RecordingError as error:
         left_out = str(error)
-    return MotionReading(index, trial, lift, move, tuple(torques), left_out, recording.duration)
+    return MotionReading(index, trial, lift, move, tuple(torques), left_out, recording.duration, steps)

@@ -21,7 +21,7 @@ from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.runs import true_runs
-from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS, RobotModel
 from equipoise.robot.stance import Stance
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
@@ -39,10 +39,10 @@ _LEAST_ACCELEROMETER_NOISE = 5e-3  # [m/s2]
 
 @dataclass(frozen=True, eq=False)
 class LiftSamples:
-    """The time on two feet of one lift trial. Gyroscope readings are less the gyroscope's bias.
+    """The time on two feet of one lift, or of one step. Gyroscope readings are less the gyroscope's bias.
 
     Attributes:
-        diagonal: diagonal that the robot stood on.
+        pair: name of the feet that the robot stood on, a diagonal in a lift.
         start: time of the first sample [s].
         step: time between samples [s].
         joint_position, joint_velocity, joint_acceleration: (n, nj) joint positions and their derivatives, smoothed [rad],
@@ -58,7 +58,7 @@ class LiftSamples:
         heading: angle by which the robot was turned in the room since the run began, to its left [rad].
     """
 
-    diagonal: str
+    pair: str
     start: float
     step: float
     joint_position: FloatArray
@@ -76,8 +76,11 @@ class LiftSamples:
 
     @property
     def stance_feet(self) -> tuple[int, int]:
-        """Indices of the left and the right stance foot: the support line's direction runs from right to left."""
-        left, right = sorted(DIAGONALS[self.diagonal], key=lambda leg: leg[1])
+        """Indices of the left and the right stance foot: the support line's direction runs from right to left.
+
+        Of two feet on one side the front one is taken for the left.
+        """
+        left, right = sorted(PAIRS[self.pair], key=lambda leg: leg[1])
         return LEG_NAMES.index(left), LEG_NAMES.index(right)
 
 
@@ -106,6 +109,64 @@ def read_lift(
     window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.scale.length)
     if window is None:
         return "the lifted feet did not leave the floor"
+    velocity = None if rest.joints.velocity is None else white_noise(rest.joints.velocity)
+    noise = SensorNoise.of(
+        white_noise(rest.joints.position), velocity, white_noise(rest.imu.angular_velocity_in_imu),
+        white_noise(rest.imu.acceleration_in_imu),
+    )  # fmt: skip
+    return on_two_feet(moving, diagonal, window, gyro, up_in_imu, noise, clock, _SHORTEST)
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of what is white in the sensors' readings, no less than what quantised ones have.
+
+    Attributes:
+        encoder: of joint positions [rad].
+        velocity: of joint velocities; infinite where there are none [rad/s].
+        gyroscope: of an axis [rad/s].
+        accelerometer: of an axis [m/s2].
+    """
+
+    encoder: float
+    velocity: float
+    gyroscope: float
+    accelerometer: float
+
+    @classmethod
+    def of(cls, encoder: float, velocity: float | None, gyroscope: float, accelerometer: float) -> SensorNoise:
+        """As read; `velocity` is None where there are none."""
+        return cls(
+            max(encoder, _LEAST_ENCODER_NOISE),
+            np.inf if velocity is None else max(velocity, _LEAST_VELOCITY_NOISE),
+            max(gyroscope, _LEAST_GYRO_NOISE),
+            max(accelerometer, _LEAST_ACCELEROMETER_NOISE),
+        )
+
+
+def on_two_feet(
+    moving: Recording,
+    pair: str,
+    window: tuple[float, float],
+    gyro: FloatArray,
+    up_in_imu: FloatArray,
+    noise: SensorNoise,
+    clock: float,
+    shortest: float,
+) -> LiftSamples | str:
+    """The time on two feet, or why it cannot be read.
+
+    Args:
+        moving: recording of it and of what is around it.
+        pair: name of the two feet.
+        window: first and last time with the other two off the floor [s].
+        gyro: (n, 3) angular velocity at the IMU's samples, less the bias [rad/s].
+        up_in_imu: (n, 3) direction against gravity at these.
+        noise: noise of the sensors.
+        clock: factor on times, of the robot's scale; one on an A1.
+        shortest: time that must be left between the means at both ends, on an A1 [s].
+    """
+    imu, joints = moving.imu, moving.joints
     low, high = window[0] - _PAD * clock, window[1] + _PAD * clock
     joint_part = (joints.time >= low) & (joints.time <= high)
     imu_part = (imu.time >= low) & (imu.time <= high)
@@ -115,20 +176,15 @@ def read_lift(
     reach, step = REACH * clock, _STEP * clock
     start = max(window[0], *(float(stream[0]) for stream in streams)) + reach
     end = min(window[1], *(float(stream[-1]) for stream in streams)) - reach
-    if end - start < _SHORTEST * clock:
+    if end - start < shortest * clock:
         return f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s"
     time: FloatArray = np.asarray(start + step * np.arange(int((end - start) / step + 1e-9) + 1), dtype=float)
     longest = max(float(np.diff(stream).max()) for stream in streams)
     if longest > _LONGEST_GAP * clock:
         return f"samples are missing for {longest * 1000:.0f} ms"
-    encoder_noise = max(_white_noise(rest.joints.position), _LEAST_ENCODER_NOISE)
-    gyro_noise = max(_white_noise(rest.imu.angular_velocity_in_imu), _LEAST_GYRO_NOISE)
-    accelerometer_noise = max(_white_noise(rest.imu.acceleration_in_imu), _LEAST_ACCELEROMETER_NOISE)
-    velocity = rest.joints.velocity
-    velocity_noise = np.inf if velocity is None else max(_white_noise(velocity), _LEAST_VELOCITY_NOISE)
     position = fit_spline(
         joints.time[joint_part], joints.position[joint_part], _KNOT * clock,
-        None if joints.velocity is None else joints.velocity[joint_part], encoder_noise / velocity_noise,
+        None if joints.velocity is None else joints.velocity[joint_part], noise.encoder / noise.velocity,
         reach,
     )  # fmt: skip
     felt = np.hstack([gyro, imu.acceleration_in_imu])[imu_part]  # read at the same times: one fit
@@ -136,7 +192,7 @@ def read_lift(
     angular_velocity, acceleration = np.hsplit(of_imu.at(time), 2)
     imu_noise = of_imu.noise(time)
     return LiftSamples(
-        diagonal,
+        pair,
         float(start),
         step,
         position.at(time),
@@ -146,14 +202,14 @@ def read_lift(
         of_imu.at(time, derivative=1)[:, :3],
         acceleration,
         at_times(time, imu.time, up_in_imu),
-        encoder_noise**2 * position.noise(time, derivative=1),
-        gyro_noise**2 * imu_noise,
-        accelerometer_noise**2 * imu_noise,
+        noise.encoder**2 * position.noise(time, derivative=1),
+        noise.gyroscope**2 * imu_noise,
+        noise.accelerometer**2 * imu_noise,
     )
 
 
-def _white_noise(samples: FloatArray) -> float:
-    """Standard deviation of what changes from sample to sample, the median over columns."""
+def white_noise(samples: FloatArray) -> float:
+    """Standard deviation of what changes from sample to sample at rest, the median over columns."""
     return float(np.median(np.diff(samples, axis=0).std(axis=0)) / np.sqrt(2))
 
 

@@ -89,6 +89,15 @@ def fit_spline(
     return SplineFit(BSpline(knots, cho_solve_banded((factor, True), moment), _DEGREE), factor, reach)
 
 
+def noise_in_motion(values: FloatArray) -> float:
+    """Standard deviation of white noise in (n, k) evenly taken samples of something that moves: the median over columns.
+
+    Third differences forget all that is smooth; of white noise they have twenty times its variance.
+    """
+    sizes = [float(np.median(np.abs(np.diff(column, n=3)))) for column in values.T]
+    return float(np.median(sizes)) / (0.6745 * np.sqrt(20))
+
+
 def _mean_about(reach: float) -> tuple[FloatArray, FloatArray]:
     """Times from a moment, and their weights: a mean of three, four times over, which falls softly to zero at the reach."""
     if not reach:

@@ -1,0 +1,6 @@
+import numpy as np
+from numpy.typing import NDArray
+
+def gaussian_filter1d(
+    input: NDArray[np.float64], sigma: float, axis: int = ..., *, mode: str = ...
+) -> NDArray[np.float64]: ...
