@@ -199,7 +199,7 @@ def test_a_simulated_lift_is_read_with_its_turn(a1, ideal_motions):
     recording = ideal_motions.lift
     lift = read_lift(a1, LegChains(a1), recording, recording.trial.diagonal, ideal_motions.stance, np.zeros(3))
     assert isinstance(lift, LiftSamples)
-    assert lift.diagonal == "FL_RR"
+    assert lift.pair == "FL_RR"
     # To and fro about the roll axis. What was up at rest turns the other way: its rate is up x angular velocity.
     assert np.abs(lift.angular_velocity_in_imu[:, 0]).max() > 0.3
     up, turning = lift.up_in_imu, lift.angular_velocity_in_imu

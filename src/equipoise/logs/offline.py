@@ -9,9 +9,9 @@ from typing import Any
 
 from equipoise.errors import LogError, RecordingError
 from equipoise.logs.finding import LogFinding
-from equipoise.logs.gyroscope import compare_gyroscope
 from equipoise.logs.log import Log, rate
-from equipoise.logs.segments import LogSegment, find_segments, usable
+from equipoise.logs.motions.gyroscope import compare_gyroscope
+from equipoise.logs.motions.segments import LogSegment, find_segments, usable
 from equipoise.precise.method import Precise
 from equipoise.precise.screening import screen_log
 from equipoise.recording.recording import Recording

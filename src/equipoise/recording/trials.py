@@ -213,6 +213,11 @@ class WalkTrial(RecordedTrial):
     steps: tuple[TwoFeet, ...]
     heading: float
 
+    @property
+    def duration(self) -> float:
+        """From the first step's begin to the last one's end; the recording holds some time around it [s]."""
+        return self.steps[-1].end - self.steps[0].start if self.steps else 0.0
+
     def _own_data(self) -> dict[str, Any]:
         return {"steps": [[step.pair, step.start, step.end] for step in self.steps], "heading": self.heading}
 

@@ -140,7 +140,9 @@ def _print_precise(console: Console, result: Calibration) -> None:
     time = sum(trial.duration for trial in result.trials)
     failed = sum(not check.passed for check in result.checks)
     verdict = "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"
-    console.print(f"{len(lifts)} lifts in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
+    walked = not lifts and any(trial.kind == "walk" for trial in result.trials)
+    done = "Steps" if walked else f"{len(lifts)} lifts"
+    console.print(f"{done} in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
 
 
 _LEGEND = {

@@ -11,10 +11,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from equipoise.logs.motions.segments import LogSegment
 from equipoise.logs.offline import LogReport
-from equipoise.logs.segments import LogSegment
 
-_COUNTED = {"lift": "lift", "move": "move over planted feet", "sway": "sway over planted feet", "rest": "rest"}
+_COUNTED = {
+    "lift": "lift",
+    "move": "move over planted feet",
+    "sway": "sway over planted feet",
+    "walk": "step of a walk",
+    "rest": "rest",
+}
 
 
 def print_log_report(report: LogReport, verbose: bool = False, stderr: bool = False) -> None:
@@ -80,8 +86,9 @@ def _row(segments: Sequence[LogSegment], what: str, why_not: str | None) -> tupl
 
 
 def _counted(segments: Sequence[LogSegment]) -> str:
-    """As "3 lifts, 1 move over planted feet"."""
+    """As "3 lifts, 1 move over planted feet, 58 steps of a walk"."""
     counts = Counter(segment.kind for segment in segments)
+    counts["walk"] = sum(segment.steps for segment in segments)
     words: list[str] = []
     for kind, word in _COUNTED.items():
         if count := counts.get(kind):

@@ -11,7 +11,7 @@ from pathlib import Path
 from equipoise.calibration.run_folder import LOG, RunFolder
 from equipoise.errors import EquipoiseError
 from equipoise.logs.log import Log
-from equipoise.logs.segments import find_segments, usable
+from equipoise.logs.motions.segments import find_segments, usable
 from equipoise.method.method import Method
 from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording

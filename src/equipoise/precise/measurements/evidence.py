@@ -139,4 +139,5 @@ def _read(
             steps = tuple(replace(step, when=when) for step in steps)
     except RecordingError as error:
         left_out = str(error)
-    return MotionReading(index, trial, lift, move, tuple(torques), left_out, recording.duration, steps)
+    duration = trial.duration if isinstance(trial, WalkTrial) else recording.duration
+    return MotionReading(index, trial, lift, move, tuple(torques), left_out, duration, steps)

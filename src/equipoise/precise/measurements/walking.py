@@ -28,6 +28,8 @@ CONTEXT = 1.0
 """[s] around a walk, that its readings of up are means over."""
 _SHORTEST = 0.02  # [s] between the means at both ends
 _FEWEST = 8  # samples
+# Perfect sensors of a robot whose feet land fit no better than ordinary ones, in two engines: [rad], [rad/s], [rad/s], [m/s2].
+_ORDINARY = SensorNoise(1e-4, 0.02, 2e-3, 0.04)
 _USUAL_BIAS = 0.01  # [rad/s] of a gyroscope
 _SPEEDING_UP = 0.03  # of gravity, over a second
 
@@ -96,10 +98,12 @@ def read_walk(
         return (), "samples are missing"
     gyro = imu.angular_velocity_in_imu - gyro_bias
     up_in_imu, turned = up_between_steps(imu.time, gyro, imu.acceleration_in_imu, CONTEXT / 2 * clock)
-    noise = SensorNoise.of(
-        noise_in_motion(joints.position), None if joints.velocity is None else noise_in_motion(joints.velocity),
-        noise_in_motion(imu.angular_velocity_in_imu), noise_in_motion(imu.acceleration_in_imu),
-    )  # fmt: skip
+    noise = SensorNoise(
+        max(noise_in_motion(joints.position), _ORDINARY.encoder),
+        np.inf if joints.velocity is None else max(noise_in_motion(joints.velocity), _ORDINARY.velocity),
+        max(noise_in_motion(imu.angular_velocity_in_imu), _ORDINARY.gyroscope),
+        max(noise_in_motion(imu.acceleration_in_imu), _ORDINARY.accelerometer),
+    )
     read = [
         on_two_feet(recording, step.pair, (step.start, step.end), gyro, up_in_imu, noise, clock, _SHORTEST)
         for step in trial.steps

@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.logs.rests import LoggedRest
-from equipoise.logs.track import Track
+from equipoise.logs.motions.rests import LoggedRest
+from equipoise.logs.motions.track import Track
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.recording.runs import true_runs

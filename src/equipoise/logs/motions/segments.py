@@ -17,12 +17,12 @@ from typing import Literal
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.logs.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
-from equipoise.logs.foot_paths import FootPaths
-from equipoise.logs.oscillation import Oscillation, find_oscillation
-from equipoise.logs.rests import LoggedRest, find_rests
-from equipoise.logs.track import Track
-from equipoise.logs.walking import find_steps, walks
+from equipoise.logs.motions.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
+from equipoise.logs.motions.foot_paths import FootPaths
+from equipoise.logs.motions.oscillation import Oscillation, find_oscillation
+from equipoise.logs.motions.rests import LoggedRest, find_rests
+from equipoise.logs.motions.track import Track
+from equipoise.logs.motions.walking import find_steps, walks
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.precise.screening import screen
@@ -74,6 +74,12 @@ class LogSegment:
     def used(self) -> bool:
         """Whether the estimate gets it; most rests go with the motions between them."""
         return self.why_not is None
+
+    @property
+    def steps(self) -> int:
+        """Number of times on two feet of a walk."""
+        trial = None if self.recording is None else self.recording.trial
+        return len(trial.steps) if isinstance(trial, WalkTrial) else 0
 
 
 def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> list[LogSegment]:
@@ -147,15 +153,18 @@ class _PieceReader:
         if segment.used or segment.kind not in ("steps", "slip", "motion"):
             return [segment]
         steps = [one for one in self._steps[0] if segment.start <= one.start and one.end <= segment.end]
-        pieces, start = list[LogSegment](), segment.start
+        pieces, start, untold = list[LogSegment](), segment.start, _UNTOLD * self.stance.scale.time
         for walk in walks(steps, self.stance):
-            if walk[0].start > start + _UNTOLD * self.stance.scale.time:
+            if walk[0].start > start + untold:
                 pieces.append(replace(segment, start=start, end=walk[0].start))
-            pieces.append(self._walk(walk))
+                start = walk[0].start
+            pieces.append(replace(self._walk(walk), start=start))
             start = walk[-1].end
-        if not pieces or segment.end > start + _UNTOLD * self.stance.scale.time:
-            pieces.append(replace(segment, start=start))
-        return pieces
+        if not pieces:
+            return [segment]
+        if segment.end > start + untold:
+            return [*pieces, replace(segment, start=start)]
+        return [*pieces[:-1], replace(pieces[-1], end=segment.end)]
 
     def _walk(self, steps: list[TwoFeet]) -> LogSegment:
         context = CONTEXT * self.stance.scale.time
@@ -314,7 +323,7 @@ class _PieceReader:
         part = paths.between(start, end)
         feet = part.off_the_floor(_OFF_FLOOR * self.stance.scale.length, SHORTEST_STANCE * self.stance.scale.time)
         if feet:
-            why_not = f"feet leave the floor ({', '.join(feet)}), but no diagonal pair alone"
+            why_not = f"feet leave the floor ({', '.join(feet)}), but no two feet stand alone for long"
             return LogSegment(start, end, "steps", "steps", why_not)
         slid = float(part.slid().max(initial=0.0))
         return LogSegment(start, end, "slip", "motion with sliding feet", f"feet slipped by {slid * 1000:.0f} mm")

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.logs.track import Track
+from equipoise.logs.motions.track import Track
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.walking import CONTEXT, up_between_steps
 from equipoise.recording.runs import true_runs

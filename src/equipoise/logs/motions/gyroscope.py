@@ -7,20 +7,21 @@ gyroscope is in other units or axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.logs.track import Integral, Track
-from equipoise.logs.walking import find_steps
+from equipoise.logs.motions.track import Integral, Track
+from equipoise.logs.motions.walking import find_steps
 from equipoise.precise.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.precise.screening import GYROSCOPE_MISTAKES
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import TwoFeet
 from equipoise.robot.model import LEG_NAMES, PAIRS, RobotModel
 from equipoise.robot.stance import Stance
 
@@ -36,7 +37,7 @@ _AT_ONCE = 4096  # [steps]
 _PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
 _SHORT_STEP = 0.1  # [s]
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
-_CURED = 0.25
+_DOUBTFUL, _CURED = 0.15, 0.25
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,8 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
         return seen.unexplained(factor * angle.means_between(*edges), inside)
 
     offset, left = _best_offset(unexplained, np.ones(3))
-    if left > _WRONG:
-        _name_mistake(unexplained, motion)
+    if left > _DOUBTFUL:
+        _name_mistake(unexplained, min(_CURED, left / 3), motion)
     return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(seen.edges, axis=0).sum()), motion)
 
 
@@ -114,8 +115,18 @@ def _walking_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None
     """
     if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
         return None
-    bias = gyro_bias_of_walks([(track.time, track.angular_velocity_in_base, track.acceleration_in_base)])
-    steps, _ = find_steps(legs, stance, track.without_bias(bias))
+    # A gyroscope with the wrong sign or unit finds no steps, and with what undoes that it does.
+    for factor in (np.ones(3), *(factor for _, factor in GYROSCOPE_MISTAKES)):
+        gyroscope = factor * track.angular_velocity_in_base
+        bias = gyro_bias_of_walks([(track.time, gyroscope, track.acceleration_in_base)])
+        steps, _ = find_steps(legs, stance, replace(track, angular_velocity_in_base=gyroscope - bias))
+        if sum(step.end - step.start for step in steps) > _ENOUGH * stance.scale.time:
+            return _seen_in(legs, track, steps)
+    return None
+
+
+def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen | None:
+    """What is seen in steps, or in as many of them as are plenty."""
     up = np.median(track.acceleration_in_base, axis=0)
     edges: list[FloatArray] = []
     turning: list[FloatArray] = []
@@ -132,9 +143,7 @@ def _walking_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None
         edges.append(np.array([part.time - track.step / 2, part.time + track.step / 2]))
         turning.append(moved[:, other] - moved[:, one])
         arms.append((motion.foot - radius)[:, one] - (motion.foot - radius)[:, other])
-    if sum(map(len, turning)) * track.step < _ENOUGH * stance.scale.time:
-        return None
-    return _Seen(np.hstack(edges), np.concatenate(turning), np.concatenate(arms))
+    return _Seen(np.hstack(edges), np.concatenate(turning), np.concatenate(arms)) if turning else None
 
 
 def _moving_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
@@ -205,11 +214,10 @@ def _best_offset(unexplained: Unexplained, factor: FloatArray) -> tuple[float, f
     return offset, unexplained(offset, factor)
 
 
-def _name_mistake(unexplained: Unexplained, motion: str) -> None:
-    for what, factor in GYROSCOPE_MISTAKES:
-        _, cured = _best_offset(unexplained, factor)
-        if cured < _CURED:
-            raise RecordingError(
-                f"in {motion} the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in the "
-                f"axes of the IMU's frame ({what})"
-            )
+def _name_mistake(unexplained: Unexplained, limit: float, motion: str) -> None:
+    cured, what = min((_best_offset(unexplained, factor)[1], what) for what, factor in GYROSCOPE_MISTAKES)
+    if cured < limit:
+        raise RecordingError(
+            f"in {motion} the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in the axes of "
+            f"the IMU's frame ({what})"
+        )

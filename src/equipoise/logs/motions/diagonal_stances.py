@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from equipoise.logs.foot_paths import FootPaths
-from equipoise.logs.rests import LoggedRest
+from equipoise.logs.motions.foot_paths import FootPaths
+from equipoise.logs.motions.rests import LoggedRest
 from equipoise.recording.runs import true_runs
 from equipoise.robot.model import DIAGONALS, LEG_NAMES
 from equipoise.robot.stance import Stance

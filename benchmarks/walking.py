@@ -1,0 +1,262 @@
+"""What a log of a walking robot tells: `make bench-walking`. Writes benchmarks/results/walking.md.
+
+Robots with a payload trot for 20 s (equipoise.simulation.gaits.trot), with changes of speed, sidesteps and turns, in PyBullet
+and in DART, with the presets' errors as far as these engines can have them, and in MuJoCo with all of them. Their logs are
+written as tables and read like anybody's; a scale reads half a percent wrong (rms). Some trot for 60 s. On the same simulated
+robots in MuJoCo a calibration is done too: do lifts and trot agree? Rows are kept in walking.jsonl: it goes on where it was.
+
+    python benchmarks/walking.py              # what is missing, then the page
+    python benchmarks/walking.py --seeds 2    # the first seeds only
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import numpy as np
+from commit import commit
+
+from equipoise import Payload, Precise, Recording, RobotModel, calibrate, load_robot, nominal_stance, simulate
+from equipoise.errors import EquipoiseError
+from equipoise.logs.offline import estimate_log
+from equipoise.logs.reader import read_log
+from equipoise.platform.platform import Platform
+from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
+from equipoise.simulation.effects import PRESETS
+from equipoise.simulation.gaits.trot import trot
+from equipoise.simulation.sensors import DrawnErrors
+
+RESULTS = Path(__file__).parent / "results"
+ROWS = RESULTS / "walking.jsonl"
+FIRST_SEED, SCALE_ERROR = 10_000, 5e-3
+BUDGET = 60.0  # [s] of the calibrations, on an A1
+TARGETS = {("realistic", 20): (3, 3, 8), ("stress", 20): (5, 5, 12), ("realistic", 60): (2, 2, None)}  # [mm] rms
+
+
+@dataclass(frozen=True)
+class Case:
+    """Runs of one kind: engine, preset, robot, duration on an A1 [s], number of seeds."""
+
+    engine: str
+    noise: str
+    robot: str
+    duration: int
+    seeds: int
+
+    @property
+    def key(self) -> str:
+        return f"{self.engine}/{self.noise}/{self.robot}/{self.duration}"
+
+
+CASES = (
+    *(Case(engine, noise, "unitree_a1", 20, 10) for engine in ("pybullet", "dart") for noise in ("realistic", "stress")),
+    *(Case("mujoco", noise, "unitree_a1", 20, 10) for noise in ("realistic", "stress")),
+    *(Case(engine, "realistic", "go2", 20, 4) for engine in ("pybullet", "dart")),
+    Case("pybullet", "realistic", "unitree_a1", 60, 4),
+    Case("dart", "realistic", "unitree_a1", 60, 4),
+)  # fmt: skip
+
+
+def payload_of(robot: RobotModel, seed: int) -> Payload:
+    """A tenth of the robot somewhere on its trunk."""
+    generator, stance = np.random.default_rng([seed, 78]), nominal_stance(robot)
+    half = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
+    place = [*(generator.uniform(-0.4, 0.4, 2) * half), generator.uniform(0.1, 0.3) * stance.hip_height]
+    return Payload(InertialParameters(0.08 * robot.mass, np.array(place), np.zeros((3, 3))))
+
+
+@contextmanager
+def world(case: Case, robot: RobotModel, seed: int) -> Iterator[tuple[Platform, InertialParameters]]:
+    """A standing robot, and what it is."""
+    stance, payload = nominal_stance(robot), payload_of(robot, seed)
+    if case.engine == "pybullet":
+        from walking_worlds.bullet import BulletPlatform  # noqa: PLC0415 - rows of other engines need no PyBullet
+
+        sizes = PRESETS[case.noise].scaled_to(stance.scale).without(BulletPlatform.LACKS)
+        platform = BulletPlatform(robot, stance, DrawnErrors.draw(sizes, len(robot.joint_names), seed), payload)
+        with platform:
+            yield platform, platform.truth(stance.joint_position)
+        return
+    preset = PRESETS[case.noise]
+    lacking = [
+        row.name for row in preset.rows() if case.engine not in row.engines and getattr(preset, row.name) != row.none
+    ]
+    with simulate(robot, case.noise, payload, seed, engine=case.engine, without=lacking) as simulation:
+        yield simulation.platform, simulation.truth.composite
+
+
+def write(recording: Recording, file: Path) -> None:
+    """A table with the columns of docs/logs.md."""
+    joints, imu = recording.joints, recording.imu
+    signals = [f"{signal}.{joint}" for signal in ("position", "velocity", "torque") for joint in recording.joint_names]
+    with file.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(
+            ["time", *signals, *(f"{sensor}.{axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")]
+        )
+        rows = [
+            joints.time,
+            joints.position,
+            joints.velocity,
+            joints.torque,
+            imu.angular_velocity_in_imu,
+            imu.acceleration_in_imu,
+        ]
+        writer.writerows(np.column_stack(rows).tolist())
+
+
+def run(case: Case, seed: int) -> dict[str, object]:
+    """A row."""
+    warnings.simplefilter("ignore")
+    robot = load_robot(case.robot)
+    scale = nominal_stance(robot).scale
+    row: dict[str, object] = {"key": f"{case.key}/{seed}", "case": case.key, "seed": seed, "commit": commit()}
+    try:
+        with world(case, robot, seed) as (platform, truth):
+            recording = trot(platform, robot, (1 + case.duration) * scale.time, phase=float(seed))
+        weighed = truth.mass * (1 + SCALE_ERROR * float(np.random.default_rng([seed, 77]).standard_normal()))
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "trot.csv")
+            write(recording, file)
+            begun = time.process_time()
+            found = estimate_log(robot, read_log(file, robot), Precise(mass=weighed, mass_sd=SCALE_ERROR * weighed))
+            row["cpu"] = time.process_time() - begun
+        row |= numbers(found.result, truth)
+        row["steps"] = sum(segment.steps for segment in found.report.segments)
+        if case.engine == "mujoco":
+            with world(case, robot, seed) as (platform, truth):
+                lifted = calibrate(
+                    platform, robot, Precise(budget=BUDGET * scale.time, mass=weighed, mass_sd=SCALE_ERROR * weighed)
+                )
+            row["lifts"] = numbers(lifted, truth)
+    except EquipoiseError as error:
+        row["failed"] = f"{type(error).__name__}: {error}"
+    return row
+
+
+def numbers(result: object, truth: InertialParameters) -> dict[str, object]:
+    """Of one estimate."""
+    true, whole = components(truth), result.composite
+    return {
+        "error": (whole.values - true).tolist(),
+        "sd": whole.deviations.tolist(),
+        "inside": [bool(one.lower <= value <= one.upper) for one, value in zip(whole, true, strict=True)],
+        "model": (np.array([one.model for one in whole]) - true).tolist(),
+        "size": true[4:7].tolist(),
+        "checks": [check.name for check in result.checks if not check.passed],
+    }
+
+
+def lines(rows: list[dict]) -> Iterator[str]:
+    """The page."""
+    yield "# What a log of a walking robot tells"
+    yield ""
+    yield (
+        "`make bench-walking`: a trot with changes of speed, sidesteps and turns, logged as a table; a scale to 0.5 %. Errors "
+        "are root mean squares of the whole robot's quantities; the model file knows nothing of the payload. Targets: CoM x, "
+        "y, z 3, 3, 8 mm (`realistic`), 5, 5, 12 mm (`stress`), 2 mm in the plane in 60 s, nine of ten intervals hold. Bold: "
+        "missed. PyBullet and DART lack springs, play and soft feet; MuJoCo has all. No development used these seeds."
+    )
+    yield ""
+    yield (
+        "| engine | preset | robot | trot [s] | n | CoM x, y, z [mm] | file | Ixx, Iyy, Izz [%] | intervals that hold | "
+        "a check failed | silent | CPU [s] |"
+    )
+    yield "|" + "---|" * 12
+    for case in CASES:
+        of = [row for row in rows if row["case"] == case.key and "error" in row]
+        if of:
+            yield accuracy(case, of)
+    told = [row for row in rows if "error" in row]
+    if told:
+        held = np.mean([one for row in told for one in row["inside"]])
+        yield ""
+        yield f"Of all {10 * len(told)} intervals {held:.0%} hold."
+    both = [row for row in told if "lifts" in row]
+    if both:
+        yield ""
+        yield from agreement(both)
+    yield ""
+    for row in rows:
+        if "failed" in row:
+            yield f"- {row['key']}: {row['failed']}"
+    yield f"Made at commit {', '.join(dict.fromkeys(row['commit'] for row in rows))}."
+
+
+def accuracy(case: Case, rows: list[dict]) -> str:
+    """A row of the first table."""
+    error, model = np.array([row["error"] for row in rows]), np.array([row["model"] for row in rows])
+    com, file = 1e3 * rms(error[:, 1:4]), 1e3 * rms(model[:, 1:4])
+    inertia = 100 * rms(error[:, 4:7] / np.array([row["size"] for row in rows]))
+    targets = TARGETS.get((case.noise, case.duration), (None, None, None))
+    cells = [
+        f"**{value:.1f}**" if most is not None and value > most else f"{value:.1f}"
+        for value, most in zip(com, targets, strict=True)
+    ]
+    held = np.mean([one for row in rows for one in row["inside"]])
+    failed = sum(bool(row["checks"]) for row in rows)
+    silent = sum(not row["checks"] and np.abs(np.array(row["error"]) / np.array(row["sd"])).max() > 4 for row in rows)
+    return (
+        f"| {case.engine} | {case.noise} | {case.robot} | {case.duration} | {len(rows)} | {' '.join(cells)} | "
+        f"{' '.join(f'{value:.1f}' for value in file)} | {' '.join(f'{value:.0f}' for value in inertia)} | "
+        f"{'**' if held < 0.9 else ''}{held:.0%}{'**' if held < 0.9 else ''} | {failed} | {silent} | "
+        f"{np.mean([row['cpu'] for row in rows]):.1f} |"
+    )
+
+
+def agreement(rows: list[dict]) -> Iterator[str]:
+    """Of lifts and trot of the same robot."""
+    apart = np.array([np.array(row["error"]) - np.array(row["lifts"]["error"]) for row in rows])
+    both = np.hypot(np.array([row["sd"] for row in rows]), np.array([row["lifts"]["sd"] for row in rows]))
+    inside = np.abs(apart) <= NORMAL_95 * both
+    yield (
+        f"Lifts and trot of the same {len(rows)} robots in MuJoCo ({BUDGET:.0f} s of calibration): {inside.mean():.0%} of the "
+        "differences are within both intervals together. Rms of the difference over both standard deviations together, and "
+        "the largest:"
+    )
+    yield ""
+    yield f"| | {' | '.join(COMPONENTS)} |"
+    yield "|" + "---|" * (1 + len(COMPONENTS))
+    yield f"| rms | {' | '.join(f'{value:.2f}' for value in rms(apart / both))} |"
+    yield f"| largest | {' | '.join(f'{value:.2f}' for value in np.abs(apart / both).max(axis=0))} |"
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=1000, help="of each case, at most")
+    arguments = parser.parse_args()
+    rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
+    done = {row["key"] for row in rows}
+    for number in range(min(arguments.seeds, max(case.seeds for case in CASES))):
+        for case in CASES:
+            seed = FIRST_SEED + number
+            if number >= case.seeds or f"{case.key}/{seed}" in done:
+                continue
+            row = run(case, seed)
+            rows.append(row)
+            with ROWS.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(row) + "\n")
+            print(row["key"], row.get("failed") or np.round(1e3 * np.array(row["error"][1:4]), 1), flush=True)
+    (RESULTS / "walking.md").write_text("\n".join(lines(rows)) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

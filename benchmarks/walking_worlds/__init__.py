@@ -1,0 +1,1 @@
+"""An engine to walk in that the package does not have."""

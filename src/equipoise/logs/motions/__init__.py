@@ -1,0 +1,1 @@
+"""What a long recording holds: rests, moves, sways, lifts and walks."""

@@ -1,0 +1,1 @@
+"""How simulated robots walk: for logs to try things on."""

@@ -1,0 +1,146 @@
+"""Logs of a robot that trots: steps are found, read and estimated from, and what is wrong with such a log is named."""
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from foreign_logs import columns_of, shifted, write_csv
+
+from equipoise import Precise, nominal_stance, simulate
+from equipoise.cli import main
+from equipoise.errors import LogError, RecordingError
+from equipoise.logs.joint_names import JointMap
+from equipoise.logs.log import Log
+from equipoise.logs.motions.segments import find_segments
+from equipoise.logs.offline import estimate_log
+from equipoise.precise.measurements.walking import gyro_bias_of_walks, up_between_steps
+from equipoise.recording.recording import ImuStream
+from equipoise.recording.trials import TwoFeet, WalkTrial, read_trial
+from equipoise.robot.inertial import components
+from equipoise.robot.model import DIAGONALS
+from equipoise.simulation.gaits.trot import trot
+
+PAYLOAD = "1.2,0.06,0.02,0.08"
+DURATION = 11.0  # [s]
+
+
+@pytest.fixture(scope="module")
+def stance(a1):
+    return nominal_stance(a1)
+
+
+@pytest.fixture(scope="module")
+def trotted(a1):
+    """What a trotting robot logs, and what it weighs."""
+    with simulate(a1, "realistic", PAYLOAD, seed=7, timestep=1e-3) as simulation:
+        return SimpleNamespace(log=trot(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
+
+
+def estimated(a1, trotted, recording=None):
+    mass = trotted.truth.mass
+    return estimate_log(
+        a1, Log(recording or trotted.log, JointMap(()), {}, ()), Precise(mass=mass, mass_sd=0.005 * mass)
+    )
+
+
+@pytest.fixture(scope="module")
+def found(a1, trotted):
+    return estimated(a1, trotted)
+
+
+def test_the_steps_of_a_trot_are_on_both_diagonals_in_turn(a1, stance, trotted):
+    walks = [one.recording.trial for one in find_segments(a1, stance, trotted.log) if one.kind == "walk"]
+    steps = [step for walk in walks for step in walk.steps]
+    assert {step.pair for step in steps} == {*DIAGONALS}
+    assert len(steps) > 25  # of 33
+    assert np.mean([one.pair != other.pair for one, other in itertools.pairwise(steps)]) > 0.7
+    assert all(0.09 < step.end - step.start < 0.3 for step in steps)
+
+
+def test_a_walk_tells_the_centre_of_mass(trotted, found):
+    true, whole = components(trotted.truth), found.result.composite
+    assert found.result.trustworthy, [check for check in found.result.checks if not check.passed]
+    errors, model = np.abs(whole.values - true), np.abs([one.model for one in whole] - true)
+    assert (errors[1:4] < (0.005, 0.004, 0.012)).all()
+    assert (errors[1:4] < model[1:4]).sum() >= 2  # the file does not know the payload
+    assert sum(one.lower <= value <= one.upper for one, value in zip(whole, true, strict=True)) >= 9
+    assert {one.verdict for one in [*whole][:3]} == {"identified"}
+
+
+def test_what_a_walk_cannot_tell_is_said(found):
+    said = " ".join(found.report.not_told)
+    assert "joint zeros and the IMU's mounting are not told" in said
+    assert "Lifts, or moves over planted feet from rest to rest, would." in said
+
+
+def test_steps_are_predicted_without_their_walk(found):
+    predicted = found.result.held_out
+    assert {lift.kind for lift in predicted.lifts} == {"step"}
+    assert predicted.folds == sum(trial.kind == "walk" for trial in found.result.trials) > 3
+    assert predicted.inside("this run") > 0.9 * len(predicted.lifts)
+    assert predicted.error("this run") < predicted.error("model file")
+
+
+def test_a_walk_needs_no_rest(a1, trotted):
+    log = trotted.log.between(2.0, np.inf)
+    imu = replace(log.imu, angular_velocity_in_imu=log.imu.angular_velocity_in_imu + (0.02, -0.01, 0.0))
+    result = estimated(a1, trotted, replace(log, imu=imu)).result
+    assert not any(trial.kind == "stand" for trial in result.trials)
+    errors = np.abs(result.composite.values - components(trotted.truth))
+    assert (errors[1:4] < (0.006, 0.005, 0.015)).all()
+
+
+def test_clocks_are_held_against_each_other_over_steps(a1, trotted):
+    late = replace(trotted.log, imu=shifted(trotted.log.imu, 0.04))
+    (finding,) = [one for one in estimated(a1, trotted, late).report.findings if one.about == "clocks"]
+    assert "of steps: they are moved by as much" in finding.message
+    assert 36 <= float(finding.message.split(" ms late")[0].split()[-1]) <= 46
+
+
+@pytest.mark.parametrize(("factor", "said"), [(180 / np.pi, "degrees per second"), (-1.0, "wrong sign")])
+def test_a_gyroscope_that_turns_otherwise_is_named(a1, trotted, factor, said):
+    turned = replace(trotted.log.imu, angular_velocity_in_imu=factor * trotted.log.imu.angular_velocity_in_imu)
+    with pytest.raises((LogError, RecordingError), match=said):
+        estimated(a1, trotted, replace(trotted.log, imu=turned))
+
+
+def test_the_command_reads_a_walk(a1, trotted, tmp_path, capsys):
+    file = write_csv(tmp_path / "trot.csv", columns_of(trotted.log))
+    assert main(["estimate", str(file), "--robot", "unitree_a1", "--mass", "13.6"]) == 0
+    shown = capsys.readouterr().out
+    assert "steps of a walk" in shown
+    assert "0 lifts" not in shown
+
+
+def test_a_walk_is_written_and_read():
+    trial = WalkTrial(steps=(TwoFeet("FL_RR", 1.0, 1.2), TwoFeet("FL_RL", 1.3, 1.5)), heading=0.5, found_at=1.0)
+    assert read_trial(trial.to_data()) == trial
+    with pytest.raises(RecordingError, match="no two feet are called"):
+        read_trial({**trial.to_data(), "steps": [["FL", 0, 1]]})
+
+
+def swaying(bias=(0.0, 0.0, 0.0), seconds=20.0):
+    """An IMU that rolls to and fro and turns slowly, pushed forward and back."""
+    time = np.arange(round(seconds * 100)) / 100
+    roll, rate = 0.1 * np.sin(4 * time), 0.4 * np.cos(4 * time)
+    turning = 0.3
+    up = np.column_stack([0 * time, np.sin(roll), np.cos(roll)])
+    gyro = np.column_stack([rate, turning * np.sin(roll), turning * np.cos(roll)]) + bias
+    push = np.column_stack([2 * np.sin(12 * time), 0 * time, 0 * time])
+    return ImuStream(time, gyro, 9.81 * up + push), up, turning
+
+
+def test_up_is_what_is_felt_on_average():
+    imu, up, turning = swaying()
+    found, turned = up_between_steps(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu, 0.5)
+    assert np.abs(found - up)[150:-150].max() < 0.01
+    np.testing.assert_allclose(turned, turning * imu.time, atol=0.02)
+
+
+def test_the_bias_is_what_turns_gravity():
+    bias = np.array([0.02, -0.015, 0.01])
+    imu, _, _ = swaying(bias)
+    told = gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu)])
+    assert np.abs(told - bias)[:2].max() < 2e-3
