@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
 from equipoise.precise.method import Precise
 from equipoise.precise.screening import screen_log
+from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial, PostureTrial, WalkTrial
 from equipoise.result.calibration import Calibration
@@ -21,6 +22,7 @@ from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
 _CLOCK_KNOWN = 5e-3  # [s]: closer than the legs can tell, and the estimate finds the rest
+_WALKING_TILT = 0.01  # [rad]
 _SLOW_JOINTS, _SLOW_IMU = 80.0, 80.0  # [Hz] on an A1
 
 
@@ -77,12 +79,25 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
     recordings = usable(segments)
     if not recordings:
         raise _nothing_usable(report)
+    method = _for_what_is_told(method, recordings)
     try:
         result = method.estimate(robot, recordings, stance, lifts_needed=False)
     except RecordingError as error:
         raise LogError(str(error), report, {"log": report.to_dict()}) from error
     report = replace(report, segments=_judged(segments, result))
     return LogEstimate(result, replace(report, not_told=tuple(_not_told(result, report, method))))
+
+
+def _for_what_is_told(method: Precise, recordings: Sequence[Recording]) -> Precise:
+    """The method with a prior of the IMU's mounting as wide as robots have it, unless somebody set one.
+
+    Lifts and planted moves tell it whatever the prior is; a walk hardly does, and its intervals hang on the prior.
+    """
+    usual = Priors().imu_tilt
+    told = any(isinstance(one.trial, LiftTrial | PostureTrial) for one in recordings)
+    if told or method.known is not None or method.priors.imu_tilt != usual:
+        return method
+    return replace(method, priors=replace(method.priors, imu_tilt=_WALKING_TILT))
 
 
 def _on_one_clock(robot: RobotModel, stance: Stance, recording: Recording, findings: list[LogFinding]) -> Recording:

@@ -36,6 +36,9 @@ _TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
 # and the accelerometer's wanders from rest to rest [rad]. Twice what an ideal robot shows: each rest ends one move and begins
 # the next, and springs and feet that sag are the same in all.
 _FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
+# By which a line between two feet of a robot that walks may seem to lean, from step to step: the mean of what the
+# accelerometer feels is not gravity alone, and floors are uneven. Three steps in a row say what one says.
+_LEAN_NOISE = 0.02  # [rad]
 _QUIETEST = 0.3  # of these, what robots with ordinary sensors show
 # Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
 _FRICTION_UNKNOWN = 1.0
@@ -341,6 +344,34 @@ def _whitening(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=float)
 
 
+class LevelBlock(_MotionBlock):
+    """The floor that a robot walks on is level, but for its slope: the line between two standing feet rises to neither."""
+
+    depends_on = TiltEquation.DEPENDS_ON
+
+    def __init__(self, unknowns: Unknowns, legs: LegChains, steps: Sequence[tuple[int, LiftSamples]]) -> None:
+        super().__init__(unknowns, [(index, slice(k, k + 1)) for k, (index, _) in enumerate(steps)])
+        self.equation = TiltEquation(unknowns.robot, legs, [step for _, step in steps])
+
+    @classmethod
+    def of(cls, unknowns: Unknowns, legs: LegChains, evidence: RunEvidence) -> LevelBlock | None:
+        """All steps of a run; None if there is none."""
+        steps = [(motion.index, step) for motion in evidence.motions for step in motion.steps]
+        return cls(unknowns, legs, steps) if steps else None
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        lean, _ = self.equation.lean(self.unknowns.values(x))
+        return lean / (_LEAN_NOISE * self.scale)
+
+    def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        lean, by = self.equation.lean(self.unknowns.values(x), self.open)
+        noise = _LEAN_NOISE * self.scale
+        return lean / noise, self._by_unknowns(x, by) / noise[:, None]
+
+    def normalised_residual(self, x: FloatArray) -> FloatArray:
+        return self.scale * np.abs(self.residual(x))
+
+
 class PlantedBlock(_MotionBlock):
     """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
 
@@ -514,6 +545,7 @@ def _summed(torque: FloatArray, signal: FloatArray) -> FloatArray:
 
 BLOCKS: tuple[Callable[[Unknowns, LegChains, RunEvidence], ResidualBlock | None], ...] = (
     TiltBlock.of,
+    LevelBlock.of,
     PlantedBlock.of,
     TorqueBlock.of,
 )

@@ -6,6 +6,7 @@ plainly higher; what the floor does to feet as they come and go is left to what 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -27,6 +28,7 @@ _UNEVEN = 0.03  # [m] of one standing foot above the other
 _FALLING, _LANDING = 5.0, 20.0  # [m/s2]: no foot is on the floor; one meets it hard
 _SHORTEST = 0.09  # [s]
 _FEWEST = 4  # steps: fewer are no walk, but a lift that failed or a stumble
+_RARE = 0.25  # of the times that a robot stands on its usual two feet
 _PIECE = 2.0  # [s] that are one motion to the estimate
 _PAUSE = 1.0  # [s] without a step that ends a walk
 _AT_ONCE = 4096  # [steps of the track]
@@ -68,7 +70,14 @@ def walks(steps: Sequence[TwoFeet], stance: Stance) -> list[list[TwoFeet]]:
         if step.start - before.end > _PAUSE * clock:
             bouts.append([])
         bouts[-1].append(step)
-    return [piece for bout in bouts if len(bout) >= _FEWEST for piece in _pieces(bout, _PIECE * clock)]
+    gaits = [_without_rare(bout) for bout in bouts]
+    return [piece for gait in gaits if len(gait) >= _FEWEST for piece in _pieces(gait, _PIECE * clock)]
+
+
+def _without_rare(bout: Sequence[TwoFeet]) -> list[TwoFeet]:
+    """Without pairs of feet that the gait hardly ever stands on: there a third foot still drags, or already does."""
+    counts = Counter(step.pair for step in bout)
+    return [step for step in bout if counts[step.pair] >= _RARE * max(counts.values())]
 
 
 def _pieces(bout: Sequence[TwoFeet], duration: float) -> list[list[TwoFeet]]:

@@ -102,7 +102,9 @@ class TiltEquation:
         self._integrals = [integral(len(lift.joint_position), lift.step) for lift in lifts]
         self._samples = _Samples.of(robot, legs, lifts)
         self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
-        self._one_by_one = self._samples.one_by_one([(trial.start + trial.stop) // 2 for trial in self.trials])
+        middle = [(trial.start + trial.stop) // 2 for trial in self.trials]
+        self._middle = self._samples.at(np.array(middle, dtype=np.intp))
+        self._one_by_one = self._samples.one_by_one(middle)
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
         """y(t), and what it is multiplied by.
@@ -137,6 +139,15 @@ class TiltEquation:
         about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
         read = self._one_by_one.momentum(self._inputs(values, inertial, self._one_by_one))
         return self._stacked(*(part.value for part in (*about, read)))
+
+    def lean(self, values: Values, names: Sequence[str] = ()) -> tuple[FloatArray, Derivatives]:
+        """(trials,) sine of the angle at which each line rises to its left foot, over the floor, at the middle; derivatives.
+
+        Zero where feet, IMU and floor are as the values say.
+        """
+        inputs = inputs_of(values, self.DEPENDS_ON, self._middle.count, names)
+        lean = self._middle.lean(inputs)
+        return lean.value, _gradients(lean, inputs, names)
 
     def linearise(
         self, values: Values, inertial: FloatArray, names: Sequence[str] = DEPENDS_ON
@@ -294,6 +305,18 @@ class _Samples:
         line = SupportLine.of(posture, self.feet, self._to_centre(values, imu.up))
         return position, velocity, imu.up, imu.turning, line.left
 
+    def lean(self, values: TracedValues) -> Traced:
+        """(n,) sine of the angle at which the line rises to its left foot, over the floor.
+
+        Up is here what the accelerometer feels in the mean, with its errors.
+        """
+        rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
+        felt = turned(rotation, specific_force(values, GRAVITY * self.up_in_imu, self.when))
+        normal = self._floor_normal(values, felt / length(felt))
+        position, _ = self.joints.later(values)
+        posture = self.legs.traced_posture(position, LegShape.of(self.legs, values))
+        return dot(SupportLine.of(posture, self.feet, self._radii_along(values, normal)).left, normal)
+
     def momentum(self, values: TracedValues) -> Traced:
         """(n,) l . L_o [kg m2/s]."""
         line, _, _, angular = self._line_and_momenta(values, self._sensed(values))
@@ -360,8 +383,15 @@ class _Samples:
 
     def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
+        return self._radii_along(values, self._floor_normal(values, up))
+
+    def _floor_normal(self, values: TracedValues, up: Traced) -> Traced:
+        """(3, n) in base axes."""
         normal = up + contract("ij,j...->i...", np.eye(3)[:, :2], facing(values["floor_slope"], self.heading))
-        normal = normal / length(normal)
+        return normal / length(normal)
+
+    def _radii_along(self, values: TracedValues, normal: Traced) -> list[Traced]:
+        """(3, n) radii of the stance feet along the floor's normal [m]."""
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
 
