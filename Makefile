@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors legs weigh validate size)
+  guard report view robots motors legs weigh validate size walking)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -133,6 +133,11 @@ bench-logs: $(ROBOTS_STAMP)
 # A quarter of an hour on one core.
 bench-guard: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/guard.py
+
+# Forty minutes on one core; it goes on like bench-accuracy. Logs of real robots: benchmarks/real_logs.py says where they are.
+bench-walking: $(ROBOTS_STAMP)
+	$(PIP) pybullet 'dartpy>=6.20'
+	$(BIN)/python benchmarks/walking.py
 
 # Three hours on one core; it goes on like bench-accuracy.
 bench-stays-up: $(ROBOTS_STAMP)

@@ -164,7 +164,7 @@ def test_examples_print_what_their_page_shows(command, workspace, monkeypatch):
 def test_every_example_is_on_its_page_and_short():
     scripts = sorted((ROOT / "examples").glob("*.py"))
     shown = {command[1][0] for command in commands("python")}
-    assert len(scripts) == 6
+    assert len(scripts) == 7
     for script in scripts:
         assert f"examples/{script.name}" in shown
         assert len(script.read_text(encoding="utf-8").splitlines()) < 40
