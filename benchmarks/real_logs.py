@@ -1,7 +1,7 @@
 """What public logs of real robots tell: `python benchmarks/real_logs.py --help`. Writes benchmarks/results/real_logs.md.
 
-Logs are not ours to pass on: a checkout is given by its path, stays where it is, and is read as anybody would read it, its columns
-named by a file that `--columns` takes. Nothing is tuned on them.
+Logs are not ours to pass on: a checkout is given by its path, stays where it is, and is read as anybody would read it, with its
+columns named as by `--columns`. Nothing is tuned on them.
 
     git clone https://github.com/mrsp/serow
     python benchmarks/real_logs.py serow
@@ -20,14 +20,13 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 from commit import commit
+from equipoise.logs.tables.columns import Columns
 
 from equipoise import Precise, RobotModel, load_robot
 from equipoise.errors import EquipoiseError
 from equipoise.logs.log import Log
 from equipoise.logs.offline import LogEstimate, estimate_log
 from equipoise.logs.reader import read_log
-from equipoise.logs.tables.columns import Columns
-from equipoise.result.held_out import FOUND, MODEL
 from equipoise.result.statistics import NORMAL_95
 
 RESULTS = Path(__file__).parent / "results"
