@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -52,20 +53,28 @@ class Bag:
     """Writes a bag; topics are added one after the other, messages sorted by receive time."""
 
     def __init__(self, path, storage="mcap"):
-        self.path, self.store = path, store()
-        self.plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}[storage]
+        """In a folder, of ROS 2; a storage "ros1" is a file of ROS 1."""
+        self.path = path
+        self.store = get_typestore(Stores.ROS1_NOETIC) if storage == "ros1" else store()
+        self.plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3, "ros1": None}[storage]
+        self.serialize = self.store.serialize_cdr if self.plugin else self.store.serialize_ros1
         self.messages = []
         self.topics = {}
 
     def add(self, topic, message_type, received, messages):
         self.topics[topic] = message_type
         self.messages += [
-            (time, topic, self.store.serialize_cdr(message, message_type))
+            (time, topic, self.serialize(message, message_type))
             for time, message in zip(received, messages, strict=True)
         ]
 
     def write(self):
-        with Writer(self.path, version=9, storage_plugin=self.plugin) as writer:
+        if self.plugin is None:
+            self.path = self.path.with_suffix(".bag")
+            writing = Ros1Writer(self.path)
+        else:
+            writing = Writer(self.path, version=9, storage_plugin=self.plugin)
+        with writing as writer:
             connections = {
                 topic: writer.add_connection(topic, kind, typestore=self.store) for topic, kind in self.topics.items()
             }
@@ -76,7 +85,8 @@ class Bag:
     def header(self, stamp, frame=""):
         types = self.store.types
         time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-        return types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+        sequence = {} if self.plugin else {"seq": 7}  # which ROS 1 has and ROS 2 has not
+        return types["std_msgs/msg/Header"](**sequence, stamp=time, frame_id=frame)
 
     def joints(self, topic, names, stream, received=None, stamps=None):
         """A joint stream as JointState."""

@@ -20,6 +20,7 @@ from foreign_logs import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer as Ros1Writer
 
 from equipoise.errors import EquipoiseError, RecordingError
 from equipoise.logs.cdr_arrays import read_messages
@@ -72,6 +73,27 @@ def test_a_bag_is_read_bit_by_bit_whatever_its_storage(a1, log, tmp_path, storag
         assert read.about["stamps"] == "the messages' own stamps"
         assert read.about["rates"] == "joints 200 Hz, IMU 200 Hz"
         assert read.findings == ()
+
+
+@pytest.mark.parametrize("compression", [None, "LZ4", "BZ2"])
+def test_a_bag_of_ros_1_is_read_as_one_of_ros_2(a1, log, tmp_path, compression, monkeypatch):
+    if compression:
+        open_writer = Ros1Writer.open
+
+        def opened(writer):
+            writer.set_compression(Ros1Writer.CompressionFormat[compression])
+            open_writer(writer)
+
+        monkeypatch.setattr(Ros1Writer, "open", opened)
+    path = write_bag(tmp_path / "bag", log, "ros1")
+    assert path.suffix == ".bag"
+    assert is_log(path)
+    read = read_log(path, a1)
+    same(read.recording, log)
+    assert read.about["joints"] == "/joint_states (sensor_msgs/msg/JointState)"
+    assert read.about["stamps"] == "the messages' own stamps"
+    with pytest.raises(RecordingError, match="--imu-topic /wind is not in the bag"):
+        read_log(path, a1, Topics(imu="/wind"))
 
 
 def test_a_bag_whose_recorder_was_killed_has_no_metadata(a1, log, tmp_path):
@@ -144,7 +166,8 @@ def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
         read_log(tmp_path / "none.mcap", a1)
     (tmp_path / "text.txt").write_text("hello")
     with pytest.raises(
-        RecordingError, match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .csv, .parquet"
+        RecordingError,
+        match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .bag, .csv, .parquet",
     ):
         read_log(tmp_path / "text.txt", a1)
 
@@ -434,11 +457,13 @@ def test_commands_that_do_not_fit_are_left_out_and_noted(a1, log):
 # --- damage
 
 
-@pytest.mark.parametrize("kind", ["mcap", "db3", "csv", "parquet"])
+@pytest.mark.parametrize("kind", ["mcap", "db3", "bag", "csv", "parquet"])
 def test_damaged_files_end_in_errors_of_ours(a1, log, tmp_path, kind):
     """A few bytes changed or lost somewhere; what can still be read is read, and all else is told."""
     short = replace(log, joints=every(log.joints, 2), imu=every(log.imu, 2))
-    if kind in ("mcap", "db3"):
+    if kind == "bag":
+        path = write_bag(tmp_path / "bag", short, "ros1")
+    elif kind in ("mcap", "db3"):
         path = write_bag(tmp_path / "bag", short, {"mcap": "mcap", "db3": "sqlite3"}[kind]) / f"bag.{kind}"
     else:
         write = {"csv": write_csv, "parquet": write_parquet}[kind]

@@ -38,7 +38,7 @@ READERS: Table[LogReader] = Table(
     "log reader",
     "equipoise.readers",
     LogReader,
-    {"mcap": _BAGS, "db3": _BAGS, "csv": _TABLES, "parquet": _TABLES},
+    {"mcap": _BAGS, "db3": _BAGS, "bag": _BAGS, "csv": _TABLES, "parquet": _TABLES},
 )
 """By suffix, without the dot."""
 
