@@ -22,7 +22,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer as Ros1Writer
 
-from equipoise.errors import EquipoiseError, RecordingError
+from equipoise.errors import ColumnsError, EquipoiseError, RecordingError
 from equipoise.logs.cdr_arrays import read_messages
 from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.message_types import known_types
@@ -167,7 +167,7 @@ def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
     (tmp_path / "text.txt").write_text("hello")
     with pytest.raises(
         RecordingError,
-        match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .bag, .csv, .parquet",
+        match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .bag, .csv, .parquet, .npz, .npy, .mat",
     ):
         read_log(tmp_path / "text.txt", a1)
 
@@ -319,14 +319,15 @@ def test_parquets_own_time_stamps_are_whole_numbers_until_the_first_is_taken_off
     same(read_log(tmp_path / "log.parquet", a1).recording, log)
 
 
-def test_a_column_that_is_missing_is_named_with_its_nearest(a1, log, tmp_path):
+def test_a_column_that_is_missing_is_named_and_proposed(a1, log, tmp_path):
     columns = columns_of(log)
     columns["gyro_x"] = columns.pop("gyro.x")
     path = write_csv(tmp_path / "log.csv", columns)
-    with pytest.raises(RecordingError, match=r"lacks gyro.x. It has time, .*perhaps 'gyro_x' for 'gyro.x'"):
+    with pytest.raises(ColumnsError, match=r"has no gyro.x\. By names") as told:
         read_log(path, a1)
+    assert told.value.proposal == '# gyro: by name alone: is it in rad/s?\ngyro.x = "gyro_x"\n'
     only = {name: values for name, values in columns.items() if not name.startswith("position")}
-    with pytest.raises(RecordingError, match=r"position\.JOINT for each joint"):
+    with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*none looks like position.JOINT"):
         read_log(write_csv(tmp_path / "log.csv", only), a1)
 
 
@@ -346,7 +347,7 @@ def test_time_in_another_unit_is_named(a1, log, tmp_path):
         (lambda text: text.replace("gyro.y", "gyro.x"), "has the column 'gyro.x' twice"),
         (lambda text: text.split("\n", 1)[0], "holds no samples"),
         (lambda text: "", "holds no samples"),
-        (lambda text: "\x00" + text, "lacks time|cannot be read|is not CSV"),
+        (lambda text: "\x00" + text, "has no time|cannot be read|is not CSV"),
     ],
 )
 def test_a_csv_file_with_a_mistake(a1, log, tmp_path, change, message):
