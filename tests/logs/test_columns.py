@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.cli import main
 from equipoise.errors import ColumnsError, RecordingError, SettingsError
 from equipoise.logs.reader import is_log, read_log
+from equipoise.logs.tables.by_name import named
 from equipoise.logs.tables.columns import UNITS, Columns
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.kinematics import feet_under_base, foot_positions, inverse_kinematics
@@ -102,16 +103,12 @@ def without_words(path, robot, log):
 
 
 def numbers_alone(path, robot, log):
-    joints, imu = log.joints, log.imu
-    table = [
-        joints.time[:, None],
-        imu.acceleration_in_imu,
-        imu.angular_velocity_in_imu,
-        joints.position,
-        joints.velocity,
-        joints.torque,
-    ]
-    np.savetxt(path.with_suffix(".csv"), np.hstack(table), delimiter=",")
+    """An orientation before the rest: any three of its four that hold w have a norm of nearly one, as gravity in g."""
+    joints, imu, turn = log.joints, log.imu, 0.05 * np.sin(log.joints.time)
+    quaternion = [np.sqrt(1 - 2 * turn**2), turn, turn, 0 * turn]
+    sensed = [imu.acceleration_in_imu / 9.80665, imu.angular_velocity_in_imu]
+    table = np.column_stack([joints.time, *quaternion, *sensed, joints.position, joints.velocity, joints.torque])
+    np.savetxt(path.with_suffix(".csv"), table, delimiter=",")
     return path.with_suffix(".csv")
 
 
@@ -182,6 +179,25 @@ def test_what_is_proposed_for_a_strange_table_reads_it_as_it_is(a1, leaning, tmp
     same(read_log(path, a1, columns=Columns.from_toml(tmp_path / "columns.toml")).recording, log, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("name", "kind", "part"),
+    [
+        ("%time", "time", ""), ("/imu/data/header/stamp", "time", ""), ("frame_index", None, None),
+        ("/imu/data/linear_acceleration/x", "accelerometer", "x"), ("imu.accelerometer[2]", "accelerometer", "2"),
+        ("ax", "accelerometer", "x"), ("angular_acceleration_x", None, None), ("base_ang_vel[0]", "gyro", "0"),
+        ("BaseWz", "gyro", "z"), ("base_lin_vel_x", None, None), ("q_w", "orientation", "w"),
+        ("base_roll", "orientation", "roll"), ("imu_rpy[2]", "orientation", "yaw"),
+        ("motor_state[3].q", "position", "3"), ("motor_state[3].tau_est", "torque", "3"),
+        ("motor_state[3].temperature", None, None), ("left_front_hip_roll_pos", "position", "left_front_hip_roll"),
+        ("/joint_states/LF_HAA/effort", "torque", "lf_haa"), ("qd_3", "velocity", "3"), ("ddq_3", None, None),
+        ("target_q_FL_calf", "command", "fl_calf"), ("FR_Force", None, None), ("FL_knee_vel_cmd", None, None),
+    ],
+)  # fmt: skip
+def test_names_that_people_give_columns(name, kind, part):
+    found = named(name)
+    assert (kind, part) == ((None, None) if found is None else (found.kind, found.part))
+
+
 def test_a_proposal_says_why_and_what_it_leaves_out(a1, leaning, tmp_path):
     with pytest.raises(ColumnsError) as told:
         read_log(by_index(tmp_path / "log", a1, leaning[0]), a1)
@@ -209,6 +225,22 @@ def test_what_no_column_looks_like_is_said(a1, leaning, tmp_path):
         ColumnsError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*none looks like acc"
     ):
         read_log(write_csv(tmp_path / "log.csv", columns), a1)
+
+
+@pytest.mark.parametrize("angles", [False, True])
+def test_an_orientation_is_proposed_where_there_is_no_gyroscope(a1, leaning, tmp_path, angles):
+    log, quaternions = leaning
+    columns = with_orientation(log, quaternions, angles)
+    words = {"roll": "imu_rpy[0]", "pitch": "imu_rpy[1]", "yaw": "imu_rpy[2]"}
+    for part in [name.split(".")[1] for name in columns if name.startswith("orientation")]:
+        columns[words.get(part, f"q_{part}")] = columns.pop(f"orientation.{part}")
+    path = write_csv(tmp_path / "log.csv", columns)
+    with pytest.raises(ColumnsError) as told:
+        read_log(path, a1)
+    (tmp_path / "columns.toml").write_text(told.value.proposal, encoding="utf-8")
+    read = read_log(path, a1, columns=Columns.from_toml(tmp_path / "columns.toml"))
+    assert any("turns as its fused orientation does" in finding.message for finding in read.findings)
+    assert ('orientation = "deg"' in told.value.proposal) == angles
 
 
 # --- what the user says

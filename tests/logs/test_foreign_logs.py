@@ -1,5 +1,6 @@
 """Reading logs that are not ours: bags of both storages, LowState, tables; what is wrong with them is told."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from equipoise.logs.cdr_arrays import read_messages
 from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.message_types import known_types
 from equipoise.logs.reader import is_log, read_log
+from equipoise.logs.tables.columns import Columns
 from equipoise.logs.topics import Topics
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 
@@ -335,8 +337,10 @@ def test_time_in_another_unit_is_named(a1, log, tmp_path):
     columns = columns_of(log)
     for factor, unit in ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")):
         path = write_csv(tmp_path / "log.csv", {**columns, "time": columns["time"] * factor})
-        with pytest.raises(RecordingError, match=f"must be in seconds \\(are they {unit}"):
+        with pytest.raises(RecordingError, match=f"must be in seconds \\(are they {unit}") as told:
             read_log(path, a1)
+        remedy = re.search('units.time = ".s"', str(told.value))[0]
+        same(read_log(path, a1, columns=Columns.from_text(remedy, "the remedy")).recording, log, digits=9)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Logs that are not ours: streams as a file has them, and the one `Recording` that is made of them.
 
-A reader (rosbag.py, tables.py) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams
+A reader (rosbag.py, tables/) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams
 on one clock that starts at zero, and notes what it found.
 """
 

@@ -15,7 +15,7 @@ _GYROSCOPE = {"gyro", "gyros", "gyroscope", "gyr", "omega", "angvel"}
 _ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "accelerations"}
 _ORIENTATION = {"quat", "quaternion", "orientation", "ori", "attitude", "rpy", "euler"}
 _ANGULAR, _RATE = {"angular", "ang", "rotational"}, {"velocity", "vel", "rate", "rates", "speed"}
-_ANGLES = ("roll", "pitch", "yaw")
+_ANGLES, _IN_ANGLES = ("roll", "pitch", "yaw"), {"rpy", "euler"}
 # Letters that go before an axis in one word, as in "wx".
 _LETTERS = {"w": "gyro", "g": "gyro", "gyro": "gyro", "omega": "gyro", "a": "accelerometer", "acc": "accelerometer",
             "accel": "accelerometer", "q": "orientation", "quat": "orientation"}  # fmt: skip
@@ -76,12 +76,16 @@ def _sensor(words: list[str]) -> Named | None:
         return Named("orientation", last, tuple(words[:-1]))
     elif axis is not None and axis[1] in _LETTERS:
         return Named(_LETTERS[axis[1]], axis[2], (*words[:-1], axis[1]))
+    elif axis is not None and not axis[1] and words[-2:-1] and words[-2] in _LETTERS:
+        kind = _LETTERS[words[-2]]
     if kind is None or "joint" in said or "motor" in said:
         return None
     if last in _ANGLES:
         return Named(kind, last, tuple(words[:-1]))
     if axis is not None:
         return Named(kind, axis[2], (*words[:-1], axis[1]))
+    if said & _IN_ANGLES and last in ("0", "1", "2"):
+        return Named(kind, _ANGLES[int(last)], tuple(words[:-1]))
     return Named(kind, last, tuple(words[:-1])) if last.isdigit() else None
 
 

@@ -61,11 +61,12 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> Proposal:
     """
     guess = _Guess(robot, file, known)
     guess.time()
+    guess.orientation()  # three of a quaternion's four may have the norm of gravity in g
     guess.accelerometer()
-    guess.orientation()
     guess.positions()
     guess.others_of_joints()
     guess.gyroscope()
+    guess.leave_out_what_is_not_read()
     return guess.proposal()
 
 
@@ -155,6 +156,13 @@ class _Guess:
                     return
         if named:
             self._take("gyro", dict(zip(GYROSCOPE, named[0], strict=True)), None, "by name alone: is it in rad/s?")
+
+    def leave_out_what_is_not_read(self) -> None:
+        """An orientation beside a gyroscope."""
+        if all(name in self.names for name in GYROSCOPE):
+            self.names = {ours: name for ours, name in self.names.items() if not ours.startswith("orientation.")}
+            self.units.pop("orientation", None)
+            self.notes.pop("orientation", None)
 
     def _threes(self, kind: str) -> list[list[str]]:
         """Columns of an axis each whose names are a sensor's."""

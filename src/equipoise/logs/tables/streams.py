@@ -132,8 +132,10 @@ def _check_seconds(path: Path, name: str, time: FloatArray) -> None:
         raise RecordingError(f"the table {str(path)!r} has {len(time)} rows with {name} samples")
     step = float(np.nanmedian(np.abs(np.diff(time))))
     if step > _SECONDS:
-        unit = "nanoseconds" if step > 1e5 else "microseconds" if step > 100 else "milliseconds"
+        unit, short = (
+            ("nanoseconds", "ns") if step > 1e5 else ("microseconds", "us") if step > 100 else ("milliseconds", "ms")
+        )
         raise RecordingError(
             f"{name} samples of the table {str(path)!r} are {step:g} apart in {TIME!r}, which must be in seconds (are they "
-            f"{unit}?)"
+            f'{unit}? Then a file for --columns says units.time = "{short}")'
         )
