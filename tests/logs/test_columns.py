@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from equipoise.cli import main
 from equipoise.errors import ColumnsError, RecordingError, SettingsError
 from equipoise.logs.reader import is_log, read_log
+from equipoise.logs.tables.by_content import carries, unit_of_angles
 from equipoise.logs.tables.by_name import named
 from equipoise.logs.tables.columns import UNITS, Columns
 from equipoise.recording.recording import ImuStream, JointStream, Recording
@@ -204,7 +205,7 @@ def test_a_proposal_says_why_and_what_it_leaves_out(a1, leaning, tmp_path):
     for line in (
         "# time: increases evenly", "FR FL RR RL, leg by leg, as limits and floor say", "# velocity: the derivatives of",
         "# torque: they carry the robot", "# gyro: up turns as it says", 'position.FR_hip_joint = "q[0]"',
-        "# not used: names (2,), video (7, 2, 2)",
+        "\n# not used: names (2,), video (7, 2, 2)\n",
     ):  # fmt: skip
         assert line in told.value.proposal, line
 
@@ -216,6 +217,21 @@ def test_an_order_of_legs_that_nothing_tells_is_called_a_guess(a1, leaning, tmp_
         read_log(by_index(tmp_path / "log", a1, log), a1)
     assert "the model's order, a guess: compare the legs, joint by joint" in told.value.proposal
     assert "by name alone: is it in rad/s?" in told.value.proposal
+
+
+def test_an_imu_that_is_mounted_turned_leaves_the_order_a_guess(a1, leaning, tmp_path):
+    """The floor is nowhere level then, and the joints are what they are called."""
+    log, _ = leaning
+    log = replace(log, imu=replace(log.imu, acceleration_in_imu=np.roll(log.imu.acceleration_in_imu, 1, axis=1)))
+    with pytest.raises(ColumnsError) as told:
+        read_log(by_index(tmp_path / "log", a1, log), a1)
+    assert "the model's order, a guess" in told.value.proposal
+
+
+def test_stretched_legs_carry_nothing_that_can_be_told(a1):
+    """As columns that are no joint positions may seem to be: all zeros."""
+    assert not carries(a1, np.zeros((5, 12)), np.ones((5, 12)))
+    assert unit_of_angles(a1, np.zeros((5, 12))) is None
 
 
 def test_what_no_column_looks_like_is_said(a1, leaning, tmp_path):

@@ -23,6 +23,8 @@ _EVEN, _JITTER = 0.9, 0.5  # of the steps are so near to the median, relative
 _RATES = (15.0, 5000.0)  # [Hz]
 _GRAVITY = 0.15  # by which the median norm may be off, relative: robots walk
 _BLOCK, _TURN = 0.25, 1.0  # [s] that means are taken over; of up, long enough for what pushes to average out
+_BENT, _MOST_BENT = 0.1, 0.3  # [rad] of a joint that is bent, and of joints that must be: robots stand on bent legs
+_ENOUGH = 2000  # samples to see within what limits they are
 _STILL = 0.02  # [rad] by which joints may move within a block
 _BEYOND = 0.3  # [rad] out of a joint's limits: encoders' zeros
 _LEVEL = 0.25  # [rad] between the feet's floor and the accelerometer's
@@ -68,11 +70,15 @@ def quaternion_order(numbers: FloatArray) -> str | None:
 
 
 def unit_of_angles(robot: RobotModel, position: FloatArray) -> str | None:
-    """The unit in which (n, nj) joint positions are within the limits; None if they are in none."""
-    levels = np.nanquantile(position, (0.02, 0.5, 0.98), axis=0)
+    """The unit in which (n, nj) joint positions are within the limits, and legs bent; None if they are in none."""
+    return _unit_within_limits(robot, _levels(position))
+
+
+def _unit_within_limits(robot: RobotModel, levels: FloatArray) -> str | None:
     for unit, factor in UNITS["position"].items():
+        bent = np.abs(factor * levels[1]) > _BENT
         beyond = np.maximum(robot.lower_limit - factor * levels, factor * levels - robot.upper_limit)
-        if beyond.max() < _BEYOND:
+        if beyond.max() < _BEYOND and bent.mean() > _MOST_BENT:
             return unit
     return None
 
@@ -105,7 +111,10 @@ def carries(robot: RobotModel, position: FloatArray, torque: FloatArray) -> bool
     rows = np.isfinite(position).all(axis=1) & np.isfinite(torque).all(axis=1)
     if not rows.any():
         return False
-    carried = carried_mass(robot, np.median(position[rows], axis=0), np.median(torque[rows], axis=0))
+    try:
+        carried = carried_mass(robot, np.median(position[rows], axis=0), np.median(torque[rows], axis=0))
+    except np.linalg.LinAlgError:  # legs that are stretched carry anything
+        return False
     return _CARRIED[0] * robot.mass < abs(carried) < _CARRIED[1] * robot.mass
 
 
@@ -116,41 +125,50 @@ class JointOrder:
     Attributes:
         words: order in words.
         joints: names of the robot's joints, in the order of the columns.
+        unit: unit of the columns.
+        off: angle between the floor that the feet then make and the accelerometer's, rms [rad].
         sure: whether the floor says so clearly; else it is the one that is most usual.
     """
 
     words: str
     joints: tuple[str, ...]
+    unit: str
+    off: float
     sure: bool
+
+    @property
+    def level(self) -> bool:
+        """Whether the floor is one."""
+        return self.off < _LEVEL
 
 
 def joint_order(
     robot: RobotModel, time: FloatArray | None, columns: FloatArray, acceleration: FloatArray | None
-) -> tuple[JointOrder, str] | None:
-    """The order and the unit of (n, nj) columns, if they are joint positions in some order.
+) -> JointOrder | None:
+    """The order of (n, nj) columns, if they are joint positions in some order.
 
     Args:
         time: (n,) times [s], or None.
         acceleration: (n, 3) specific force, in any unit, or None.
     """
     fitting: list[tuple[float, str, tuple[str, ...], str]] = []
+    levels = _levels(columns)
     for words, joints in _orders(robot).items():
-        position = np.empty_like(columns)
-        position[:, [robot.joint_names.index(joint) for joint in joints]] = columns
-        unit = unit_of_angles(robot, position)
+        places = [joints.index(joint) for joint in robot.joint_names]
+        unit = _unit_within_limits(robot, levels[:, places])
         if unit is not None:
-            position *= UNITS["position"][unit]
+            position = columns[:, places] * UNITS["position"][unit]
             off = 0.0
             if time is not None and acceleration is not None:
                 off = _off_level(robot, time, position, acceleration)
             fitting.append((off, words, joints, unit))
-    fitting = [one for one in fitting if one[0] < _LEVEL]
     if not fitting:
         return None
     usual, best = fitting[0], min(fitting)
     off, words, joints, unit = best if best[0] < _CLEARLY * usual[0] else usual
     others = [one[0] for one in fitting if one[2] != joints]
-    return JointOrder(words, joints, off < _CLEARLY * min(others, default=np.inf)), unit
+    sure = off < min(_LEVEL, _CLEARLY * min(others, default=np.inf))
+    return JointOrder(words, joints, unit, off, sure)
 
 
 def _orders(robot: RobotModel) -> dict[str, tuple[str, ...]]:
@@ -202,6 +220,12 @@ def _blocks(time: FloatArray, values: FloatArray, block: float = _BLOCK) -> tupl
     starts, values = edges[:-1], values[: edges[-1]]
     means = np.add.reduceat(values, starts) / np.diff(edges)[:, None]
     return means, np.maximum.reduceat(values, starts) - np.minimum.reduceat(values, starts)
+
+
+def _levels(values: FloatArray) -> FloatArray:
+    """(3, k) low, middle and high numbers of (n, k), glitches left aside."""
+    every = max(1, len(values) // _ENOUGH)
+    return np.asarray(np.nanquantile(values[::every], (0.02, 0.5, 0.98), axis=0), dtype=float)
 
 
 def _known(values: FloatArray) -> FloatArray:

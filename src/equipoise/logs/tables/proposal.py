@@ -6,6 +6,7 @@ Names propose, and what is in the columns confirms and gives the unit. What is f
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -30,6 +31,7 @@ from equipoise.logs.tables.files import TableFile
 from equipoise.robot.model import RobotModel
 
 _STEADY = 0.1  # by which a norm may spread, relative, for its columns to be an accelerometer without being called so
+_WIDTH = 76  # of remarks
 _MOST = 60_000  # samples that are looked at: minutes
 
 
@@ -49,8 +51,9 @@ class Proposal:
 
     def to_toml(self) -> str:
         """TOML for --columns, the reasons as remarks."""
-        others = f"\n# not used: {', '.join(self.others)}\n" if self.others else ""
-        return self.columns.to_toml(self.notes) + others
+        said = "".join(c if c.isprintable() else "?" for c in f"not used: {', '.join(self.others)}")
+        others = "".join(f"\n# {line}" for line in textwrap.wrap(said, _WIDTH))
+        return self.columns.to_toml(self.notes) + (f"{others}\n" if self.others else "")
 
 
 def propose(robot: RobotModel, file: TableFile, known: Columns) -> Proposal:
@@ -183,16 +186,20 @@ class _Guess:
                     self._take("position", _ours("position", joints), unit, "by name, and within the joints' limits")
                     return
         time, acceleration = self._known_time(), self._known_table(ACCELEROMETER)
-        for columns in self._joint_windows("position"):
-            found = joint_order(self.robot, time, self._table(columns), acceleration)
-            if found is None:
-                continue
-            order, unit = found
-            self._joint_order = order.joints
-            sure = "as limits and floor say" if order.sure else "a guess: compare the legs, joint by joint"
-            joints = dict(zip(order.joints, columns, strict=True))
-            self._take("position", _ours("position", joints), unit, f"within the joints' limits; {order.words}, {sure}")
-            return
+        by_content = self._windows(len(self.robot.joint_names))
+        for windows, called in ((self._numbered("position"), True), (by_content, False)):
+            orders = [
+                (joint_order(self.robot, time, self._table(columns), acceleration), columns) for columns in windows
+            ]
+            fitting = [(order, columns) for order, columns in orders if order is not None and (called or order.level)]
+            if fitting:
+                order, columns = min(fitting, key=lambda one: one[0].off)
+                self._joint_order = order.joints
+                sure = "as limits and floor say" if order.sure else "a guess: compare the legs, joint by joint"
+                joints = dict(zip(order.joints, columns, strict=True))
+                why = f"within the joints' limits; {order.words}, {sure}"
+                self._take("position", _ours("position", joints), order.unit, why)
+                return
 
     def others_of_joints(self) -> None:
         """Velocities, torques and commands, by name or by what they must be of the positions."""
@@ -222,7 +229,7 @@ class _Guess:
             return
         candidates = [self._by_joint_names(family) for family in self._families.get(kind, [])]
         order = self._joint_order or self.robot.joint_names
-        windows = self._joint_windows(kind, only_by_name)
+        windows = itertools.chain(self._numbered(kind), [] if only_by_name else self._windows(len(order)))
         in_order = (dict(zip(order, columns, strict=True)) for columns in windows)
         for joints in itertools.chain(filter(None, candidates), in_order):
             unit = unit_of(self._table([joints[joint] for joint in self.robot.joint_names]))
@@ -239,15 +246,13 @@ class _Guess:
             return None
         return {match.robot_joint: family[parts[match.column]] for match in matches}
 
-    def _joint_windows(self, kind: str, only_by_name: bool = False) -> Iterator[list[str]]:
-        """As many columns as there are joints: those whose names are a quantity's and numbers first."""
+    def _numbered(self, kind: str) -> Iterator[list[str]]:
+        """As many columns as there are joints whose names are a quantity's and numbers."""
         count = len(self.robot.joint_names)
         for family in self._families.get(kind, []):
-            numbered = sorted((part for part in family if part.isdigit()), key=int)
-            if len(numbered) >= count:
-                yield [family[part] for part in numbered[:count]]
-        if not only_by_name:
-            yield from self._windows(count)
+            numbers = sorted((part for part in family if part.isdigit()), key=int)
+            if len(numbers) >= count:
+                yield [family[part] for part in numbers[:count]]
 
     # --- what is left
 
