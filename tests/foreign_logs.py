@@ -108,16 +108,17 @@ class Bag:
         self.add(topic, kind, stamps if received is None else received, messages)
         return self
 
-    def imu(self, topic, stream, received=None, stamps=None, frame="imu_link"):
-        """An IMU stream as Imu."""
+    def imu(self, topic, stream, received=None, stamps=None, frame="imu_link", quat_wxyz=None, known=True):
+        """An IMU stream as Imu; with an orientation that is known, or is said not to be."""
         kind, types, unknown = "sensor_msgs/msg/Imu", self.store.types, np.zeros(9)
         vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
         stamps = nanoseconds(stream.time) if stamps is None else stamps
+        quat_wxyz = [[1, 0, 0, 0]] * len(stamps) if quat_wxyz is None else quat_wxyz
         messages = [
             types[kind](
                 header=self.header(stamp, frame),
-                orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
-                orientation_covariance=unknown,
+                orientation=quaternion(**dict(zip("wxyz", map(float, quat_wxyz[k]), strict=True))),
+                orientation_covariance=unknown if known else unknown - 1,
                 angular_velocity=vector(*map(float, stream.angular_velocity_in_imu[k])),
                 angular_velocity_covariance=unknown,
                 linear_acceleration=vector(*map(float, stream.acceleration_in_imu[k])),

@@ -182,6 +182,28 @@ def test_a_file_that_was_cut_says_how_to_repair_it(a1, log, tmp_path):
         read_log(path, a1)
 
 
+@pytest.mark.parametrize("storage", ["mcap", "ros1"])
+def test_an_imu_without_a_gyroscope_turns_as_its_orientation(a1, log, tmp_path, storage):
+    """To its left by half a radian a second; unless the message says that it knows no orientation."""
+    angle, zero = 0.25 * log.imu.time, np.zeros(COUNT)
+    turning = np.column_stack([np.cos(angle), zero, zero, np.sin(angle)])
+    imu = replace(log.imu, angular_velocity_in_imu=np.zeros((COUNT, 3)))
+    known, unknown = (
+        Bag(tmp_path / f"bag_{said}", storage)
+        .joints("/joint_states", a1.joint_names, log.joints)
+        .imu("/imu/data", imu, quat_wxyz=turning, known=said)
+        .write()
+        for said in (True, False)
+    )
+    read = read_log(known, a1)
+    np.testing.assert_allclose(read.recording.imu.angular_velocity_in_imu, [[0, 0, 0.5]] * COUNT, atol=1e-9)
+    assert "turns as its fused orientation does" in messages_of(read.findings)
+    with pytest.raises(
+        RecordingError, match="has no gyroscope, and its orientation is known in 0 samples: log the raw one"
+    ):
+        read_log(unknown, a1)
+
+
 # --- stamps
 
 

@@ -32,7 +32,9 @@ def angular_velocity_of(time: FloatArray, quat_wxyz: FloatArray, acceleration_in
     latest = np.maximum.accumulate(np.where(known, time, -np.inf))
     known[1:] &= time[1:] > latest[:-1]
     if known.sum() < 3:
-        raise RecordingError(f"the log has no gyroscope, and its orientation is known in {known.sum()} samples")
+        raise RecordingError(
+            f"the log has no gyroscope, and its orientation is known in {known.sum()} samples: log the raw one"
+        )
     _check_orientation(quat_wxyz[known], acceleration_in_imu[known])
     found = np.full((len(time), 3), np.nan)
     found[known] = _turning(time[known], _rotations(quat_wxyz[known]))
