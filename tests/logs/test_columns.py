@@ -228,6 +228,17 @@ def test_an_imu_that_is_mounted_turned_leaves_the_order_a_guess(a1, leaning, tmp
     assert "the model's order, a guess" in told.value.proposal
 
 
+def test_what_only_a_name_speaks_for_is_said_so(a1, leaning, tmp_path):
+    """Torques of a robot that hangs, and velocities that nobody measured."""
+    log, _ = leaning
+    joints = replace(log.joints, torque=0.1 * log.joints.torque, velocity=0 * log.joints.velocity)
+    with pytest.raises(ColumnsError) as told:
+        read_log(by_index(tmp_path / "log", a1, replace(log, joints=joints)), a1)
+    for line in ("# torque: by name alone: is it in Nm?", "# velocity: by name alone: is it in rad/s?"):
+        assert line in told.value.proposal
+    assert 'torque.FR_hip_joint = "tau[0]"' in told.value.proposal
+
+
 def test_stretched_legs_carry_nothing_that_can_be_told(a1):
     """As columns that are no joint positions may seem to be: all zeros."""
     assert not carries(a1, np.zeros((5, 12)), np.ones((5, 12)))

@@ -227,15 +227,17 @@ class _Guess:
     ) -> None:
         if any(name.startswith(f"{kind}.") for name in self.names):
             return
-        candidates = [self._by_joint_names(family) for family in self._families.get(kind, [])]
         order = self._joint_order or self.robot.joint_names
-        windows = itertools.chain(self._numbered(kind), [] if only_by_name else self._windows(len(order)))
-        in_order = (dict(zip(order, columns, strict=True)) for columns in windows)
-        for joints in itertools.chain(filter(None, candidates), in_order):
+        by_joints = filter(None, map(self._by_joint_names, self._families.get(kind, [])))
+        named = [*by_joints, *(dict(zip(order, columns, strict=True)) for columns in self._numbered(kind))]
+        others = (dict(zip(order, columns, strict=True)) for columns in self._windows(len(order)))
+        for joints in itertools.chain(named, [] if only_by_name else others):
             unit = unit_of(self._table([joints[joint] for joint in self.robot.joint_names]))
             if unit is not None:
                 self._take(kind, _ours(kind, joints), unit, why)
                 return
+        if named:
+            self._take(kind, _ours(kind, named[0]), None, f"by name alone: is it in {next(iter(UNITS[kind]))}?")
 
     def _by_joint_names(self, family: Mapping[str, str]) -> dict[str, str] | None:
         """Columns by the robot's joints, if a family's names say which is which."""
