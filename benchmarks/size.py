@@ -17,7 +17,9 @@ from packaging.utils import canonicalize_name
 import equipoise
 
 RESULTS = Path(__file__).parent / "results"
-EXTRAS = ("desk", "simulation", "pictures", "logs", "monte-carlo", "dask", "view", "rerun", "dds", "dart", "robots")
+EXTRAS = (
+    "desk", "simulation", "pictures", "logs", "parquet", "monte-carlo", "dask", "view", "rerun", "dds", "dart", "robots"
+)  # fmt: skip
 TARGET = 720  # [MB]
 
 

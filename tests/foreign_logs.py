@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -52,20 +53,28 @@ class Bag:
     """Writes a bag; topics are added one after the other, messages sorted by receive time."""
 
     def __init__(self, path, storage="mcap"):
-        self.path, self.store = path, store()
-        self.plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}[storage]
+        """In a folder, of ROS 2; a storage "ros1" is a file of ROS 1."""
+        self.path = path
+        self.store = get_typestore(Stores.ROS1_NOETIC) if storage == "ros1" else store()
+        self.plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3, "ros1": None}[storage]
+        self.serialize = self.store.serialize_cdr if self.plugin else self.store.serialize_ros1
         self.messages = []
         self.topics = {}
 
     def add(self, topic, message_type, received, messages):
         self.topics[topic] = message_type
         self.messages += [
-            (time, topic, self.store.serialize_cdr(message, message_type))
+            (time, topic, self.serialize(message, message_type))
             for time, message in zip(received, messages, strict=True)
         ]
 
     def write(self):
-        with Writer(self.path, version=9, storage_plugin=self.plugin) as writer:
+        if self.plugin is None:
+            self.path = self.path.with_suffix(".bag")
+            writing = Ros1Writer(self.path)
+        else:
+            writing = Writer(self.path, version=9, storage_plugin=self.plugin)
+        with writing as writer:
             connections = {
                 topic: writer.add_connection(topic, kind, typestore=self.store) for topic, kind in self.topics.items()
             }
@@ -76,7 +85,8 @@ class Bag:
     def header(self, stamp, frame=""):
         types = self.store.types
         time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-        return types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+        sequence = {} if self.plugin else {"seq": 7}  # which ROS 1 has and ROS 2 has not
+        return types["std_msgs/msg/Header"](**sequence, stamp=time, frame_id=frame)
 
     def joints(self, topic, names, stream, received=None, stamps=None):
         """A joint stream as JointState."""
@@ -98,16 +108,17 @@ class Bag:
         self.add(topic, kind, stamps if received is None else received, messages)
         return self
 
-    def imu(self, topic, stream, received=None, stamps=None, frame="imu_link"):
-        """An IMU stream as Imu."""
+    def imu(self, topic, stream, received=None, stamps=None, frame="imu_link", quat_wxyz=None, known=True):
+        """An IMU stream as Imu; with an orientation that is known, or is said not to be."""
         kind, types, unknown = "sensor_msgs/msg/Imu", self.store.types, np.zeros(9)
         vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
         stamps = nanoseconds(stream.time) if stamps is None else stamps
+        quat_wxyz = [[1, 0, 0, 0]] * len(stamps) if quat_wxyz is None else quat_wxyz
         messages = [
             types[kind](
                 header=self.header(stamp, frame),
-                orientation=quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
-                orientation_covariance=unknown,
+                orientation=quaternion(**dict(zip("wxyz", map(float, quat_wxyz[k]), strict=True))),
+                orientation_covariance=unknown if known else unknown - 1,
                 angular_velocity=vector(*map(float, stream.angular_velocity_in_imu[k])),
                 angular_velocity_covariance=unknown,
                 linear_acceleration=vector(*map(float, stream.acceleration_in_imu[k])),

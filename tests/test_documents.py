@@ -19,6 +19,7 @@ from documents import PAGES, ROOT, assert_shown, blocks, commands
 from equipoise import RobotDescription, cli
 from equipoise.errors import MissingDependencyError
 from equipoise.logs.joint_names import read_joint_map
+from equipoise.logs.tables.columns import Columns
 from equipoise.robot.catalog import CATALOG
 
 if sys.version_info >= (3, 11):
@@ -189,7 +190,9 @@ def test_tables_of_settings_are_toml(page, tmp_path):
         if block.language != "toml":
             continue
         table = tomllib.loads(block.code)
-        if page.name == "logs.md":
+        if "units" in table:
+            Columns.from_text(block.code, "the page")
+        elif page.name == "logs.md":
             (tmp_path / "map.toml").write_text(block.code, encoding="utf-8")
             assert read_joint_map(tmp_path / "map.toml") == table
         else:

@@ -265,21 +265,22 @@ def test_a_format_of_somebody_is_listed_and_written(installed, a1, tmp_path, cap
 
 def test_a_log_with_a_suffix_of_somebody_is_estimated(installed, precise_run, a1, tmp_path, capsys):
     recording = precise_run.recordings[0]
-    path = tmp_path / "stand.npz"
+    path = tmp_path / "stand.arrays"
     np.savez(
-        path, time=recording.joints.time, names=recording.joint_names, position=recording.joints.position,
+        tmp_path / "stand.npz", time=recording.joints.time, names=recording.joint_names, position=recording.joints.position,
         torque=recording.joints.torque, gyro=recording.imu.angular_velocity_in_imu,
         accelerometer=recording.imu.acceleration_in_imu,
     )  # fmt: skip
+    (tmp_path / "stand.npz").rename(path)
     estimate = ["estimate", str(path), "--robot", "unitree_a1", "--json", "--no-report"]
     assert main(estimate) == 5
-    assert "or a file .mcap, .db3, .csv, .parquet" in capsys.readouterr().err
+    assert "or a file .mcap, .db3, .bag, .csv, .parquet" in capsys.readouterr().err
     installed("reader")
     assert main(estimate) == 0
     table = json.loads(capsys.readouterr().out)
-    assert table["provenance"]["format"] == "npz"
+    assert table["provenance"]["format"] == "arrays"
     assert table["composite"]["mass"] == pytest.approx(precise_run.truth.composite.mass, rel=0.05)
-    broken = tmp_path / "broken.npz"
+    broken = tmp_path / "broken.arrays"
     broken.write_bytes(b"no archive")
     assert main(["estimate", str(broken), "--robot", "unitree_a1"]) == 5
     assert f"the log {str(broken)!r} cannot be read: " in capsys.readouterr().err

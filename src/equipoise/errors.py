@@ -119,6 +119,23 @@ class ResumeError(RecordingError):
     """A run that was interrupted cannot be gone on with: what it would do now is not what was recorded."""
 
 
+class ColumnsError(RecordingError):
+    """A table's columns have other names than those that are read.
+
+    Attributes:
+        what: what the table lacks, in words.
+        proposal: TOML that says which column is probably which.
+        names: names of the table's columns.
+        details: the proposal, for scripts.
+    """
+
+    def __init__(self, what: str, proposal: str = "", names: tuple[str, ...] = ()) -> None:
+        remedy = ". Look through it, save it as columns.toml, and add --columns columns.toml:\n\n"
+        super().__init__(f"{what}{remedy}{proposal}" if proposal else what)
+        self.what, self.proposal, self.names = what, proposal, names
+        self.details = {"columns": proposal}
+
+
 class LogError(RecordingError):
     """What is in a log cannot be used.
 

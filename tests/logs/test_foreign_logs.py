@@ -1,5 +1,6 @@
 """Reading logs that are not ours: bags of both storages, LowState, tables; what is wrong with them is told."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -20,12 +21,14 @@ from foreign_logs import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer as Ros1Writer
 
-from equipoise.errors import EquipoiseError, RecordingError
+from equipoise.errors import ColumnsError, EquipoiseError, RecordingError
 from equipoise.logs.cdr_arrays import read_messages
 from equipoise.logs.log import RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.message_types import known_types
 from equipoise.logs.reader import is_log, read_log
+from equipoise.logs.tables.columns import Columns
 from equipoise.logs.topics import Topics
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
 
@@ -72,6 +75,27 @@ def test_a_bag_is_read_bit_by_bit_whatever_its_storage(a1, log, tmp_path, storag
         assert read.about["stamps"] == "the messages' own stamps"
         assert read.about["rates"] == "joints 200 Hz, IMU 200 Hz"
         assert read.findings == ()
+
+
+@pytest.mark.parametrize("compression", [None, "LZ4", "BZ2"])
+def test_a_bag_of_ros_1_is_read_as_one_of_ros_2(a1, log, tmp_path, compression, monkeypatch):
+    if compression:
+        open_writer = Ros1Writer.open
+
+        def opened(writer):
+            writer.set_compression(Ros1Writer.CompressionFormat[compression])
+            open_writer(writer)
+
+        monkeypatch.setattr(Ros1Writer, "open", opened)
+    path = write_bag(tmp_path / "bag", log, "ros1")
+    assert path.suffix == ".bag"
+    assert is_log(path)
+    read = read_log(path, a1)
+    same(read.recording, log)
+    assert read.about["joints"] == "/joint_states (sensor_msgs/msg/JointState)"
+    assert read.about["stamps"] == "the messages' own stamps"
+    with pytest.raises(RecordingError, match="--imu-topic /wind is not in the bag"):
+        read_log(path, a1, Topics(imu="/wind"))
 
 
 def test_a_bag_whose_recorder_was_killed_has_no_metadata(a1, log, tmp_path):
@@ -144,7 +168,8 @@ def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
         read_log(tmp_path / "none.mcap", a1)
     (tmp_path / "text.txt").write_text("hello")
     with pytest.raises(
-        RecordingError, match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .csv, .parquet"
+        RecordingError,
+        match=r"must be the folder of a rosbag2 bag, or a file .mcap, .db3, .bag, .csv, .parquet, .npz, .npy, .mat",
     ):
         read_log(tmp_path / "text.txt", a1)
 
@@ -155,6 +180,28 @@ def test_a_file_that_was_cut_says_how_to_repair_it(a1, log, tmp_path):
     file.write_bytes(file.read_bytes()[:-500])
     with pytest.raises(RecordingError, match=r"cannot be read: File end magic is invalid.*mcap recover"):
         read_log(path, a1)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "ros1"])
+def test_an_imu_without_a_gyroscope_turns_as_its_orientation(a1, log, tmp_path, storage):
+    """To its left by half a radian a second; unless the message says that it knows no orientation."""
+    angle, zero = 0.25 * log.imu.time, np.zeros(COUNT)
+    turning = np.column_stack([np.cos(angle), zero, zero, np.sin(angle)])
+    imu = replace(log.imu, angular_velocity_in_imu=np.zeros((COUNT, 3)))
+    known, unknown = (
+        Bag(tmp_path / f"bag_{said}", storage)
+        .joints("/joint_states", a1.joint_names, log.joints)
+        .imu("/imu/data", imu, quat_wxyz=turning, known=said)
+        .write()
+        for said in (True, False)
+    )
+    read = read_log(known, a1)
+    np.testing.assert_allclose(read.recording.imu.angular_velocity_in_imu, [[0, 0, 0.5]] * COUNT, atol=1e-9)
+    assert "turns as its fused orientation does" in messages_of(read.findings)
+    with pytest.raises(
+        RecordingError, match="has no gyroscope, and its orientation is known in 0 samples: log the raw one"
+    ):
+        read_log(unknown, a1)
 
 
 # --- stamps
@@ -296,14 +343,15 @@ def test_parquets_own_time_stamps_are_whole_numbers_until_the_first_is_taken_off
     same(read_log(tmp_path / "log.parquet", a1).recording, log)
 
 
-def test_a_column_that_is_missing_is_named_with_its_nearest(a1, log, tmp_path):
+def test_a_column_that_is_missing_is_named_and_proposed(a1, log, tmp_path):
     columns = columns_of(log)
     columns["gyro_x"] = columns.pop("gyro.x")
     path = write_csv(tmp_path / "log.csv", columns)
-    with pytest.raises(RecordingError, match=r"lacks gyro.x. It has time, .*perhaps 'gyro_x' for 'gyro.x'"):
+    with pytest.raises(ColumnsError, match=r"has no gyro.x\. By names") as told:
         read_log(path, a1)
+    assert told.value.proposal == '# gyro: by name alone: is it in rad/s?\ngyro.x = "gyro_x"\n'
     only = {name: values for name, values in columns.items() if not name.startswith("position")}
-    with pytest.raises(RecordingError, match=r"position\.JOINT for each joint"):
+    with pytest.raises(RecordingError, match=r"has no gyro.x, position.JOINT.*none looks like position.JOINT"):
         read_log(write_csv(tmp_path / "log.csv", only), a1)
 
 
@@ -311,8 +359,10 @@ def test_time_in_another_unit_is_named(a1, log, tmp_path):
     columns = columns_of(log)
     for factor, unit in ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")):
         path = write_csv(tmp_path / "log.csv", {**columns, "time": columns["time"] * factor})
-        with pytest.raises(RecordingError, match=f"must be in seconds \\(are they {unit}"):
+        with pytest.raises(RecordingError, match=f"must be in seconds \\(are they {unit}") as told:
             read_log(path, a1)
+        remedy = re.search('units.time = ".s"', str(told.value))[0]
+        same(read_log(path, a1, columns=Columns.from_text(remedy, "the remedy")).recording, log, digits=9)
 
 
 @pytest.mark.parametrize(
@@ -323,7 +373,7 @@ def test_time_in_another_unit_is_named(a1, log, tmp_path):
         (lambda text: text.replace("gyro.y", "gyro.x"), "has the column 'gyro.x' twice"),
         (lambda text: text.split("\n", 1)[0], "holds no samples"),
         (lambda text: "", "holds no samples"),
-        (lambda text: "\x00" + text, "lacks time|cannot be read|is not CSV"),
+        (lambda text: "\x00" + text, "has no time|cannot be read|is not CSV"),
     ],
 )
 def test_a_csv_file_with_a_mistake(a1, log, tmp_path, change, message):
@@ -434,11 +484,13 @@ def test_commands_that_do_not_fit_are_left_out_and_noted(a1, log):
 # --- damage
 
 
-@pytest.mark.parametrize("kind", ["mcap", "db3", "csv", "parquet"])
+@pytest.mark.parametrize("kind", ["mcap", "db3", "bag", "csv", "parquet"])
 def test_damaged_files_end_in_errors_of_ours(a1, log, tmp_path, kind):
     """A few bytes changed or lost somewhere; what can still be read is read, and all else is told."""
     short = replace(log, joints=every(log.joints, 2), imu=every(log.imu, 2))
-    if kind in ("mcap", "db3"):
+    if kind == "bag":
+        path = write_bag(tmp_path / "bag", short, "ros1")
+    elif kind in ("mcap", "db3"):
         path = write_bag(tmp_path / "bag", short, {"mcap": "mcap", "db3": "sqlite3"}[kind]) / f"bag.{kind}"
     else:
         write = {"csv": write_csv, "parquet": write_parquet}[kind]

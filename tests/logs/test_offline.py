@@ -6,14 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from foreign_logs import Bag, as_log, columns_of, every, shifted, without, write_bag, write_csv
+from scipy.spatial.transform import Rotation
 
 from equipoise import Precise, simulate
 from equipoise.cli import main
 from equipoise.errors import LogError, RecordingError
 from equipoise.experiments.stand import stand_up
 from equipoise.logs.joint_names import map_joints
-from equipoise.logs.log import Log
+from equipoise.logs.log import Log, RawImu, RawJoints, RawLog, assemble
 from equipoise.logs.offline import estimate_log
+from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
@@ -97,6 +99,33 @@ def test_other_rates_starts_and_gaps(a1, log, precise_run, change):
         name == "late start and clock"
     )
     assert (sum(one.kind == "gap" for one in other.report.segments) == 2) == (name == "gaps")
+
+
+def test_a_slower_log_knows_less_and_says_so(a1, log, found, precise_run):
+    before = found.result.composite.deviations
+    for step, rate in ((5, 100), (10, 50)):
+        slower = estimated(a1, replace(log, joints=every(log.joints, step), imu=every(log.imu, step)))
+        agrees(slower.result, precise_run.truth)
+        assert (slower.result.composite.deviations[1:4] > before[1:4]).all()
+        before = slower.result.composite.deviations
+        said = " ".join(finding.message for finding in slower.report.findings)
+        assert (f"come at {rate} Hz; a lift is over in half a second" in said) == (rate == 50)
+
+
+def test_an_orientation_in_place_of_the_gyroscope_knows_less(a1, log, found, precise_run):
+    """As a filter gives it that leans on the gyroscope."""
+    turned = attitudes(log.imu.time, log.imu.angular_velocity_in_imu)
+    level, _ = Rotation.align_vectors([[0, 0, 1]], log.imu.acceleration_in_imu[:1])
+    noise = Rotation.from_rotvec(1e-4 * np.random.default_rng(5).standard_normal((len(log.imu.time), 3)))
+    quaternions = np.roll((level * turned * noise).as_quat(), 1, axis=1)
+    raw = RawLog(
+        RawJoints(log.joints.time, log.joint_names, log.joints.position, log.joints.velocity, log.joints.torque),
+        RawImu(log.imu.time, None, log.imu.acceleration_in_imu, quaternions),
+    )
+    fused = estimate_log(a1, assemble(a1, raw), Precise())
+    agrees(fused.result, precise_run.truth)
+    assert (fused.result.composite.deviations[1:4] > found.result.composite.deviations[1:4]).all()
+    assert any("turns as its fused orientation does" in finding.message for finding in fused.report.findings)
 
 
 def test_without_lifts_torques_tell_a_little_and_the_rest_is_not_told(a1, log, found, precise_run):

@@ -205,7 +205,7 @@ def test_a_missing_package_is_said_before_anything_moves(tmp_path, package, flag
         (["view", "nowhere", "--view-port", "0"], 5,
          "'nowhere' is no run of equipoise: 'nowhere/run.json' cannot be read (No such file or directory)"),
         (["view", "nowhere", "--view-port", "0", "--from", "3s"], 2,
-         "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"),
+         "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"),
         (["view", "nowhere", "--rerun", "gone/a.rrd"], 6, "'gone/a.rrd' cannot be written: there is no folder 'gone'"),
     ],
 )  # fmt: skip

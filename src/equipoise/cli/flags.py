@@ -58,6 +58,10 @@ WithoutEffects = UseAppendAction[
 ]
 ContactsName = Annotated[Literal["own", "file"], arg(help=_CONTACTS)]
 File = Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="")]
+FOR_LOGS = (
+    "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"
+)
+"""What is told to who gives such flags without."""
 Required = Annotated[str | None, arg(metavar="WORDS", help_behavior_hint="")]
 Json = Annotated[bool, arg(help="Print one JSON object and nothing else on stdout.", help_behavior_hint="")]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +15,7 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.calibrate import DEFAULT_PLATFORM, rehearsed
 from equipoise.cli.flags import (
+    FOR_LOGS,
     Described,
     Duration,
     File,
@@ -35,13 +37,15 @@ from equipoise.cli.methods import (
     refuse_flags_of_other_methods,
 )
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
-from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
+from equipoise.errors import ColumnsError, LogError, ModelError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
 
 if TYPE_CHECKING:
+    from equipoise.logs.log import Log
     from equipoise.logs.offline import LogEstimate
     from equipoise.result.calibration import Calibration
     from equipoise.robot.audit import Audit
+    from equipoise.robot.model import RobotModel
 
 
 def plan(
@@ -90,6 +94,7 @@ class LogFlags:
         imu_topic: IMU samples of a bag that has several.
         command_topic: Joint commands of a bag that has several.
         joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
+        columns: TOML file with lines as gyro.x = "wx", for a table with other names; without it they are proposed.
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
     """
@@ -99,6 +104,7 @@ class LogFlags:
     imu_topic: Topic = None
     command_topic: Topic = None
     joint_map: File = None
+    columns: File = None
     start: Annotated[Duration, arg(name="from")] = None
     until: Duration = None
 
@@ -133,9 +139,9 @@ def estimate(
 ) -> int:
     """Estimate again from a run's recordings, or from a log that is not ours. Needs no robot and no simulator.
 
-    Logs are rosbag2 bags (a folder, an .mcap or a .db3 file) with JointState and Imu or unitree_go/LowState, and .csv and
-    .parquet tables; docs/logs.md says what is in them. What can be used is found: lifts of two diagonal feet, moves and
-    sways over planted feet.
+    Logs are bags of ROS 2 (a folder, an .mcap or a .db3 file) and of ROS 1 with JointState and Imu or unitree_go/LowState,
+    and tables (.csv, .parquet, .npz, .npy, .mat); docs/logs.md says what is in them. What can be used is found: lifts of two
+    diagonal feet, moves and sways over planted feet.
 
     Example: equipoise estimate bags/wiggle --robot go2 --mass 16.2 --from 10s
     """
@@ -145,9 +151,7 @@ def estimate(
     if source.robot is not None:
         result = _estimate_log(log, source.robot, source, description, given, output)
     elif source != LogFlags() or description != RobotFlags():
-        raise SettingsError(
-            "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"
-        )
+        raise SettingsError(FOR_LOGS)
     else:
         result = _estimate_run(log, given, output)
     return exit_code(required, verdicts(result.composite, result.checks))
@@ -213,6 +217,31 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     return result
 
 
+def read_as_told(
+    path: Path, model: RobotModel, topics: Topics, joint_map: Path | None, columns: Path | None,
+    span: tuple[float | None, float | None], asking: bool,
+) -> Log:  # fmt: skip
+    """A log, by the files that the flags name.
+
+    Args:
+        asking: whether somebody may be asked which column of a table is which, at a terminal.
+    """
+    from equipoise.logs.joint_names import read_joint_map
+    from equipoise.logs.reader import read_log
+    from equipoise.logs.tables.columns import Columns
+
+    joints = None if joint_map is None else read_joint_map(joint_map)
+    told = None if columns is None else Columns.from_toml(columns)
+    try:
+        return read_log(path, model, topics, joints, span, told)
+    except ColumnsError as error:
+        if not (asking and sys.stdin.isatty() and sys.stderr.isatty()):
+            raise
+        from equipoise.terminal.columns import ask_columns
+
+        return read_log(path, model, topics, joints, span, ask_columns(error))
+
+
 def estimated_log(
     path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: Output,
     verbose: bool = False,
@@ -223,16 +252,14 @@ def estimated_log(
         given: settings of the method.
         verbose: whether every piece of the log is printed then.
     """
-    from equipoise.logs.joint_names import read_joint_map
     from equipoise.logs.offline import estimate_log
-    from equipoise.logs.reader import read_log
     from equipoise.precise.method import Precise
     from equipoise.terminal.log import print_log_report
 
     model, method = load(robot, description), Precise(**given)
-    joint_map = None if source.joint_map is None else read_joint_map(source.joint_map)
     topics = Topics(source.joint_topic, source.imu_topic, source.command_topic)
-    log = read_log(path, model, topics, joint_map, (seconds(source.start), seconds(source.until)))
+    span = seconds(source.start), seconds(source.until)
+    log = read_as_told(path, model, topics, source.joint_map, source.columns, span, not output.silent)
     try:
         found = estimate_log(model, log, method)
     except LogError as error:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.cli.flags import Described, File, Output, RobotFlags, load
+from equipoise.cli.flags import FOR_LOGS, Described, File, Output, RobotFlags, load
 from equipoise.cli.inspect import LogFlags, estimated_log
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.user_file import write_file
@@ -67,9 +67,7 @@ def _result(run: Path, source: LogFlags, description: RobotFlags, output: Output
     if source.robot is not None:
         return estimated_log(run, source.robot, source, description, {}, output).result
     if source != LogFlags() or description != RobotFlags():
-        raise SettingsError(
-            "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"
-        )
+        raise SettingsError(FOR_LOGS)
     try:
         return RunFolder.open(run).estimate()
     except RecordingError as error:

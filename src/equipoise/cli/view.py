@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from equipoise.cli.flags import Described, Duration, File, Flag, Output, RobotFlags, Topic, load
+from equipoise.cli.flags import FOR_LOGS, Described, Duration, File, Flag, Output, RobotFlags, Topic, load
 from equipoise.cli.settings import seconds
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.logs.topics import Topics
@@ -38,6 +38,7 @@ def view(
     joint_topic: Topic = None,
     imu_topic: Topic = None,
     joint_map: File = None,
+    columns: File = None,
     start: Annotated[Duration, arg(name="from")] = None,
     until: Duration = None,
     description: Described = RobotFlags(),  # noqa: B008
@@ -61,6 +62,7 @@ def view(
         joint_topic: Joint states of a bag that has several.
         imu_topic: IMU samples of a bag that has several.
         joint_map: TOML file with lines as FL_hip_joint = "front_left_hip": the log's name, or column, of a joint.
+        columns: TOML file with lines as gyro.x = "wx", for a table with other names; without it they are proposed.
         start: Use the log from here on, after its first sample.
         until: Use the log until here.
     """
@@ -74,8 +76,9 @@ def view(
     else:
         require_viser()
         require_port(view_host, view_port)
-    flags = _LogFlags(Topics(joint_topic, imu_topic), joint_map, (seconds(start), seconds(until)), description)
-    showing = _opened(run, robot, flags, follow)
+    span = seconds(start), seconds(until)
+    flags = _LogFlags(Topics(joint_topic, imu_topic), joint_map, columns, span, description)
+    showing = _opened(run, robot, flags, follow, not output.silent)
     if rerun is not None:
         _write(rerun, showing, output.silent)
         _tell({"rerun": str(rerun)}, f"saved: {rerun}\nopen it: rerun {rerun}", output.json)
@@ -97,20 +100,19 @@ class _LogFlags:
 
     topics: Topics
     joint_map: Path | None
+    columns: Path | None
     span: tuple[float | None, float | None]
     description: RobotFlags
 
     def refuse(self) -> None:
         """Raise SettingsError if one was given."""
-        if self != _LogFlags(Topics(), None, (None, None), RobotFlags()):
-            raise SettingsError(
-                "topics, --joint-map, --from, --until and robot descriptions are for logs that are not ours: give --robot too"
-            )
+        if self != _LogFlags(Topics(), None, None, (None, None), RobotFlags()):
+            raise SettingsError(FOR_LOGS)
 
 
-def _opened(path: Path, robot: str | None, flags: _LogFlags, follow: bool) -> Showing:
-    from equipoise.logs.joint_names import read_joint_map
-    from equipoise.logs.reader import is_log, read_log
+def _opened(path: Path, robot: str | None, flags: _LogFlags, follow: bool, asking: bool) -> Showing:
+    from equipoise.cli.inspect import read_as_told
+    from equipoise.logs.reader import is_log
     from equipoise.view.open import follow_log, open_log, open_run
 
     if robot is None:
@@ -123,8 +125,8 @@ def _opened(path: Path, robot: str | None, flags: _LogFlags, follow: bool) -> Sh
     model = load(robot, flags.description)
     if follow:
         return follow_log(path, model)
-    joint_map = None if flags.joint_map is None else read_joint_map(flags.joint_map)
-    return open_log(path, model, read_log(path, model, flags.topics, joint_map, flags.span))
+    log = read_as_told(path, model, flags.topics, flags.joint_map, flags.columns, flags.span, asking)
+    return open_log(path, model, log)
 
 
 def _write(path: Path, showing: Showing, quiet: bool) -> None:

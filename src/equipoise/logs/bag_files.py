@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-SUFFIXES = (".mcap", ".db3")
+ROS1 = ".bag"
+SUFFIXES = (".mcap", ".db3", ROS1)
 METADATA = "metadata.yaml"
 
 

@@ -32,6 +32,7 @@ class BagStream:
         clock: when they were made.
         joints: joint columns; their times are not known before the clocks of all topics are.
         imu: (n, 6) angular velocity and specific force [rad/s], [m/s2].
+        quat_wxyz: (n, 4) orientation of the IMU in the room; not a number where a message says that it has none.
         frame: frame that an IMU names.
     """
 
@@ -39,6 +40,7 @@ class BagStream:
     clock: Stamps
     joints: RawJoints | None = None
     imu: FloatArray | None = None
+    quat_wxyz: FloatArray | None = None
     frame: str = ""
 
 
@@ -74,7 +76,7 @@ class GatheredTopic:
         joints = None
         if "position" in whole:
             joints = RawJoints(np.empty(0), self._names, whole["position"], whole.get("velocity"), whole.get("torque"))
-        return BagStream(self.type, clock, joints, whole.get("imu"), self._frame or "")
+        return BagStream(self.type, clock, joints, whole.get("imu"), whole.get("quat_wxyz"), self._frame or "")
 
     def _read(self) -> None:
         """Numbers of the messages that were taken last."""
@@ -83,8 +85,7 @@ class GatheredTopic:
         self._received, self._bodies = [], []
         self._frame = part.frame if self._frame is None else self._frame
         new: dict[str, NDArray[Any]] = {name: getattr(part.clock, name) for name in ("received", "header", "ticks")}
-        if part.imu is not None:
-            new["imu"] = part.imu
+        new |= {name: rows for name in ("imu", "quat_wxyz") if (rows := getattr(part, name)) is not None}
         if part.joints is not None:
             new |= self._by_name(part.joints)
         for name, rows in new.items():
@@ -163,12 +164,17 @@ def _joint_states(topic: str, message_type: str, received: IntArray, groups: Seq
 
 
 def _imus(topic: str, message_type: str, received: IntArray, groups: Sequence[Messages]) -> BagStream:
-    imu = np.empty((len(received), 6))
+    quantities = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "orientation": "wxyz"}
+    tables = {name: np.empty((len(received), len(parts))) for name, parts in quantities.items()}
     for of in groups:
-        for k, vector in enumerate(("angular_velocity", "linear_acceleration")):
-            imu[of.rows, 3 * k : 3 * k + 3] = of.stacked(f"{vector}.{{}}", "xyz")
+        for name, parts in quantities.items():
+            tables[name][of.rows] = of.stacked(f"{name}.{{}}", parts)
+        unknown = of.numbers["orientation_covariance"][:, 0] == -1  # as the message's definition has it
+        tables["orientation"][of.rows[unknown]] = np.nan
     clock = Stamps(topic, received, _headers(groups, len(received)), _NONE)
-    return BagStream(message_type, clock, None, imu, groups[0].texts["header.frame_id"])
+    turning, acceleration, orientation = tables.values()
+    imu, frame = np.hstack([turning, acceleration]), groups[0].texts["header.frame_id"]
+    return BagStream(message_type, clock, None, imu, orientation, frame)
 
 
 def _low_states(topic: str, message_type: str, received: IntArray, groups: Sequence[Messages]) -> BagStream:

@@ -1,6 +1,6 @@
 """Logs that are not ours: streams as a file has them, and the one `Recording` that is made of them.
 
-A reader (rosbag.py, tables.py) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams
+A reader (rosbag.py, tables/) gives a `RawLog`. `assemble` maps its joints, drops what cannot be a sample, puts all streams
 on one clock that starts at zero, and notes what it found.
 """
 
@@ -16,6 +16,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
+from equipoise.logs.orientation import angular_velocity_of
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
 from equipoise.robot.model import RobotModel
 
@@ -46,11 +47,20 @@ class RawJoints:
 
 @dataclass(frozen=True, eq=False)
 class RawImu:
-    """IMU samples as a log has them: (n,) stamps [s], (n, 3) angular velocity [rad/s] and specific force [m/s2]."""
+    """IMU samples as a log has them.
+
+    Attributes:
+        time: (n,) stamps [s].
+        angular_velocity_in_imu: (n, 3) angular velocity [rad/s], or None if the log has only an orientation.
+        acceleration_in_imu: (n, 3) specific force [m/s2], or None.
+        quat_wxyz: (n, 4) orientation of the IMU in the room, as a filter fused it, or None; used where there is no
+            angular velocity.
+    """
 
     time: FloatArray
-    angular_velocity_in_imu: FloatArray
-    acceleration_in_imu: FloatArray
+    angular_velocity_in_imu: FloatArray | None
+    acceleration_in_imu: FloatArray | None
+    quat_wxyz: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +189,8 @@ def _measured(
 ) -> FloatArray | None:
     """A quantity that not every driver reports: None if it is missing, not a number, or zero throughout."""
     if values is None:
-        findings.append(LogFinding("joints", f"the log has no joint {what}"))
+        instead = ": they are taken from the positions" if what == "velocities" else ""
+        findings.append(LogFinding("joints", f"the log has no joint {what}{instead}"))
         return None
     chosen = _taken(values, rows, columns)
     bad = ~np.isfinite(chosen).all(axis=1)
@@ -188,14 +199,19 @@ def _measured(
             LogFinding("joints", f"joint {what} are not numbers in {bad.mean():.0%} of the samples: not used")
         )
         return None
-    if not ((chosen != 0) & ~np.isnan(chosen)).any():
+    if not _any_numbers(chosen):
         findings.append(LogFinding("joints", f"joint {what} are zero throughout: taken as not measured"))
         return None
     return chosen
 
 
 def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings: list[LogFinding]) -> ImuStream:
-    values = [raw.angular_velocity_in_imu, raw.acceleration_in_imu]
+    if raw.acceleration_in_imu is None or not _any_numbers(raw.acceleration_in_imu):
+        raise RecordingError(
+            "the log has no accelerometer. A fused orientation says where up is, and not what pushes at the body while it "
+            "tips, from which a lift is read: log the accelerometer as it is, gravity in it"
+        )
+    values = [_angular_velocity(raw, raw.acceleration_in_imu, findings), raw.acceleration_in_imu]
     kept = _kept("IMU", raw.time, values, span, findings)
     if len(kept) > 1:
         same = np.all([(np.diff(part[kept], axis=0) == 0).all(axis=1) for part in values], axis=0)
@@ -207,6 +223,28 @@ def _imu_stream(raw: RawImu, origin: float, span: tuple[float, float], findings:
             findings.append(LogFinding("IMU", message))
             kept = kept[~repeated]
     return ImuStream(raw.time[kept] - origin, *(_taken(part, kept) for part in values))
+
+
+def _angular_velocity(raw: RawImu, acceleration_in_imu: FloatArray, findings: list[LogFinding]) -> FloatArray:
+    """The gyroscope's, or that of the orientation."""
+    gyroscope = raw.angular_velocity_in_imu
+    if gyroscope is not None and _any_numbers(gyroscope):
+        return gyroscope
+    if raw.quat_wxyz is None:
+        if gyroscope is None:
+            raise RecordingError("the log has neither gyroscope nor orientation: nothing in it says how the body turns")
+        return gyroscope  # of zeros, or no numbers: told where they are looked at
+    message = (
+        "the log has none: the body turns as its fused orientation does, which a filter has smoothed and delayed. That is "
+        "weaker; the intervals know its noise and not the filter. Log the raw gyroscope"
+    )
+    findings.append(LogFinding("gyroscope", message))
+    return angular_velocity_of(raw.time, raw.quat_wxyz, acceleration_in_imu)
+
+
+def _any_numbers(values: FloatArray) -> bool:
+    """Whether there is anything but zeros and what is no number."""
+    return bool((np.isfinite(values) & (values != 0)).any())
 
 
 def _commands(

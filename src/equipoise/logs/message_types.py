@@ -115,3 +115,13 @@ def known_types() -> Mapping[str, Any]:
     for name, definition in _UNITREE_GO.items():
         types.update(get_types_from_msg("\n".join(line.strip() for line in definition.splitlines()), name))
     return MappingProxyType(types)
+
+
+@lru_cache(maxsize=1)
+def known_store() -> Any:
+    """The same as a `Typestore`, which can write messages of ROS 1 anew as ROS 2 has them."""
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+    store = get_typestore(Stores.EMPTY)
+    store.register(dict(known_types()))
+    return store

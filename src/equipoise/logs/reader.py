@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Protocol, cast, runtime_checkable
 
-from equipoise.errors import EquipoiseError, PluginError, RecordingError
+from equipoise.errors import EquipoiseError, PluginError, RecordingError, SettingsError
+from equipoise.logs import bag_files
 from equipoise.logs.bag_files import is_bag
 from equipoise.logs.log import Log, RawLog, assemble
+from equipoise.logs.tables import files
+from equipoise.logs.tables.columns import Columns
 from equipoise.logs.topics import Topics
 from equipoise.plugins import Table
 from equipoise.robot.model import RobotModel
@@ -33,12 +37,15 @@ class LogReader(Protocol):
         ...
 
 
-_TABLES, _BAGS = "equipoise.logs.tables:read_table", "equipoise.logs.rosbag:read_bag"
+_TABLES, _BAGS = "equipoise.logs.tables.streams:read_table", "equipoise.logs.rosbag:read_bag"
 READERS: Table[LogReader] = Table(
     "log reader",
     "equipoise.readers",
     LogReader,
-    {"mcap": _BAGS, "db3": _BAGS, "csv": _TABLES, "parquet": _TABLES},
+    {
+        **dict.fromkeys((suffix.removeprefix(".") for suffix in bag_files.SUFFIXES), _BAGS),
+        **dict.fromkeys((suffix.removeprefix(".") for suffix in files.SUFFIXES), _TABLES),
+    },
 )
 """By suffix, without the dot."""
 
@@ -54,31 +61,43 @@ def read_log(
     topics: Topics | None = None,
     joint_map: Mapping[str, str | int] | None = None,
     span: tuple[float | None, float | None] = (None, None),
+    columns: Columns | None = None,
 ) -> Log:
     """A log that is not ours, as a recording of the robot.
 
     Args:
-        path: folder of a rosbag2 bag, an .mcap, .db3, .csv or .parquet file, or one for which a package brings a reader.
+        path: folder of a rosbag2 bag, a file of a kind that `READERS` names, or one for which a package brings a reader.
         robot: model of the robot that was logged.
         topics: topics of a bag, where their types do not say which.
         joint_map: log's joint name or column, by the robot's name, where names do not say which.
         span: from when until when to read, after the log's first sample [s].
+        columns: columns of a table that has other names than ours.
 
     Raises:
+        ColumnsError: a table has other names than ours; it carries a proposal.
         RecordingError: the log cannot be read, or lacks what is needed.
-        SettingsError: the joint map does not fit.
+        SettingsError: the joint map or the columns do not fit.
         MissingDependencyError: a bag needs rosbags, Parquet needs pyarrow.
         PluginError: the package that brings the reader cannot be used.
     """
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"the log {str(path)!r} does not exist")
+    if path.suffix.lower() in files.PICKLES:
+        raise RecordingError(files.pickle_refused(path))
     if not is_log(path):
         known = ", ".join(f".{suffix}" for suffix in READERS)
         raise RecordingError(
             f"{str(path)!r} is no log that can be read: it must be the folder of a rosbag2 bag, or a file {known}"
         )
     reader = READERS["mcap" if path.is_dir() else _suffix(path)]
+    if columns is not None:
+        if path.suffix.lower() not in files.SUFFIXES:
+            raise SettingsError(
+                f"--columns is for tables ({', '.join(files.SUFFIXES)}), and {str(path)!r} is none: joints of other logs are "
+                "named by --joint-map, topics by --joint-topic and --imu-topic"
+            )
+        reader = partial(reader, columns=columns)  # pyright: ignore[reportCallIssue] - `read_table`, which takes them
     return assemble(robot, _read(reader, path, robot, topics or Topics()), joint_map, span)
 
 

@@ -1,4 +1,4 @@
-"""rosbag2 logs, as sqlite3 or MCAP, with JointState and Imu, or with Unitree's LowState. No ROS needed."""
+"""Bags of ROS 2 (sqlite3, MCAP) and of ROS 1, with JointState and Imu, or with Unitree's LowState. No ROS needed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingEr
 
 try:
     from rosbags.interfaces import Connection, MessageDefinitionFormat
-    from rosbags.rosbag2 import Reader
+    from rosbags.rosbag1 import Reader as Ros1Reader
+    from rosbags.rosbag2 import Reader as Ros2Reader
     from rosbags.rosbag2.storage_mcap import McapReader
     from rosbags.typesys import get_types_from_idl, get_types_from_msg
 except ModuleNotFoundError as error:
@@ -19,23 +20,25 @@ except ModuleNotFoundError as error:
 
 from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
-from equipoise.logs.bag_files import METADATA, bag_files
+from equipoise.logs.bag_files import METADATA, ROS1, bag_files
 from equipoise.logs.bag_streams import BagStream, GatheredTopic
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_by_order
 from equipoise.logs.log import RawImu, RawJoints, RawLog
-from equipoise.logs.message_types import LOW_STATE, MOTOR_NAMES, known_types
+from equipoise.logs.message_types import LOW_STATE, MOTOR_NAMES, known_store, known_types
 from equipoise.logs.stamps import common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
 from equipoise.recording.mcap_reader import message_batches
 from equipoise.robot.model import RobotModel
+
+Reader = Ros1Reader | Ros2Reader
 
 
 def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
     """The streams of a bag.
 
     Args:
-        path: folder of a bag, or an .mcap or .db3 file.
+        path: folder of a bag, or an .mcap, .db3 or .bag file.
         robot: LowState has no names; its motors are in the order of this robot's legs.
 
     Raises:
@@ -56,14 +59,16 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     # A recorder that was killed leaves files without metadata.
     parts = [path] if not path.is_dir() or (path / METADATA).exists() else bag_files(path)
     if not parts:
-        raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {METADATA} nor .mcap or .db3 files")
+        raise RecordingError(
+            f"the folder {str(path)!r} is no bag: it has neither {METADATA} nor .mcap, .db3 or .bag files"
+        )
     found: dict[str, tuple[str, int]] = {}
     gathered: dict[str, GatheredTopic] = {}
     findings: list[LogFinding] = []
     chosen: list[str | None] = []
     types = dict(known_types())
     for part in parts:
-        with Reader(part) as reader:
+        with _opened(part) as reader:
             if not chosen:
                 found = {name: (info.msgtype or "", info.msgcount) for name, info in reader.topics.items()}
                 chosen = list(choose_topics(found, wanted, findings))
@@ -78,10 +83,14 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     return _raw_log(robot, streams, (joint_topic, imu_topic, command_topic), findings)
 
 
+def _opened(part: Path) -> Reader:
+    return Ros1Reader(part) if part.suffix.lower() == ROS1 else Ros2Reader(part)
+
+
 def _gather(reader: Reader, gathered: Mapping[str, GatheredTopic], types: dict[str, Any]) -> None:
     """Collects the messages of topics, and the definitions that the bag itself carries."""
     connections = [connection for connection in reader.connections if connection.topic in gathered]
-    types |= _own_types(connections)
+    types |= _own_types(connections) if isinstance(reader, Ros2Reader) else {}
     for (topic, message_type), (received, bodies) in _batches(reader, connections):
         if topic in gathered and message_type == gathered[topic].type:
             gathered[topic].take(received, bodies)
@@ -91,6 +100,9 @@ def _batches(
     reader: Reader, connections: Sequence[Connection]
 ) -> Iterator[tuple[tuple[str, str], tuple[Sequence[int], Sequence[bytes]]]]:
     """Topic and type, times of receipt and bodies of messages that go together."""
+    if isinstance(reader, Ros1Reader):
+        yield from _ros1_batches(reader, connections)
+        return
     storage: Any = reader.storage
     files = [part for part in getattr(storage, "storages", [storage]) if isinstance(part, McapReader)]
     if files and not reader.compression_mode:
@@ -100,6 +112,16 @@ def _batches(
     elif connections:
         for connection, received, body in reader.messages(connections=connections):
             yield (connection.topic, connection.msgtype or ""), ([received], [body])
+
+
+def _ros1_batches(
+    reader: Ros1Reader, connections: Sequence[Connection]
+) -> Iterator[tuple[tuple[str, str], tuple[Sequence[int], Sequence[bytes]]]]:
+    """As `_batches`, the messages written as ROS 2 writes them."""
+    store = known_store()
+    for connection, received, body in reader.messages(connections=connections) if connections else ():
+        message_type = connection.msgtype or ""
+        yield (connection.topic, message_type), ([received], [bytes(store.ros1_to_cdr(body, message_type))])
 
 
 def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:
@@ -129,7 +151,7 @@ def _raw_log(
         raise RecordingError(f"{joint_topic} holds no joints, or {imu_topic} no IMU samples")
     return RawLog(
         joints,
-        RawImu(times[imu_topic], imu[:, :3], imu[:, 3:]),
+        RawImu(times[imu_topic], imu[:, :3], imu[:, 3:], streams[imu_topic].quat_wxyz),
         None if command_topic is None else _timed(streams[command_topic].joints, times[command_topic]),
         about,
         tuple(findings),

@@ -1,4 +1,4 @@
-"""Logs that are NumPy archives."""
+"""Logs that are NumPy archives with names of their own."""
 
 from pathlib import Path
 
@@ -7,8 +7,8 @@ import numpy as np
 from equipoise import RawImu, RawJoints, RawLog, RobotModel, Topics
 
 
-def read_npz(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
+def read_arrays(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
     """Arrays time, names, position, torque, gyro, accelerometer."""
     log = np.load(path)
     joints = RawJoints(log["time"], tuple(map(str, log["names"])), log["position"], torque=log["torque"])
-    return RawLog(joints, RawImu(log["time"], log["gyro"], log["accelerometer"]), about={"format": "npz"})
+    return RawLog(joints, RawImu(log["time"], log["gyro"], log["accelerometer"]), about={"format": "arrays"})

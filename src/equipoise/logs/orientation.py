@@ -1,0 +1,76 @@
+"""A fused orientation where a log has no gyroscope: how it turns is the angular velocity.
+
+It is the weaker sensor of the two: what a filter made of gyroscope and accelerometer is smooth and late, and pushed towards
+the accelerometer's idea of up, which is wrong while a body tips.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+
+_UNIT = 0.02  # by which a quaternion's norm may differ from one
+# Between the orientation's up and the accelerometer's, the median: filters agree to a degree or two.
+_LEVEL = np.radians(15)
+
+
+def angular_velocity_of(time: FloatArray, quat_wxyz: FloatArray, acceleration_in_imu: FloatArray) -> FloatArray:
+    """(n, 3) angular velocity in the IMU's axes, over two steps each [rad/s]; not a number where there is none.
+
+    Args:
+        time: (n,) times [s].
+        quat_wxyz: (n, 4) orientation of the IMU in the room.
+        acceleration_in_imu: (n, 3) specific force [m/s2], which says whether it is one.
+
+    Raises:
+        RecordingError: the quaternions are none, or are in another order or of the inverse rotation.
+    """
+    known = np.isfinite(time) & np.isfinite(quat_wxyz).all(axis=1) & np.isfinite(acceleration_in_imu).all(axis=1)
+    latest = np.maximum.accumulate(np.where(known, time, -np.inf))
+    known[1:] &= time[1:] > latest[:-1]
+    if known.sum() < 3:
+        raise RecordingError(
+            f"the log has no gyroscope, and its orientation is known in {known.sum()} samples: log the raw one"
+        )
+    _check_orientation(quat_wxyz[known], acceleration_in_imu[known])
+    found = np.full((len(time), 3), np.nan)
+    found[known] = _turning(time[known], _rotations(quat_wxyz[known]))
+    return found
+
+
+def _turning(time: FloatArray, rotation: Rotation) -> FloatArray:
+    angle = (rotation[:-1].inv() * rotation[1:]).as_rotvec()
+    steps = np.diff(time)
+    total = np.concatenate([angle[:1], angle[:-1] + angle[1:], angle[-1:]])
+    return total / np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])[:, None]
+
+
+def _check_orientation(quat_wxyz: FloatArray, acceleration_in_imu: FloatArray) -> None:
+    norm = float(np.median(np.linalg.norm(quat_wxyz, axis=1)))
+    if abs(norm - 1) > _UNIT:
+        raise RecordingError(f"the orientation's quaternions have a norm of {norm:.3g}; it must be 1, and w the first")
+    up = acceleration_in_imu / np.maximum(np.linalg.norm(acceleration_in_imu, axis=1), 1e-9)[:, None]
+    angle = _off(quat_wxyz, up)
+    if angle < _LEVEL:
+        return
+    turned = np.roll(quat_wxyz, 1, axis=1)  # as if w were the last
+    inverse = quat_wxyz * [1, -1, -1, -1]
+    cures = {"is w the last?": turned, "is it of the room in the IMU?": inverse}
+    cured = [question for question, quaternions in cures.items() if _off(quaternions, up) < _LEVEL]
+    raise RecordingError(
+        f"the orientation's idea of up is {np.degrees(angle):.0f} deg off the accelerometer's: it must be that of the IMU in "
+        f"the room, z up, quaternions w x y z{f' ({cured[0]})' if cured else ''}"
+    )
+
+
+def _off(quat_wxyz: FloatArray, up: FloatArray) -> float:
+    """Median angle between up by the orientation and (n, 3) up by the accelerometer [rad]."""
+    said = _rotations(quat_wxyz).inv().apply(np.array([0.0, 0.0, 1.0]))
+    return float(np.median(np.arccos(np.clip((said * up).sum(axis=1), -1, 1))))
+
+
+def _rotations(quat_wxyz: FloatArray) -> Rotation:
+    return Rotation.from_quat(np.roll(quat_wxyz, -1, axis=1))  # which wants w last

@@ -1,0 +1,1 @@
+"""Tables: files of columns, which of them is which, and the streams that they make."""

@@ -1,0 +1,117 @@
+"""What a table's column may be by its name: the words that people use for sensors, axes, joints and time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from equipoise.robot.forward import leg_of
+
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_TIME = {"time", "t", "stamp", "timestamp", "timestamps", "sec", "secs", "seconds", "clock"}
+_COUNTS = {"index", "idx", "count", "counter", "seq", "frame", "step", "steps", "row", "id"}
+_GYROSCOPE = {"gyro", "gyros", "gyroscope", "gyr", "omega", "angvel"}
+_ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "accelerations"}
+_ORIENTATION = {"quat", "quaternion", "orientation", "ori", "attitude", "rpy", "euler"}
+_ANGULAR, _RATE = {"angular", "ang", "rotational"}, {"velocity", "vel", "rate", "rates", "speed"}
+_ANGLES, _IN_ANGLES = ("roll", "pitch", "yaw"), {"rpy", "euler"}
+# Letters that go before an axis in one word, as in "wx".
+_LETTERS = {"w": "gyro", "g": "gyro", "gyro": "gyro", "omega": "gyro", "a": "accelerometer", "acc": "accelerometer",
+            "accel": "accelerometer", "q": "orientation", "quat": "orientation"}  # fmt: skip
+_QUANTITIES = {
+    "torque": {"tau", "torque", "torques", "effort", "efforts", "tauest", "trq"},
+    "velocity": {"dq", "qd", "dqs", "qdot", "vel", "velocity", "velocities", "speed", "speeds"},
+    "position": {"q", "qs", "pos", "position", "positions", "angle", "angles", "enc", "encoder", "encoders"},
+}
+_COMMANDS = {"cmd", "command", "commands", "commanded", "des", "desired", "target", "targets", "ref", "reference"}
+_NOT_JOINTS = {"force", "forces", "contact", "contacts", "grf", "temperature", "temp", "ddq", "qdd", "feet", "base"}
+_GENERAL = {"joint", "joints", "state", "states", "motor", "motors", "data", "robot", "field", "leg", "legs", "est"}
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a column's name says.
+
+    Attributes:
+        kind: kind of column, as in `UNITS`.
+        part: axis of a sensor, as "x", "w", "roll" or an index; a joint's own words or index; empty for time.
+        family: words that the columns of one sensor, or of all joints, share.
+        joint: whether the part names a joint by a leg.
+    """
+
+    kind: str
+    part: str
+    family: tuple[str, ...]
+    joint: bool = False
+
+
+def named(name: str) -> Named | None:
+    """What a name says, or None."""
+    words = [word.lower() for word in _WORDS.findall(name)]
+    said = set(words)
+    if said & _COUNTS:
+        return None
+    leg = leg_of(words)
+    sensor = None if leg else _sensor(words)
+    if sensor is not None:
+        return sensor
+    if said & _TIME and leg is None:
+        return Named("time", "", tuple(words))
+    return _joint(words, leg)
+
+
+def _sensor(words: list[str]) -> Named | None:
+    """Of an IMU: its kind by words before the axis, or by letters that are one with it."""
+    said, last = set(words), words[-1] if words else ""
+    axis = re.fullmatch(r"([a-z]*?)([wxyz])", last)
+    kind = None
+    if said & _GYROSCOPE or (said & _ANGULAR and said & _RATE):
+        kind = "gyro"
+    elif said & _ORIENTATION:
+        kind = "orientation"
+    elif said & _ACCELEROMETER and not said & _ANGULAR:
+        kind = "accelerometer"
+    elif last in _ANGLES and not said & _RATE and not said & {"joint", "motor", "hip"}:
+        return Named("orientation", last, tuple(words[:-1]))
+    elif axis is not None and axis[1] in _LETTERS:
+        return Named(_LETTERS[axis[1]], axis[2], (*words[:-1], axis[1]))
+    elif axis is not None and not axis[1] and words[-2:-1] and words[-2] in _LETTERS:
+        kind = _LETTERS[words[-2]]
+    if kind is None or "joint" in said or "motor" in said:
+        return None
+    if last in _ANGLES:
+        return Named(kind, last, tuple(words[:-1]))
+    if axis is not None:
+        return Named(kind, axis[2], (*words[:-1], axis[1]))
+    if said & _IN_ANGLES and last in ("0", "1", "2"):
+        return Named(kind, _ANGLES[int(last)], tuple(words[:-1]))
+    return Named(kind, last, tuple(words[:-1])) if last.isdigit() else None
+
+
+def _joint(words: list[str], leg: str | None) -> Named | None:
+    said = set(words)
+    quantity = next((kind for kind, of in _QUANTITIES.items() if said & of), None)
+    commanded = bool(said & _COMMANDS)
+    if said & _NOT_JOINTS or (quantity is None and leg is None and not commanded):
+        return None
+    if commanded and quantity in ("velocity", "torque"):
+        return None
+    kind = "command" if commanded else quantity or "position"
+    general = {*_QUANTITIES.get(quantity or "", ()), *_GENERAL, *(_COMMANDS if commanded else ())}
+    own = [word for word in words if word not in general]
+    family = tuple(word for word in words if word in general)
+    if leg is not None:
+        return Named(kind, "_".join(own), family, joint=True)
+    digits = [word for word in words if word.isdigit()]
+    return Named(kind, digits[-1], tuple(word for word in words if not word.isdigit())) if digits else None
+
+
+def families(names: Iterable[str]) -> dict[str, list[dict[str, str]]]:
+    """Columns that belong together, by kind: each a dict from their parts to their names."""
+    found: dict[str, dict[tuple[object, ...], dict[str, str]]] = {}
+    for name in names:
+        what = named(name)
+        if what is not None:
+            found.setdefault(what.kind, {}).setdefault((what.family, what.joint), {}).setdefault(what.part, name)
+    return {kind: [*of.values()] for kind, of in found.items()}

@@ -1,0 +1,186 @@
+"""Which column of a table is which of ours, and in what unit: by our own names, or as a TOML file says.
+
+Ours is on the left: `gyro.x = "wx"`, `position.FL_hip_joint = "q[0]"`; `units.gyro = "deg/s"` is a unit that is not ours.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from equipoise.errors import SettingsError, did_you_mean
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+TIME = "time"
+JOINT_KINDS = ("position", "velocity", "torque", "command")
+GYROSCOPE = tuple(f"gyro.{axis}" for axis in "xyz")
+ACCELEROMETER = tuple(f"accelerometer.{axis}" for axis in "xyz")
+QUATERNION = tuple(f"orientation.{part}" for part in "wxyz")
+ANGLES = tuple(f"orientation.{part}" for part in ("roll", "pitch", "yaw"))
+_SENSED = (*GYROSCOPE, *ACCELEROMETER, *QUATERNION, *ANGLES)
+
+_ANGLE = {"rad": 1.0, "deg": np.pi / 180}
+_TURNING = {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30}
+STANDARD_GRAVITY = 9.80665
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "position": _ANGLE,
+    "velocity": _TURNING,
+    "torque": {"Nm": 1.0, "mNm": 1e-3},
+    "command": _ANGLE,
+    "gyro": _TURNING,
+    "accelerometer": {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY},
+    "orientation": _ANGLE,
+}
+"""Factors to ours by kind of column; the first of a kind is ours."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A table's columns by our names.
+
+    Attributes:
+        names: names in the table by ours, as {"gyro.x": "wx"}.
+        units: units by kind, where they are not ours, as {"gyro": "deg/s"}.
+    """
+
+    names: Mapping[str, str] = field(default_factory=dict[str, str])
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    def of_table(self, names: Iterable[str]) -> Columns:
+        """With those columns of a table that have our names already."""
+        told = set(self.names.values())
+        return Columns({name: name for name in names if is_ours(name) and name not in told}).with_changes(self)
+
+    @classmethod
+    def from_toml(cls, path: Path) -> Columns:
+        """As a user's file says.
+
+        Raises:
+            SettingsError: the file is missing or holds something else.
+        """
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise SettingsError(f"the columns {str(path)!r} cannot be read: {error}") from error
+        return cls.from_text(text, f"the columns {str(path)!r}")
+
+    @classmethod
+    def from_text(cls, text: str, what: str) -> Columns:
+        """As TOML says.
+
+        Args:
+            what: word for the text in messages.
+
+        Raises:
+            SettingsError: it holds something else.
+        """
+        try:
+            table = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise SettingsError(f"{what} cannot be read: {error}") from error
+        units = table.pop("units", {})
+        names = dict(_flat("", table))
+        for name, theirs in names.items():
+            if not is_ours(name):
+                raise SettingsError(
+                    f"{what}: {name!r} is no column of ours; {did_you_mean(name, (TIME, *_SENSED))}they are {TIME}, "
+                    f"{', '.join(_SENSED)}, {', '.join(f'{kind}.JOINT' for kind in JOINT_KINDS)}"
+                )
+            if not isinstance(theirs, str):
+                raise SettingsError(f'{what}: {theirs!r} is no column\'s name; write it as {_key(name)} = "..."')
+        for kind, unit in cast("dict[str, Any]", units).items() if isinstance(units, dict) else [("units", units)]:
+            known = UNITS.get(kind)
+            if known is None:
+                raise SettingsError(f"{what}: units are of {', '.join(UNITS)}, not of {kind!r}")
+            if unit not in known:
+                raise SettingsError(f"{what}: {unit!r} is no unit of {kind}; those are {', '.join(known)}")
+        return cls(cast("dict[str, str]", names), cast("dict[str, str]", units))
+
+    def with_changes(self, changes: Columns) -> Columns:
+        """With other names and units; an empty name leaves a column out."""
+        names = {**self.names, **changes.names}
+        return Columns({ours: theirs for ours, theirs in names.items() if theirs}, {**self.units, **changes.units})
+
+    def check(self, names: Sequence[str], what: str) -> None:
+        """Raise SettingsError for names that a table has not, and for one that is two of ours."""
+        for ours, theirs in self.names.items():
+            if theirs not in names:
+                raise SettingsError(
+                    f"the columns say {theirs!r} for {ours}, which {what} has not; {did_you_mean(theirs, names)}it has "
+                    f"{', '.join(names)}"
+                )
+        by_theirs: dict[str, str] = {}
+        for ours, theirs in self.names.items():
+            if theirs in by_theirs:
+                raise SettingsError(f"the columns give {theirs!r} to {by_theirs[theirs]} and to {ours}")
+            by_theirs[theirs] = ours
+
+    def factor(self, kind: str) -> float:
+        """Of a kind's numbers to our unit."""
+        return UNITS[kind][self.units[kind]] if kind in self.units else 1.0
+
+    def has(self, names: Iterable[str]) -> bool:
+        """Whether all of some of ours are there."""
+        return all(name in self.names for name in names)
+
+    def joints(self, kind: str) -> list[str]:
+        """Names of the joints that have a column of a kind."""
+        return [name.removeprefix(f"{kind}.") for name in self.names if name.startswith(f"{kind}.")]
+
+    def missing(self) -> tuple[str, ...]:
+        """What an estimate needs and is not there."""
+        absent = [name for name in (TIME, *ACCELEROMETER) if name not in self.names]
+        if not any(map(self.has, (GYROSCOPE, QUATERNION, ANGLES))):
+            absent += [name for name in GYROSCOPE if name not in self.names]
+        return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
+
+    def to_toml(self, notes: Mapping[str, str] | None = None) -> str:
+        """As `from_toml` reads it; columns that have our names are left out.
+
+        Args:
+            notes: remarks by kind, written above its columns.
+        """
+        notes = notes or {}
+        lines: list[str] = []
+        for kind in UNITS:
+            lines += [f"# {kind}: {notes[kind]}"] if kind in notes else []
+            of_kind = {ours: theirs for ours, theirs in self.names.items() if ours.split(".")[0] == kind}
+            lines += [f"{_key(ours)} = {_quoted(theirs)}" for ours, theirs in of_kind.items() if ours != theirs]
+        if self.units:
+            lines += ["", "[units]", *(f"{kind} = {_quoted(unit)}" for kind, unit in self.units.items())]
+        return "\n".join(lines) + "\n"
+
+
+def is_ours(name: str) -> bool:
+    """Whether a name is one that docs/logs.md lists."""
+    kind, _, of = name.partition(".")
+    return name == TIME or name in _SENSED or (kind in JOINT_KINDS and bool(of))
+
+
+def _flat(prefix: str, table: Mapping[str, Any]) -> Iterable[tuple[str, object]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(f"{prefix}{key}.", cast("dict[str, Any]", value))
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _key(ours: str) -> str:
+    kind, dot, of = ours.partition(".")
+    return f"{kind}{dot}{of if re.fullmatch('[A-Za-z0-9_-]*', of) else _quoted(of)}"
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'

@@ -1,0 +1,141 @@
+"""Tables with documented columns, or with others that a `Columns` names.
+
+time                                   [s], increasing; or Parquet's own time stamps
+position.JOINT                         encoders [rad]
+velocity.JOINT, torque.JOINT           [rad/s], [Nm]; if the robot measures them
+gyro.x gyro.y gyro.z                   [rad/s], in the IMU's frame
+accelerometer.x .y .z                  [m/s2], +9.81 upward at rest
+orientation.w .x .y .z                 unit quaternion from the IMU's axes to level ones; or .roll .pitch .yaw [rad]
+command.JOINT                          position targets [rad]; optional
+
+Cells may be empty: a row that has only joints, or only the IMU, is how streams of different rates share a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import ColumnsError, RecordingError
+from equipoise.logs.log import RawImu, RawJoints, RawLog
+from equipoise.logs.tables.columns import ACCELEROMETER, ANGLES, GYROSCOPE, QUATERNION, TIME, Columns
+from equipoise.logs.tables.files import TableFile, open_table
+from equipoise.logs.tables.proposal import Proposal, propose
+from equipoise.logs.topics import Topics
+from equipoise.robot.model import RobotModel
+
+_SECONDS = 0.5  # [s] between samples: more is another unit
+
+
+def read_table(path: Path, robot: RobotModel, topics: Topics, columns: Columns | None = None) -> RawLog:
+    """The streams of a table: a `LogReader`.
+
+    Args:
+        columns: what the user says of columns that have not our names.
+
+    Raises:
+        ColumnsError: columns are missing; it proposes which are which.
+        RecordingError: it cannot be read, or cells are no numbers.
+        SettingsError: the user's columns are not in the table.
+        MissingDependencyError: Parquet needs pyarrow.
+    """
+    file = open_table(path)
+    told = columns or Columns()
+    told.check(file.names, f"the table {str(path)!r}")
+    known = told.of_table(file.names)
+    file.refuse_twins(known.names.values())
+    if known.missing():
+        raise _strange(file, known, propose(robot, file, known))
+    return _Streams(file, known).raw_log()
+
+
+class _Streams:
+    """What the columns of a file hold."""
+
+    def __init__(self, file: TableFile, columns: Columns) -> None:
+        self.file, self.columns = file, columns
+        self.time = file.clock(columns.names[TIME]) * columns.factor(TIME)
+
+    def raw_log(self) -> RawLog:
+        """All of it."""
+        joints, imu = self._joints("position"), self._imu()
+        for name, stamps in (("joint", joints.time), ("IMU", imu.time)):
+            _check_seconds(self.file.path, name, stamps)
+        commands = self._joints("command") if self.columns.joints("command") else None
+        about = {"format": f"{self.file.path.suffix.lower()[1:]} table, {len(self.time)} rows"}
+        return RawLog(joints, imu, commands, about)
+
+    def _joints(self, kind: str) -> RawJoints:
+        """The rows in which there is a position of any joint."""
+        names = self.columns.joints(kind)
+        position = self._stacked([f"{kind}.{name}" for name in names])
+        rows = ~np.isnan(position).all(axis=1)
+
+        def other(quantity: str) -> FloatArray | None:
+            if kind != "position" or not self.columns.joints(quantity):
+                return None
+            return self._stacked([f"{quantity}.{name}" for name in names])[rows]
+
+        return RawJoints(self.time[rows], tuple(names), position[rows], other("velocity"), other("torque"))
+
+    def _imu(self) -> RawImu:
+        """The rows in which there is anything of the IMU."""
+        gyroscope = self._stacked(GYROSCOPE) if self.columns.has(GYROSCOPE) else None
+        acceleration, orientation = self._stacked(ACCELEROMETER), self._orientation()
+        parts = [part for part in (gyroscope, acceleration, orientation) if part is not None]
+        rows = ~np.isnan(np.hstack(parts)).all(axis=1)
+        return RawImu(
+            self.time[rows],
+            None if gyroscope is None else gyroscope[rows],
+            acceleration[rows],
+            None if orientation is None else orientation[rows],
+        )
+
+    def _orientation(self) -> FloatArray | None:
+        """(n, 4) quaternions, w first."""
+        if self.columns.has(QUATERNION):
+            return self._stacked(QUATERNION, factor=1.0)
+        if not self.columns.has(ANGLES):
+            return None
+        angles = self._stacked(ANGLES)
+        known = np.isfinite(angles).all(axis=1)
+        quaternions = np.full((len(angles), 4), np.nan)
+        w_last = Rotation.from_euler("ZYX", angles[known][:, ::-1]).as_quat()
+        quaternions[known] = np.roll(w_last, 1, axis=1)
+        return quaternions
+
+    def _stacked(self, names: Sequence[str], factor: float | None = None) -> FloatArray:
+        """(n, k) columns in our unit, or times a factor; NaN where the table has none."""
+        missing = np.full(len(self.time), np.nan)
+        factor = self.columns.factor(names[0].split(".")[0]) if factor is None else factor
+        columns = [self.columns.names.get(name) for name in names]
+        table = np.column_stack([missing if theirs is None else self.file.column(theirs) for theirs in columns])
+        return table if factor == 1.0 else table * factor
+
+
+def _strange(file: TableFile, known: Columns, proposal: Proposal) -> ColumnsError:
+    nothing = ", ".join(proposal.columns.missing())
+    return ColumnsError(
+        f"the table {str(file.path)!r} has no {', '.join(known.missing())}. By names and numbers its columns are as below"
+        + (f", and none looks like {nothing}" if nothing else ""),
+        proposal.to_toml(),
+        file.names,
+    )
+
+
+def _check_seconds(path: Path, name: str, time: FloatArray) -> None:
+    if len(time) < 2:
+        raise RecordingError(f"the table {str(path)!r} has {len(time)} rows with {name} samples")
+    step = float(np.nanmedian(np.abs(np.diff(time))))
+    if step > _SECONDS:
+        unit, short = (
+            ("nanoseconds", "ns") if step > 1e5 else ("microseconds", "us") if step > 100 else ("milliseconds", "ms")
+        )
+        raise RecordingError(
+            f"{name} samples of the table {str(path)!r} are {step:g} apart in {TIME!r}, which must be in seconds (are they "
+            f'{unit}? Then a file for --columns says units.time = "{short}")'
+        )

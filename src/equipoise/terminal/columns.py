@@ -1,0 +1,61 @@
+"""A dialogue about which column of a table is which."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from equipoise.errors import ColumnsError, OutputError, SettingsError
+from equipoise.logs.tables.columns import Columns
+from equipoise.user_file import write_file
+
+_HOW = """Enter reads it so. A line changes it: gyro.x = "wx"; gyro.x = "" leaves a column
+out; units.gyro = "deg/s". Ctrl-C ends."""
+
+
+def ask_columns(error: ColumnsError) -> Columns:
+    """What somebody makes of a proposal.
+
+    Raises:
+        ColumnsError: the standard input is closed.
+    """
+    _tell(f"{error.what}:\n\n{error.proposal}\n{_HOW}")
+    columns = Columns.from_text(error.proposal, "the proposal")
+    answer = "?"
+    while answer or columns.of_table(error.names).missing():
+        answer = _answer("columns> ", error)
+        try:
+            changed = columns.with_changes(Columns.from_text(answer, "what you wrote"))
+            changed.check(error.names, "the table")
+        except SettingsError as wrong:
+            _tell(str(wrong))
+            continue
+        columns = changed
+        missing = columns.of_table(error.names).missing()
+        if missing:
+            _tell(f"still missing: {', '.join(missing)}")
+    _offer_to_save(columns, error)
+    return columns
+
+
+def _offer_to_save(columns: Columns, error: ColumnsError) -> None:
+    while answer := _answer("save it for --columns as (Enter: not at all)> ", error):
+        try:
+            write_file(Path(answer).expanduser(), columns.to_toml(), "the columns ")
+        except OutputError as wrong:
+            _tell(str(wrong))
+            continue
+        _tell(f"saved: {answer}")
+        return
+
+
+def _answer(prompt: str, error: ColumnsError) -> str:
+    print(prompt, end="", file=sys.stderr, flush=True)
+    line = sys.stdin.readline()
+    if not line:
+        raise error
+    return line.strip()
+
+
+def _tell(words: str) -> None:
+    print(words, file=sys.stderr, flush=True)

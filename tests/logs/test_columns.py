@@ -1,0 +1,498 @@
+"""Tables with other names than ours: read as a file says, or as names and numbers tell; files of arrays; what is refused."""
+
+import io
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from foreign_logs import columns_of, write_csv, write_parquet
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from equipoise.cli import main
+from equipoise.errors import ColumnsError, RecordingError, SettingsError
+from equipoise.logs.reader import is_log, read_log
+from equipoise.logs.tables.by_content import carries, unit_of_angles
+from equipoise.logs.tables.by_name import named
+from equipoise.logs.tables.columns import UNITS, Columns
+from equipoise.recording.recording import ImuStream, JointStream, Recording
+from equipoise.robot.kinematics import feet_under_base, foot_positions, inverse_kinematics
+from equipoise.robot.stance import nominal_stance
+from equipoise.robot.statics import static_torques
+
+RATE = 100
+LEANS = ((0, 0), (0.2, 0), (-0.2, 0.1), (0, -0.2), (0.15, 0.15), (-0.1, -0.1), (0.05, 0.2))  # [rad] of roll, pitch
+
+
+@pytest.fixture(scope="module")
+def leaning(a1):
+    """A robot that leans over planted feet from rest to rest, as perfect sensors feel it: recording and orientation."""
+    stance = nominal_stance(a1)
+    feet, still, moving = foot_positions(a1, stance.joint_position), 2 * RATE, RATE
+    postures = [
+        inverse_kinematics(
+            a1, feet_under_base(feet, np.zeros(3), rotation_of(*lean).as_matrix()), stance.joint_position
+        )
+        for lean in LEANS
+    ]
+    torques = [static_torques(a1, posture, a1.legs) for posture in postures]
+    s = (1 - np.cos(np.pi * np.arange(moving) / moving)) / 2
+    share = np.concatenate([k + np.concatenate([np.zeros(still), s]) for k in range(len(LEANS) - 1)])
+    time = 5.0 + np.arange(len(share)) / RATE
+
+    def along(values):
+        return np.column_stack([np.interp(share, range(len(LEANS)), column) for column in np.array(values).T])
+
+    turned = rotation_of(*along(LEANS).T)
+    rate = np.gradient(along(LEANS), time, axis=0)
+    body_rate = np.column_stack(
+        [rate[:, 0], rate[:, 1] * np.cos(along(LEANS)[:, 0]), -rate[:, 1] * np.sin(along(LEANS)[:, 0])]
+    )
+    position = along(postures)
+    joints = JointStream(time, position, np.gradient(position, time, axis=0), along(torques))
+    imu = ImuStream(time, body_rate, turned.inv().apply([0, 0, 9.81]))
+    return Recording(a1.joint_names, joints, imu), np.roll(turned.as_quat(), 1, axis=1)
+
+
+def rotation_of(roll, pitch):
+    return Rotation.from_euler("ZYX", np.column_stack([np.zeros_like(roll), pitch, roll]).squeeze())
+
+
+def same(found, log, rtol=1e-9):
+    np.testing.assert_allclose(found.joints.time, log.joints.time - log.joints.time[0], atol=1e-6)
+    for mine, theirs in ((found.joints, log.joints), (found.imu, log.imu)):
+        for name in type(theirs).__dataclass_fields__:
+            if name != "time":
+                np.testing.assert_allclose(
+                    getattr(mine, name), getattr(theirs, name), rtol=rtol, atol=1e-6, err_msg=name
+                )
+
+
+def orders(robot):
+    """Joints leg by leg, as Unitree has the legs, and all hips before all thighs: indices in the robot's order."""
+    names = [robot.legs[leg].joint_names for leg in ("FR", "FL", "RR", "RL")]
+    hips_first = zip(*(robot.legs[leg].joint_names for leg in ("FL", "FR", "RL", "RR")), strict=True)
+    return ([robot.joint_names.index(joint) for leg in joints for joint in leg] for joints in (names, hips_first))
+
+
+# --- tables of others, as people write them
+
+
+def by_index(path, robot, log):
+    (unitree, _), joints, imu = orders(robot), log.joints, log.imu
+    np.savez(
+        path.with_suffix(".npz"), t=joints.time, q=joints.position[:, unitree], dq=joints.velocity[:, unitree],
+        tau=joints.torque[:, unitree], gyro=imu.angular_velocity_in_imu, acc=imu.acceleration_in_imu,
+        names=np.array(["a", "b"]), video=np.zeros((7, 2, 2)),
+    )  # fmt: skip
+    return path.with_suffix(".npz")
+
+
+def without_words(path, robot, log):
+    (_, hips_first), joints, imu = orders(robot), log.joints, log.imu
+    nanoseconds = np.round(joints.time * 1e9).astype(np.int64) + 1_763_712_000_123_456_789
+    np.savez(
+        path.with_suffix(".npz"), a=nanoseconds, b=np.degrees(joints.position[:, hips_first]),
+        c=np.degrees(joints.velocity[:, hips_first]), d=joints.torque[:, hips_first],
+        e=np.degrees(imu.angular_velocity_in_imu), f=imu.acceleration_in_imu / 9.80665,
+    )  # fmt: skip
+    return path.with_suffix(".npz")
+
+
+def numbers_alone(path, robot, log):
+    """An orientation before the rest: any three of its four that hold w have a norm of nearly one, as gravity in g."""
+    joints, imu, turn = log.joints, log.imu, 0.05 * np.sin(log.joints.time)
+    quaternion = [np.sqrt(1 - 2 * turn**2), turn, turn, 0 * turn]
+    sensed = [imu.acceleration_in_imu / 9.80665, imu.angular_velocity_in_imu]
+    table = np.column_stack([joints.time, *quaternion, *sensed, joints.position, joints.velocity, joints.torque])
+    np.savetxt(path.with_suffix(".csv"), table, delimiter=",")
+    return path.with_suffix(".csv")
+
+
+def a_matlab_structure(path, robot, log):
+    joints, imu = log.joints, log.imu
+    robot_side = {"pos": joints.position.T, "vel": joints.velocity.T, "tau": joints.torque.T}
+    imu_side = {"acc": imu.acceleration_in_imu.T, "gyro": imu.angular_velocity_in_imu.T}
+    savemat(
+        path.with_suffix(".mat"),
+        {"log": {"t": joints.time[:, None], "imu": imu_side, "joint": robot_side, "name": "run 3"}},
+    )
+    return path.with_suffix(".mat")
+
+
+def words_of_others(path, robot, log):
+    """Legs, places and quantities in other words, other sensors beside them, a counter that increases evenly too."""
+    joints, imu = log.joints, log.imu
+    place = {"hip": "abad", "thigh": "hip", "calf": "knee"}
+    columns = {
+        "frame": np.arange(len(joints.time)) * 0.004,
+        "Time(s)": joints.time,
+        "FR_Force": np.full(len(joints.time), 30.0),
+    }
+    for word, values in (("Pos", joints.position), ("Vel", joints.velocity), ("Tau", joints.torque)):
+        for name, column in zip(robot.joint_names, values.T, strict=True):
+            leg, kind, _ = name.split("_")
+            columns[f"Joint{word}{leg}_{place[kind]}"] = column
+    for letter, values in (
+        ("W", imu.angular_velocity_in_imu),
+        ("A", imu.acceleration_in_imu),
+        ("V", imu.acceleration_in_imu / 9),
+    ):
+        columns |= {f"Base{letter}{axis}": column for axis, column in zip("xyz", values.T, strict=True)}
+    return write_csv(path.with_suffix(".csv"), columns)
+
+
+def paths_of_topics(path, robot, log):
+    """As Parquet files of bags have them."""
+    columns = {"/joint_states/header/stamp": log.joints.time}
+    for word, values in (
+        ("position", log.joints.position),
+        ("velocity", log.joints.velocity),
+        ("effort", log.joints.torque),
+    ):
+        columns |= {f"/joint_states/{name}/{word}": c for name, c in zip(robot.joint_names, values.T, strict=True)}
+    for word, values in (
+        ("angular_velocity", log.imu.angular_velocity_in_imu),
+        ("linear_acceleration", log.imu.acceleration_in_imu),
+    ):
+        columns |= {f"/imu/data/{word}/{axis}": column for axis, column in zip("xyz", values.T, strict=True)}
+    return write_parquet(path.with_suffix(".parquet"), columns)
+
+
+@pytest.mark.parametrize(
+    "write", [by_index, without_words, numbers_alone, a_matlab_structure, words_of_others, paths_of_topics]
+)
+def test_what_is_proposed_for_a_strange_table_reads_it_as_it_is(a1, leaning, tmp_path, write):
+    log, _ = leaning
+    path = write(tmp_path / "log", a1, log)
+    assert is_log(path)
+    with pytest.raises(
+        ColumnsError, match=r"By names and numbers its columns are as below. Look through it, save it"
+    ) as told:
+        read_log(path, a1)
+    assert told.value.details["columns"] == told.value.proposal
+    assert told.value.exit_code == RecordingError.exit_code
+    (tmp_path / "columns.toml").write_text(told.value.proposal, encoding="utf-8")
+    same(read_log(path, a1, columns=Columns.from_toml(tmp_path / "columns.toml")).recording, log, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "part"),
+    [
+        ("%time", "time", ""), ("/imu/data/header/stamp", "time", ""), ("frame_index", None, None),
+        ("/imu/data/linear_acceleration/x", "accelerometer", "x"), ("imu.accelerometer[2]", "accelerometer", "2"),
+        ("ax", "accelerometer", "x"), ("angular_acceleration_x", None, None), ("base_ang_vel[0]", "gyro", "0"),
+        ("BaseWz", "gyro", "z"), ("base_lin_vel_x", None, None), ("q_w", "orientation", "w"),
+        ("base_roll", "orientation", "roll"), ("imu_rpy[2]", "orientation", "yaw"),
+        ("motor_state[3].q", "position", "3"), ("motor_state[3].tau_est", "torque", "3"),
+        ("motor_state[3].temperature", None, None), ("left_front_hip_roll_pos", "position", "left_front_hip_roll"),
+        ("/joint_states/LF_HAA/effort", "torque", "lf_haa"), ("qd_3", "velocity", "3"), ("ddq_3", None, None),
+        ("target_q_FL_calf", "command", "fl_calf"), ("FR_Force", None, None), ("FL_knee_vel_cmd", None, None),
+    ],
+)  # fmt: skip
+def test_names_that_people_give_columns(name, kind, part):
+    found = named(name)
+    assert (kind, part) == ((None, None) if found is None else (found.kind, found.part))
+
+
+def test_a_proposal_says_why_and_what_it_leaves_out(a1, leaning, tmp_path):
+    with pytest.raises(ColumnsError) as told:
+        read_log(by_index(tmp_path / "log", a1, leaning[0]), a1)
+    for line in (
+        "# time: increases evenly", "FR FL RR RL, leg by leg, as limits and floor say", "# velocity: the derivatives of",
+        "# torque: they carry the robot", "# gyro: up turns as it says", 'position.FR_hip_joint = "q[0]"',
+        "\n# not used: names (2,), video (7, 2, 2)\n",
+    ):  # fmt: skip
+        assert line in told.value.proposal, line
+
+
+def test_an_order_of_legs_that_nothing_tells_is_called_a_guess(a1, leaning, tmp_path):
+    """A robot that only stands: any order of its legs is as level."""
+    log = leaning[0].between(5.0, 6.9)
+    with pytest.raises(ColumnsError) as told:
+        read_log(by_index(tmp_path / "log", a1, log), a1)
+    assert "the model's order, a guess: compare the legs, joint by joint" in told.value.proposal
+    assert "by name alone: is it in rad/s?" in told.value.proposal
+
+
+def test_an_imu_that_is_mounted_turned_leaves_the_order_a_guess(a1, leaning, tmp_path):
+    """The floor is nowhere level then, and the joints are what they are called."""
+    log, _ = leaning
+    log = replace(log, imu=replace(log.imu, acceleration_in_imu=np.roll(log.imu.acceleration_in_imu, 1, axis=1)))
+    with pytest.raises(ColumnsError) as told:
+        read_log(by_index(tmp_path / "log", a1, log), a1)
+    assert "the model's order, a guess" in told.value.proposal
+
+
+def test_what_only_a_name_speaks_for_is_said_so(a1, leaning, tmp_path):
+    """Torques of a robot that hangs, and velocities that nobody measured."""
+    log, _ = leaning
+    joints = replace(log.joints, torque=0.1 * log.joints.torque, velocity=0 * log.joints.velocity)
+    with pytest.raises(ColumnsError) as told:
+        read_log(by_index(tmp_path / "log", a1, replace(log, joints=joints)), a1)
+    for line in ("# torque: by name alone: is it in Nm?", "# velocity: by name alone: is it in rad/s?"):
+        assert line in told.value.proposal
+    assert 'torque.FR_hip_joint = "tau[0]"' in told.value.proposal
+
+
+def test_stretched_legs_carry_nothing_that_can_be_told(a1):
+    """As columns that are no joint positions may seem to be: all zeros."""
+    assert not carries(a1, np.zeros((5, 12)), np.ones((5, 12)))
+    assert unit_of_angles(a1, np.zeros((5, 12))) is None
+
+
+def test_what_no_column_looks_like_is_said(a1, leaning, tmp_path):
+    columns = columns_of(leaning[0])
+    columns = {name: values for name, values in columns.items() if not name.startswith("accelerometer")}
+    with pytest.raises(
+        ColumnsError, match=r"has no accelerometer.x, accelerometer.y, accelerometer.z. .*none looks like acc"
+    ):
+        read_log(write_csv(tmp_path / "log.csv", columns), a1)
+
+
+@pytest.mark.parametrize("angles", [False, True])
+def test_an_orientation_is_proposed_where_there_is_no_gyroscope(a1, leaning, tmp_path, angles):
+    log, quaternions = leaning
+    columns = with_orientation(log, quaternions, angles)
+    words = {"roll": "imu_rpy[0]", "pitch": "imu_rpy[1]", "yaw": "imu_rpy[2]"}
+    for part in [name.split(".")[1] for name in columns if name.startswith("orientation")]:
+        columns[words.get(part, f"q_{part}")] = columns.pop(f"orientation.{part}")
+    path = write_csv(tmp_path / "log.csv", columns)
+    with pytest.raises(ColumnsError) as told:
+        read_log(path, a1)
+    (tmp_path / "columns.toml").write_text(told.value.proposal, encoding="utf-8")
+    read = read_log(path, a1, columns=Columns.from_toml(tmp_path / "columns.toml"))
+    assert any("turns as its fused orientation does" in finding.message for finding in read.findings)
+    assert ('orientation = "deg"' in told.value.proposal) == angles
+
+
+# --- what the user says
+
+
+def test_columns_may_be_some_and_in_other_units(a1, leaning, tmp_path):
+    log, _ = leaning
+    columns = columns_of(log)
+    for axis in "xyz":
+        columns[f"w{axis}"] = np.degrees(columns.pop(f"gyro.{axis}"))
+        columns[f"accelerometer.{axis}"] = columns[f"accelerometer.{axis}"] / 9.80665
+    columns["time"] = 1000 * columns["time"]
+    units = 'units.time = "ms"\nunits.gyro = "deg/s"\nunits.accelerometer = "g"\n'
+    told = Columns.from_text('gyro.x = "wx"\ngyro.y = "wy"\ngyro.z = "wz"\n' + units, "it")
+    for path in (write_csv(tmp_path / "log.csv", columns), write_parquet(tmp_path / "log.parquet", columns)):
+        same(read_log(path, a1, columns=told).recording, log)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("gyro.x = ", "cannot be read: "),
+        ('gyrox = "wx"', "'gyrox' is no column of ours; did you mean 'gyro.x'"),
+        ("gyro.x = 3", r'3 is no column\'s name; write it as gyro.x = "..."'),
+        ('units.gyro = "grad"', "'grad' is no unit of gyro; those are rad/s, deg/s, rpm"),
+        ('units.mass = "kg"', "units are of time, position, .*not of 'mass'"),
+        ("units = 3", "units are of time"),
+    ],
+)
+def test_a_mistake_in_the_users_columns_is_named(tmp_path, text, message):
+    (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(SettingsError, match=message):
+        Columns.from_toml(tmp_path / "columns.toml")
+
+
+def test_columns_that_the_table_has_not_are_named(a1, leaning, tmp_path):
+    path = write_csv(tmp_path / "log.csv", columns_of(leaning[0]))
+    with pytest.raises(
+        SettingsError, match=r"say 'gyr.x' for gyro.x, which the table .* has not; did you mean 'gyro.x'"
+    ):
+        read_log(path, a1, columns=Columns({"gyro.x": "gyr.x"}))
+    with pytest.raises(SettingsError, match=r"give 'gyro.z' to gyro.x and to gyro.z"):
+        read_log(path, a1, columns=Columns({"gyro.x": "gyro.z", "gyro.z": "gyro.z"}))
+    with pytest.raises(SettingsError, match="cannot be read"):
+        Columns.from_toml(tmp_path / "none.toml")
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "log.db3").touch()
+    with pytest.raises(
+        SettingsError, match=r"--columns is for tables \(.csv, .parquet, .npz, .npy, .mat\), and .* is none"
+    ):
+        read_log(tmp_path / "bag", a1, columns=Columns())
+
+
+OURS = st.sampled_from(["time", "gyro.x", "accelerometer.z", "orientation.roll"]) | st.builds(
+    "{}.{}".format, st.sampled_from(["position", "velocity", "torque", "command"]), st.text(min_size=1)
+)
+NAMES = st.dictionaries(OURS, st.text(min_size=1), max_size=6)
+SOME_UNITS = st.fixed_dictionaries({}, optional={kind: st.sampled_from([*of]) for kind, of in UNITS.items()})
+
+
+@given(names=NAMES, units=SOME_UNITS)
+def test_columns_are_what_was_written_of_them(names, units):
+    """Whatever characters a name has; columns that have our names need no line."""
+    read = Columns.from_text(Columns(names, units).to_toml(), "it")
+    assert read.names == {ours: theirs for ours, theirs in names.items() if ours != theirs}
+    assert read.units == units
+
+
+# --- files of arrays
+
+
+def test_arrays_of_our_names_are_read_from_every_kind_of_file(a1, leaning, tmp_path):
+    log, columns = leaning[0], columns_of(leaning[0])
+    np.savez(tmp_path / "log.npz", **columns, pickled=np.array([{"a": 1}], dtype=object))
+    rows = np.array([*zip(*columns.values(), strict=True)], dtype=[(name, float) for name in columns])
+    np.save(tmp_path / "log.npy", rows)
+    for name in ("log.npz", "log.npy"):
+        same(read_log(tmp_path / name, a1).recording, log)
+
+
+@pytest.mark.parametrize("suffix", ["pkl", "pickle", "pt", "npy"])
+def test_pickles_are_refused_unopened_with_how_to_convert_them(a1, tmp_path, suffix):
+    ran = tmp_path / "ran"
+    path = tmp_path / f"log.{suffix}"
+    if suffix == "npy":
+        np.save(path, np.array([Trap(ran)], dtype=object), allow_pickle=True)
+    else:
+        path.write_bytes(pickle.dumps(Trap(ran)))
+    with pytest.raises(RecordingError, match=r"holds Python objects.*numpy.savez\('log.npz', time=") as told:
+        read_log(path, a1)
+    loader = {"pt": "torch.load('log.pt')", "npy": "allow_pickle=True"}.get(
+        suffix, f"pickle.load(open('log.{suffix}', 'rb'))"
+    )
+    assert loader in str(told.value)
+    assert not ran.exists()
+
+
+class Trap:
+    """What runs when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (str(self.path), "w")
+
+
+def test_files_of_arrays_that_hold_no_log(a1, tmp_path):
+    np.savez(tmp_path / "words.npz", a=np.array(["x", "y"]))
+    with pytest.raises(RecordingError, match=r"holds no arrays of numbers: a \(2,\)"):
+        read_log(tmp_path / "words.npz", a1)
+    (tmp_path / "log.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
+    with pytest.raises(RecordingError, match=r"version 7.3, which is not read: save it again with save\("):
+        read_log(tmp_path / "log.mat", a1)
+    (tmp_path / "log.npz").write_bytes(b"PK nothing")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_log(tmp_path / "log.npz", a1)
+
+
+# --- a fused orientation
+
+
+def with_orientation(log, quaternions, angles=False):
+    """A table's columns with an orientation in place of the gyroscope."""
+    columns = {name: values for name, values in columns_of(log).items() if not name.startswith("gyro")}
+    if angles:
+        yaw, pitch, roll = Rotation.from_quat(np.roll(quaternions, -1, axis=1)).as_euler("ZYX", degrees=True).T
+        return columns | {"orientation.roll": roll, "orientation.pitch": pitch, "orientation.yaw": yaw}
+    return columns | {f"orientation.{part}": column for part, column in zip("wxyz", quaternions.T, strict=True)}
+
+
+@pytest.mark.parametrize("angles", [False, True])
+def test_an_orientation_turns_as_the_gyroscope_that_is_not_there(a1, leaning, tmp_path, angles):
+    log, quaternions = leaning
+    path = write_csv(tmp_path / "log.csv", with_orientation(log, quaternions, angles))
+    read = read_log(path, a1, columns=Columns(units={"orientation": "deg"}))
+    np.testing.assert_allclose(
+        read.recording.imu.angular_velocity_in_imu,
+        log.imu.angular_velocity_in_imu,
+        atol=0.01 * np.ptp(log.imu.angular_velocity_in_imu),
+    )
+    assert any("turns as its fused orientation does" in finding.message for finding in read.findings)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda q: np.roll(q, -1, axis=1), "is w the last"),
+        (lambda q: q * [1, -1, -1, -1], "is it of the room in the IMU"),
+        (lambda q: 2 * q, "have a norm of 2; it must be 1"),
+    ],
+)
+def test_an_orientation_that_is_another_is_refused(a1, leaning, tmp_path, change, message):
+    log, quaternions = leaning
+    steep = Rotation.from_euler("x", 0.3)  # so that the inverse is another
+    quaternions = np.roll((Rotation.from_quat(np.roll(quaternions, -1, axis=1)) * steep).as_quat(), 1, axis=1)
+    imu = replace(log.imu, acceleration_in_imu=steep.inv().apply(np.array(log.imu.acceleration_in_imu)))
+    path = write_csv(tmp_path / "log.csv", with_orientation(replace(log, imu=imu), change(quaternions)))
+    with pytest.raises(RecordingError, match=message):
+        read_log(path, a1)
+
+
+def test_an_orientation_does_not_stand_in_for_an_accelerometer(a1, leaning, tmp_path):
+    log, quaternions = leaning
+    columns = columns_of(log) | with_orientation(log, quaternions)
+    for axis in "xyz":
+        columns[f"accelerometer.{axis}"] = np.zeros(len(columns["time"]))
+    with pytest.raises(
+        RecordingError, match=r"has no accelerometer\. A fused orientation says where up is, and not what pushes"
+    ):
+        read_log(write_csv(tmp_path / "log.csv", columns), a1)
+
+
+# --- the command line
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_off_a_terminal_the_proposal_is_the_error(a1, leaning, tmp_path, capsys):
+    path = by_index(tmp_path / "log", a1, leaning[0])
+    assert main(["estimate", str(path), "--robot", "unitree_a1"]) == 5
+    said = capsys.readouterr().err
+    _, _, text = said.partition("\n\n")
+    (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
+    assert main(["estimate", str(path), "--robot", "unitree_a1", "--json"]) == 5
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert error["type"] == "ColumnsError"
+    assert Columns.from_text(error["columns"], "it") == Columns.from_toml(tmp_path / "columns.toml")
+
+
+def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys, monkeypatch):
+    path, kept = by_index(tmp_path / "log", a1, leaning[0]), tmp_path / "kept.toml"
+    typed = [
+        'gyro.x = ""',
+        "",
+        'gyro.x = "gyr[0]"',
+        "no TOML",
+        'gyro.x = "gyro[0]"',
+        "",
+        str(tmp_path / "no" / "folder"),
+        str(kept),
+    ]
+    monkeypatch.setattr("sys.stdin", Terminal("\n".join(typed) + "\n"))
+    monkeypatch.setattr("sys.stderr", errors := Terminal())
+    arguments = ["estimate", str(path), "--robot", "unitree_a1", "--mass", "12.5"]
+    first = main(arguments)
+    said = errors.getvalue()
+    for part in (
+        "Enter reads it so", "still missing: gyro.x", "did you mean 'gyro[0]'", "what you wrote cannot be read",
+        "cannot write", f"saved: {kept}",
+    ):  # fmt: skip
+        assert part in said, part
+    assert max(map(len, said.partition("Enter reads")[2].splitlines()[:2])) <= 80
+    by_dialogue = capsys.readouterr().out
+    assert main([*arguments, "--columns", str(kept)]) == first
+    assert capsys.readouterr().out == by_dialogue
+    assert "What the log holds" in by_dialogue
+
+
+def test_a_dialogue_whose_end_nobody_types_is_the_error(a1, leaning, tmp_path, monkeypatch):
+    path = by_index(tmp_path / "log", a1, leaning[0])
+    monkeypatch.setattr("sys.stdin", Terminal(""))
+    monkeypatch.setattr("sys.stderr", errors := Terminal())
+    assert main(["estimate", str(path), "--robot", "unitree_a1"]) == 5
+    assert "error: the table" in errors.getvalue()
