@@ -1,6 +1,6 @@
 """What public logs of real robots tell: `python benchmarks/real_logs.py --help`. Writes benchmarks/results/real_logs.md.
 
-Logs are not ours to pass on: a checkout is given by its path, stays where it is, and is read as anybody would read it, with its
+Logs are not ours to pass on: a checkout is given by its path, stays where it is, and is read as anybody would read it, its
 columns named as by `--columns`. Nothing is tuned on them.
 
     git clone https://github.com/mrsp/serow
@@ -20,13 +20,13 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 from commit import commit
-from equipoise.logs.tables.columns import Columns
 
 from equipoise import Precise, RobotModel, load_robot
 from equipoise.errors import EquipoiseError
 from equipoise.logs.log import Log
 from equipoise.logs.offline import LogEstimate, estimate_log
 from equipoise.logs.reader import read_log
+from equipoise.logs.tables.columns import Columns
 from equipoise.result.statistics import NORMAL_95
 
 RESULTS = Path(__file__).parent / "results"
@@ -130,8 +130,8 @@ def agreement(first: LogEstimate, second: LogEstimate) -> str:
     both = NORMAL_95 * np.hypot(one.deviations, other.deviations)[1:4]
     return (
         f"The halves differ by {', '.join(f'{1e3 * value:.1f}' for value in apart)} mm; both intervals together are "
-        f"{', '.join(f'{1e3 * value:.1f}' for value in both)} mm, most of which are joint zeros and the IMU's mounting, the same "
-        "in both."
+        f"{', '.join(f'{1e3 * value:.1f}' for value in both)} mm, most of which are joint zeros and the IMU's mounting, the "
+        "same in both."
     )
 
 
