@@ -40,9 +40,9 @@ COLUMNS = {
 ELSEWHERE = (
     (
         "mrsp/serow, `evaluation/mujoco_test`, Go2, five logs",
-        "simulated; the files are not in the mirror that was at hand",
+        "simulated; the files were not at hand",
     ),
-    ("mrsp/serow, `evaluation/unit_tests/data/go2.csv`, Go2", "the file is not in the mirror that was at hand"),
+    ("mrsp/serow, `evaluation/unit_tests/data/go2.csv`, Go2", "the file was not at hand"),
     ("iit-DLSLab/sim2real-robot-identification, Go2", "hangs on a stand, without an IMU; [motors](motors.md) reads it"),
     ("ouguangjun/legkilo-dataset, Go1", "kept outside its repository, not at hand"),
     ("UMich-CURLY/deep-contact-estimator, Mini Cheetah", "kept outside its repository, not at hand"),
@@ -110,7 +110,7 @@ def row(what: str, found: LogEstimate) -> str:
     result = found.result
     steps = sum(segment.steps for segment in found.report.segments)
     said = [
-        ", ".join(f"{1e3 * one.value:.1f} ± {500 * (one.upper - one.lower):.1f}" for one in body.com)
+        ", ".join(f"{1e3 * one.value:.1f} ± {500 * (one.upper - one.lower):.1f}" for one in [*body][1:4])
         for body in (result.composite, result.base)
     ]
     failed = ", ".join(check.name for check in result.checks if not check.passed) or "none"
