@@ -84,6 +84,7 @@ class PreciseRoutine:
         self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
         find_com_fast(self.trials, self._search_on)
         self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
+        self._tell("planning the lifts that teach most")
         candidates = self._candidates()
         plan = plan_for(candidates, self.stance, self.settings)
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.turn + self.settings.sway
@@ -99,6 +100,7 @@ class PreciseRoutine:
             if self.settings.turn:
                 self._tell("turn it to face the other way")
                 self.trials.turn()
+            self._tell("planning what is left")
             rest = self._replan(posterior, done)
             if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
                 rest = plan

@@ -80,8 +80,8 @@ _ERD, _PYBULLET = "example-robot-data", "pybullet"
 CATALOG: dict[str, CatalogEntry] = {
     entry.name: entry
     for entry in (
-        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", 12.458, 3, 0.4, "Unitree A1 of the paper"),
-        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", 13.741, 3, 0.4, "Unitree A1, newer"),
+        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", 12.458, 3, 0.4, "A1 of the paper"),
+        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", 13.741, 3, 0.4, "A1, newer"),
         CatalogEntry("go1", _ERD, "go1_description/urdf/go1.urdf", 13.1, 3, 0.426, "Unitree Go1"),
         CatalogEntry("go2", _ERD, "go2_description/urdf/go2.urdf", 16.085, 3, 0.426, "Unitree Go2"),
         CatalogEntry("b1", _ERD, "b1_description/urdf/b1.urdf", 55.689, 3, 0.7, "Unitree B1"),

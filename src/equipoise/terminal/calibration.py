@@ -11,7 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from equipoise.calibration.run_folder import HEADER, RESULT
 from equipoise.conventions import AXES
@@ -35,12 +35,13 @@ class TrialProgress:
         self._quiet = quiet
         self._live = Progress(
             SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
+            BarColumn(bar_width=14),
             MofNCompleteColumn(),
             TextColumn("about"),
             TimeRemainingColumn(compact=True),
-            TextColumn("left"),
+            TextColumn("left:"),
+            TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+            expand=True,
             console=self._console,
             transient=True,
             disable=quiet or not self._console.is_terminal,
