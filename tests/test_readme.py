@@ -27,6 +27,11 @@ def test_the_first_command_prints_what_the_readme_shows(text, tmp_path, monkeypa
     shown = re.search(r"```\n(unitree_a1: method precise.*?)```", text, re.DOTALL).group(1)
     printed = capsys.readouterr().out.partition("saved:")[0]
     assert_shown(plain(printed), plain(shown), abs=0.6, rel=0.1)
+    assert main(["export", "runs/first", "--to", "urdf"]) == 0
+    (shown,) = re.findall(r"```\n(warning: .*?)```", text, re.DOTALL)
+    captured = capsys.readouterr()
+    printed = (captured.err + captured.out).replace(f"{tmp_path.resolve()}/", "")
+    assert_shown(printed, shown, abs=0, rel=0)
 
 
 def plain(shown):

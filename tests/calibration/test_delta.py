@@ -14,6 +14,7 @@ from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.two_runs import _TwoProblems
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.trials import LiftTrial
+from equipoise.result.body import Body
 from equipoise.robot.inertial import InertialParameters
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
@@ -82,7 +83,19 @@ def test_of_nothing_only_the_mass_is_said(a1, bare):
     assert all(quantity.value is quantity.deviation is quantity.verdict is None for quantity in others)
     assert list(nothing.to_dict()["intervals"]) == ["mass"]
     assert abs(mass.value) < 0.05 * mass.deviation
-    assert all(quantity.verdict == "not identified" for quantity in nothing.change)
+    assert mass.verdict == ("no change" if mass.half < 0.01 * a1.mass else "not identified")
+    assert {quantity.verdict for quantity in nothing.change} <= {"no change", "not identified"}
+
+
+def test_a_sure_zero_is_no_change_and_an_unsure_one_is_not():
+    values, deviations = np.array([0.01, *9 * [1e-4]]), np.array([0.02, 5e-4, 5e-4, 5e-3, 1e-3, *5 * [0.1]])
+    typical = np.abs(values)
+    change = Body.of(values, np.diag(deviations**2), typical).with_sure_zeros(np.repeat([0.1, 2e-3, 0.02], [1, 3, 6]))
+    assert [one.verdict for one in change] == ["no change"] * 3 + ["not identified", "no change"] + 5 * [
+        "not identified"
+    ]
+    sure = Body.of(10 * values, np.diag(deviations**2), typical).with_sure_zeros(np.full(10, 0.1))
+    assert sure.mass.verdict != "no change"  # 0.1 kg to 0.04 kg: there is one
 
 
 def test_derivatives_of_two_runs_are_those_of_their_cost(a1, bare, precise_run):
@@ -123,7 +136,7 @@ def test_verdicts_are_by_what_a_quantity_is_like():
 
 
 def test_scales_that_cannot_be_are_refused():
-    with pytest.raises(SettingsError, match=r"a scale's mass is 0\.0; it must be from 0\.05 to 5000 kg"):
+    with pytest.raises(SettingsError, match=r"a scale's mass is 0 kg; it must be 0\.05 kg or more"):
         ScaleReadings((0.0, 1.0))
     with pytest.raises(SettingsError, match=r"noise of the scale is -1; it must be above 0 and below 1"):
         ScaleReadings(noise=-1)

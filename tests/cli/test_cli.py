@@ -122,9 +122,19 @@ def test_an_audit_that_finds_an_error_ends_with_one(tmp_path, a1_urdf, capsys):
 
 
 @pytest.mark.parametrize("verb", ["calibrate", "plan", "estimate", "robots", "audit"])
-def test_every_verbs_help_shows_an_example(verb, capsys):
+def test_every_verbs_help_shows_an_example_and_fits_its_lines(verb, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
     assert main([verb, "--help"]) == 0
-    assert f"equipoise {verb}" in capsys.readouterr().out.split("Example:")[1]
+    shown = capsys.readouterr().out
+    assert f"equipoise {verb}" in shown.split("Example:")[1]
+    assert all(len(line) <= 80 for line in shown.splitlines() if not line.startswith(" "))
+
+
+def test_every_verb_has_a_line_of_80_columns(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert all(f"  {verb:<12}  {words}" in lines for verb, (_, words) in VERBS.items())
 
 
 # Bad input: one sentence, a stable exit code, no traceback.

@@ -2,8 +2,11 @@
 
 import codecs
 import dataclasses
+import importlib
 import os
 import re
+import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +24,7 @@ from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise import RobotDescription, export, load_robot
 from equipoise.errors import MissingDependencyError, ModelError, NotPhysicalError, SettingsError
+from equipoise.exports.formats import export_all
 from equipoise.result.body import Body
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.catalog import CATALOG
@@ -246,12 +250,61 @@ def test_another_file_of_the_robot_gets_what_makes_it_the_robot_that_was_found(a
 
 
 def test_a_run_of_the_other_format_is_told_so(a1, tmp_path):
-    assert refusal(SettingsError, found(a1), "mjcf") == (
+    mine = found(dataclasses.replace(a1, name="mine"))
+    assert refusal(SettingsError, mine, "mjcf") == (
         "the run's model is URDF: export --to urdf, or name your MJCF file of the same robot with --file"
     )
     assert refusal(SettingsError, found(a1), "mjcf", file=a1.source.path) == (
         f"{str(a1.source.path)!r} is URDF, not MJCF"
     )
+
+
+@pytest.fixture
+def menagerie(monkeypatch, tmp_path):
+    """A stand-in for robot_descriptions, which has a Go1 of MuJoCo Menagerie; and the robot's URDF under that name."""
+    folder = tmp_path / "menagerie & others"
+    folder.mkdir()
+    path = folder / "go1.xml"
+    path.write_text(quadruped_mjcf(head='<compiler angle="radian" meshdir="assets"/>'), encoding="utf-8")
+    package, module = types.ModuleType("robot_descriptions"), types.ModuleType("robot_descriptions.go1_mj_description")
+    package.__path__, module.MJCF_PATH = [], str(path)
+    monkeypatch.setitem(sys.modules, package.__name__, package)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    return path
+
+
+def test_a_run_with_a_urdf_gets_the_file_that_mujoco_menagerie_has(menagerie, tmp_path):
+    robot = dataclasses.replace(load_text(tmp_path, quadruped_urdf()), name="go1")
+    result = found(robot)
+    out = export(result, "mjcf")
+    assert f'meshdir="{str(menagerie.parent / "assets").replace("&", "&amp;")}"' in out.text
+    assert f"the file is MuJoCo Menagerie's go1.xml, whose meshes stay in {menagerie.parent}" in out.notes
+    assert_same(composite_in_mujoco(out.text, result, {}), result.composite.parameters())
+    assert export_all(result)["mjcf"].content == out.content
+
+
+def test_without_robot_descriptions_it_is_said_what_would_find_it(a1, monkeypatch):
+    def absent(name):
+        raise ModuleNotFoundError(f"No module named {name!r}", name="robot_descriptions")
+
+    monkeypatch.setattr(importlib, "import_module", absent)
+    assert refusal(MissingDependencyError, found(a1), "mjcf").endswith(
+        "with --file, or let MuJoCo Menagerie's be found: pip install robot_descriptions"
+    )
+
+
+@pytest.mark.parametrize(("moved", "told"), [(0.0, None), (0.004, "4.0 mm"), (0.05, "50.0 mm")])
+def test_a_file_whose_legs_stand_elsewhere_is_told_or_refused(menagerie, tmp_path, moved, told):
+    text = menagerie.read_text(encoding="utf-8").replace('pos="0.2 0.1 0.0"', f'pos="{0.2 + moved} 0.1 0.0"', 1)
+    menagerie.write_text(text, encoding="utf-8")
+    result = found(dataclasses.replace(load_text(tmp_path, quadruped_urdf()), name="go1"))
+    if moved > 0.01:
+        said = refusal(SettingsError, result, "mjcf")
+        assert said.endswith("it is another robot's, or its base frame or joint zeros are others")
+    else:
+        said = " ".join(export(result, "mjcf").notes)
+    assert told is None or f"the feet of go1.xml are {told} from those of the run's model" in said
+    assert (told is None) == ("the feet of" not in said)
 
 
 def test_a_result_without_its_model_needs_a_file(a1):

@@ -96,6 +96,37 @@ def test_a_precise_run_shows_all_parts(precise):
     assert len(contents["numbers"]["rows"]) == 10
 
 
+def test_the_numbers_say_their_frame_point_axes_and_stance(precise):
+    frame, *_ = run_contents(precise)["legend"]
+    assert frame == (
+        "CoM from the origin of base link 'trunk', x forward, z up; inertia about the CoM, in the same axes; standing with "
+        "its hips 0.320 m high. Of 20 intervals one is expected to miss the truth."
+    )
+
+
+def test_a_failed_check_takes_the_headline(precise):
+    checks = (dataclasses.replace(precise.checks[0], passed=False), *precise.checks[1:])
+    failed = dataclasses.replace(precise, checks=checks, composite=precise.composite.doubted())
+    assert run_contents(failed)["lead"].startswith(f"Doubtful: 1 of {len(checks)} checks failed. It weighs")
+    assert "doubtful: a check failed" in run_contents(failed)["legend"][1]
+    assert "Doubtful" not in run_contents(precise)["lead"]
+
+
+def test_logarithmic_axes_read_one_two_five_ten(precise):
+    (figure,) = (
+        f for f in blocks(run_contents(precise), "figure") if f["title"] == "How the centre of mass became known"
+    )
+    axis = figure["layout"]["yaxis"]
+    assert {"1", "2", "5", "10", "20"} <= set(axis["ticktext"])
+    assert axis["tickvals"] == [float(tick) for tick in axis["ticktext"]]
+
+
+def test_what_a_run_was_not_given_is_called_so(precise):
+    given = precise.with_provenance(payload=None)
+    rows = {row[0]: row[1] for block in blocks(run_contents(given), "table") for row in block["rows"] if len(row) == 2}
+    assert (rows["payload"], rows["mass"]) == ("none", "not given")
+
+
 def test_the_papers_method_shows_its_search(paper):
     contents = run_contents(paper)
     figures = [figure["title"] for figure in blocks(contents, "figure")]

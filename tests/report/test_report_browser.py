@@ -82,6 +82,31 @@ def test_every_figure_is_drawn_below_a_first_screen_that_holds_numbers_and_pictu
     page.wait_for_function("document.documentElement.scrollWidth <= 400")
 
 
+def test_a_telephone_shows_every_number_with_its_verdict_and_no_word_broken(visit, pages):
+    page = visit(pages["precise"], width=360, height=780)
+    rows = page.locator("#numbers tbody tr")
+    for row in (rows.first, rows.last):
+        for head in ("estimate", "95 %", "interval", "verdict", "truth", "error", "model", "change"):
+            box = row.locator(f'[data-head="{head}"]').bounding_box()
+            assert box["x"] >= 0, head
+            assert box["x"] + box["width"] <= 360, head
+    assert page.locator("nav a").last.get_attribute("href") == "#provenance"
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    broken = """() => [...document.querySelectorAll('#trials td, #checks td')].filter((cell) => {
+      const words = cell.textContent.split(' '), most = Math.max(...words.map((word) => word.length));
+      const letter = parseFloat(getComputedStyle(cell).fontSize) / 2;
+      return most < 20 && cell.clientWidth < most * letter; }).map((cell) => cell.textContent)"""
+    assert page.evaluate(broken) == []
+
+
+def test_paper_is_wide_enough_for_the_numbers(visit, pages):
+    page = visit(pages["precise"], width=688, height=970)  # A4 less its margins
+    page.emulate_media(media="print")
+    assert page.evaluate(
+        "[...document.querySelectorAll('.barred')].every((table) => table.getBoundingClientRect().right <= 688)"
+    )
+
+
 def test_the_theme_is_the_systems_until_the_button_says_otherwise(visit, pages):
     page = visit(pages["paper"], color_scheme="dark")
     background = "getComputedStyle(document.body).backgroundColor"

@@ -143,6 +143,38 @@ def test_legs_that_are_not_in_four_corners_are_refused(refusal):
     )
 
 
+def in_units(text, lengths=1.0, masses=1.0):
+    """A URDF whose lengths and masses are counted in smaller units."""
+    text = re.sub(r'<origin xyz="([^"]+)"', lambda found: f'<origin xyz="{multiplied(found[1], lengths)}"', text)
+    return re.sub(r'<mass value="([^"]+)"', lambda found: f'<mass value="{multiplied(found[1], masses)}"', text)
+
+
+def multiplied(numbers, factor):
+    return " ".join(str(factor * float(number)) for number in numbers.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            in_units(quadruped_urdf(), lengths=1000),
+            "has legs of 400 m: its lengths look like millimetres; give them in metres, inertias in kg m2",
+        ),
+        (
+            in_units(quadruped_urdf(), lengths=100),
+            "has legs of 40 m: its lengths are in another unit; give them in metres, inertias in kg m2",
+        ),
+        (
+            in_units(quadruped_urdf(), masses=1000),
+            "weighs 13600 kg: its masses look like grams; give them in kg, inertias in kg m2",
+        ),
+    ],
+    ids=["millimetres", "centimetres", "grams"],
+)
+def test_files_in_other_units_are_refused(refusal, text, said):
+    assert refusal(text) == f"robot model 'robot' {said}"
+
+
 @pytest.mark.parametrize("kind", ["planar", "floating"])
 def test_a_leg_joint_of_several_axes_is_refused(refusal, kind):
     text = quadruped_urdf().replace('name="FL_0" type="revolute"', f'name="FL_0" type="{kind}"')

@@ -24,11 +24,13 @@ from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.result.body import Body, parameters_to_dict
 from equipoise.result.statistics import NORMAL_95
-from equipoise.robot.inertial import InertialParameters, RobotInertia, components
+from equipoise.robot.inertial import InertialParameters, RobotInertia, components, composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
 
 SCHEMA = "equipoise.delta/1"
+# Of the robot's mass, of a metre on an A1, of the largest moment: a zero that is as sure as this is none to any controller.
+_UNFELT = np.array([0.01, 2e-3, 0.05])
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,7 @@ class Delta:
             `removed`. CoM and inertia are not estimated if no mass can be told from none. Verdicts say how sure a mass
             is beside itself, a CoM beside the robot's size, an inertia beside the payload's largest moment.
         change: differences of the whole robot's ten quantities at its stance, after less before. Verdicts say whether a
-            change can be told from none.
+            change can be told from none, or none from a change: "no change".
         removed: whether the robot became lighter.
         warnings: sentences that speak against the result.
         provenance: version, time, runs, readings of a scale.
@@ -132,7 +134,12 @@ def _delta(robot: RobotModel, stance: Stance, runs: TwoRuns, warnings: tuple[str
     removed = bool(vector[0] < 0)
     vector = -vector if removed else vector
     payload = _payload(vector, covariance, float(np.ptp(stance.feet_in_base[:, 0])) / 2)
-    return Delta(robot.name, payload, Body.of(change, change_covariance, np.abs(change)), removed, warnings)
+    whole = composite_parameters(robot, stance.joint_position)
+    unfelt = np.repeat(_UNFELT * [whole.mass, stance.scale.length, whole.principal_moments[-1]], [1, 3, 6])
+    if payload.com_in_base.x.value is None:
+        payload = payload.with_sure_zeros(unfelt)
+    difference = Body.of(change, change_covariance, np.abs(change)).with_sure_zeros(unfelt)
+    return Delta(robot.name, payload, difference, removed, warnings)
 
 
 def _payload(vector: FloatArray, covariance: FloatArray, length: float) -> Body:

@@ -33,7 +33,7 @@ def calibrate(
         method: method with its settings; default: `Precise()`.
         keep: function that gets every recording as soon as it is complete, and the last, broken one if the routine ends
             early.
-        report: function that is called before every trial.
+        report: function that is called before every trial, and before the estimate.
         told: function that says whether somebody at the robot has said that what was asked is done, as turning it; it must not
             wait. None: nobody is there.
 
@@ -60,6 +60,8 @@ def calibrate(
         if unfinished is not None and keep is not None:
             keep(unfinished.broken_off())
         raise
+    if report is not None:
+        report(Progress("estimating", len(recordings), len(recordings) + 1))
     return method.estimate(robot, recordings, stance)
 
 

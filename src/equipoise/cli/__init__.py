@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import importlib
+import io
 import json as json_module
 import os
+import shutil
 import sys
+import textwrap
 import traceback
 import warnings
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from inspect import signature
 from typing import Any
 
@@ -21,12 +24,12 @@ VERBS = {
     "calibrate": ("calibrate", "find mass, centre of mass and inertia; simulated or on the robot"),
     "plan": ("inspect", "what 'calibrate' would do, and how accurate it would be"),
     "estimate": ("inspect", "estimate again from a run, or from a log that is not ours"),
-    "validate": ("validate", "play recorded lifts again in simulation: which body tips as the robot did"),
+    "validate": ("validate", "play a run's lifts again in simulation: which body tips so"),
     "view": ("view", "watch a run in the browser, live or again"),
     "report": ("report", "a page to read and to show: a run, or several compared"),
     "export": ("export", "write the result into the file that your controller reads"),
     "delta": ("delta", "what was added between two calibrations"),
-    "weigh": ("weigh", "what is on a robot now beside its last calibration, in half a minute"),
+    "weigh": ("weigh", "what is on a robot now beside its last run, in half a minute"),
     "doctor": ("robot", "look at a robot without moving it"),
     "record": ("robot", "log a robot's sensors without moving it"),
     "balance": ("balance", "stand on two feet in simulation, to test a centre of mass"),
@@ -104,13 +107,34 @@ def _run(arguments: Sequence[str]) -> int | None:
     app = tyro.extras.SubcommandApp()
     for name, verb in verbs.items():
         app.command(name=name)(verb)
-    return app.cli(
-        args=arguments,
-        prog="equipoise",
-        description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-        registry=number_rules(),
-    )
+    with _help_in_width() if {"-h", "--help"} & {*arguments} else nullcontext():
+        return app.cli(
+            args=arguments,
+            prog="equipoise",
+            description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+            registry=number_rules(),
+        )
+
+
+class _Captured(io.StringIO):
+    """What is written; coloured if it would be where it goes."""
+
+    def isatty(self) -> bool:
+        return sys.__stdout__ is not None and sys.__stdout__.isatty()
+
+
+@contextmanager
+def _help_in_width() -> Generator[None]:
+    """Break the lines of paragraphs between words, which tyro leaves as long as they are."""
+    said, width = _Captured(), shutil.get_terminal_size().columns
+    try:
+        with redirect_stdout(said):
+            yield
+    finally:
+        for line in said.getvalue().splitlines():
+            long = len(line) > width and not line.startswith((" ", "\x1b", "╭", "│", "╰", "usage"))
+            print(textwrap.fill(line, width) if long else line)
 
 
 def _switches(verb: Callable[..., Any], words: Sequence[str]) -> dict[str, bool] | None:

@@ -15,18 +15,21 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.errors import MissingDependencyError, ModelError, ModelWarning, SettingsError
 from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, seen_from
 from equipoise.exports.written import Written
-from equipoise.exports.xml_edit import Document, Element
+from equipoise.exports.xml_edit import Document, Element, escaped
 from equipoise.result.calibration import Calibration
 from equipoise.robot.bodies import link_names
+from equipoise.robot.catalog import find_in_menagerie
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters
+from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import parse_model_source
 from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION
 
+_SAME_LEGS, _OTHER_LEGS = 0.003, 0.05  # of the leg length; files of one robot place its feet to a few millimetres
 _CLOSE = 1e-9  # how well the file that is written must give the composite that was found, relative
 
 
@@ -51,16 +54,14 @@ def find_users_file(result: Calibration, model_format: str, file: Path | None) -
     Raises:
         SettingsError: it is not named and the run does not know it, or is of the other format.
         ModelError: it is not there any more, or has changed since the run.
+        MissingDependencyError: it is of the other format, and MuJoCo Menagerie's cannot be had.
     """
     known = result.robot_model
     if file is None:
         if known is None:
             raise SettingsError("a calibration.json alone does not know its model file: name the run folder, or --file")
         if known.source.format != model_format:
-            raise SettingsError(
-                f"the run's model is {known.source.format.upper()}: export --to {known.source.format}, or name your "
-                f"{model_format.upper()} file of the same robot with --file"
-            )
+            return _of_other_format(result.robot, known.source.format, model_format)
         content = _read(known.source.path, "; name it with --file")
         if hashlib.sha256(content).hexdigest() != known.source.sha256:
             raise ModelError(
@@ -72,6 +73,37 @@ def find_users_file(result: Calibration, model_format: str, file: Path | None) -
     if (found := hashlib.sha256(content).hexdigest()) == result.model["sha256"]:
         return UsersFile(file, content), ()
     return UsersFile(file, content), (f"{file.name} is not the model file of the run: its sha256 is {found}",)
+
+
+def _of_other_format(robot: str, known: str, wanted: str) -> tuple[UsersFile, tuple[str, ...]]:
+    """MuJoCo Menagerie's file of a robot that it has; else an error that says what to do."""
+    remedy = (
+        f"the run's model is {known.upper()}: export --to {known}, or name your {wanted.upper()} file of the same robot with "
+        "--file"
+    )
+    try:
+        path = find_in_menagerie(robot) if wanted == "mjcf" else None
+    except MissingDependencyError as error:
+        raise MissingDependencyError(
+            f"{remedy}, or let MuJoCo Menagerie's be found: pip install robot_descriptions"
+        ) from error
+    if path is None:
+        raise SettingsError(remedy)
+    return _borrowed(path)
+
+
+def _borrowed(path: Path) -> tuple[UsersFile, tuple[str, ...]]:
+    """A file that is nobody's own, with the folders of its meshes and textures in full: it is written elsewhere."""
+    content = _read(path, "")
+    document = Document(content, path)
+    folders = [
+        document.set(compiler, name, escaped(str(path.parent.resolve() / compiler.attributes[name])))
+        for compiler in document.root.all("compiler")
+        for name in ("assetdir", "meshdir", "texturedir")
+        if name in compiler.attributes
+    ]
+    note = f"the file is MuJoCo Menagerie's {path.name}, whose meshes stay in {path.parent.resolve()}"
+    return UsersFile(path, document.edited(folders)), (note,)
 
 
 def _read(path: Path, remedy: str) -> bytes:
@@ -135,11 +167,29 @@ def new_inertial(
     Raises:
         NotPhysicalError: no body near enough can have it, and that is not overridden, or cannot be.
     """
-    before = composite_of(subject, robot).vector
+    before, apart = composite_of(subject, robot).vector, _other_legs(subject, robot)
     what = f"link {link.name!r} of {robot.source.path.name}, less what else the file has,"
     remedy = "legs and links that are fixed or held take more than there is, see 'equipoise audit'"
     body, notes = subject.nearest_body(link.vector + subject.composite.vector - before, what, remedy)
-    return seen_from(body, link.placement), notes, before + body.vector - link.vector
+    return seen_from(body, link.placement), (*apart, *notes), before + body.vector - link.vector
+
+
+def _other_legs(subject: Subject, robot: RobotModel) -> tuple[str, ...]:
+    """What is to be said of a file whose legs stand elsewhere than those of the run's model.
+
+    Raises:
+        SettingsError: they stand so far off that it is another robot's file, or has other axes or zeros.
+    """
+    known = subject.result.robot_model
+    if known is None:
+        return ()
+    joints = dict(subject.result.joint_position)
+    here, there = (foot_positions(one, one.joint_vector(joints, "the run's stance")) for one in (robot, known))
+    apart = float(np.linalg.norm(here - there, axis=1).max())
+    said = f"at the run's stance the feet of {robot.source.path.name} are {1000 * apart:.1f} mm from those of the run's model"
+    if apart > _OTHER_LEGS * known.leg_length:
+        raise SettingsError(f"{said}: it is another robot's, or its base frame or joint zeros are others")
+    return (said,) if apart > _SAME_LEGS * known.leg_length else ()
 
 
 def payload(subject: Subject, composite: InertialParameters) -> tuple[InertialParameters, tuple[str, ...]]:

@@ -15,6 +15,7 @@ from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_
 from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, HeldOut
+from equipoise.result.shown import called
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, composite_parameters
 from equipoise.robot.model import RobotModel
@@ -169,8 +170,8 @@ def _no_motion_outweighs(evidence: RunEvidence, posterior: Posterior) -> Check:
     trial = evidence.motions[culprit].trial
     kind = "motion" if trial is None else trial.kind
     message = (
-        f"without {kind} {culprit} {COMPONENTS[component]} would move by {largest:.1f} times what chance explains, more "
-        "than without any other motion"
+        f"without {kind} {culprit} {called(COMPONENTS[component])} would move by {largest:.1f} times what chance explains, "
+        "more than without any other motion"
     )
     return Check("leave one out", largest < _OUTLYING_SHIFT, message)
 
@@ -250,8 +251,8 @@ def _halves_agree(posterior: Posterior) -> Check:
             largest, component, change, start = float(sds[index]), index, float(changes[index]), motion
     unit = "kg" if component == 0 else "m" if component < 4 else "kg m2"
     message = (
-        f"from motion {start} on {COMPONENTS[component]} seems to be {change:+.4f} {unit} other than before, {largest:.1f} "
-        "times what chance explains"
+        f"from motion {start} on {called(COMPONENTS[component])} seems to be {change:+.4f} {unit} other than before, "
+        f"{largest:.1f} times what chance explains"
     )
     passed = largest < _STEADY
     if not passed:

@@ -25,6 +25,7 @@ from equipoise.precise.known.short_plan import forecast_after
 from equipoise.precise.known.short_routine import ShortRoutine
 from equipoise.precise.lift_design import lift_feet, lift_settings
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence, read_evidence
+from equipoise.precise.measurements.scale_reading import check_mass, check_mass_of
 from equipoise.precise.plan import Durations, Goals, Plan
 from equipoise.precise.planning.candidates import describe
 from equipoise.precise.posterior import Posterior, estimate_posterior
@@ -107,7 +108,9 @@ class Precise(Method):
     swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
 
     def __post_init__(self) -> None:
-        for name, least, most in (("budget", 20.0, 3600.0), ("mass", 0.05, 5000.0), ("mass_sd", 1e-4, 500.0)):
+        if self.mass is not None:
+            check_mass(self.mass)
+        for name, least, most in (("budget", 20.0, 3600.0), ("mass_sd", 1e-4, 500.0)):
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
@@ -181,9 +184,13 @@ class Precise(Method):
         return {} if self.known is None else {"known": self.known.to_dict()}
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
-        """Refuse a budget that is too small (SettingsError), and a robot that can do no lift, or not lie (ReachError)."""
+        """Refuse a budget that is too small, a mass that is no such robot's (SettingsError), and a robot that can do no
+        lift, or not lie (ReachError).
+        """
         if self.turn and not lies(robot, stance, lying_posture(robot, stance)[0]):
             raise ReachError(f"{robot.name!r} cannot lie down over its feet to be turned; leave the turn out")
+        if self.mass is not None:
+            check_mass_of(robot, self.mass)
         self.forecast(robot, stance)
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Plan:

@@ -14,6 +14,7 @@ from equipoise.experiments.progress import Progress
 from equipoise.experiments.turn import check_turn
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.measurements.scale_reading import question_mass
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
 from equipoise.precise.plan import FEW_LIFTS, Durations, Plan, make_plan
 from equipoise.precise.planning.candidates import Candidates, describe
@@ -70,6 +71,7 @@ class PreciseRoutine:
         self.trials = PreciseTrials(planted, stance, composite_parameters(robot, stance.joint_position).com)
         self._obstacles: list[str] = []
         self._expected = 0
+        self._searched = 0  # lifts of the search that were begun
 
     def run(self) -> None:
         """All of it.
@@ -80,8 +82,9 @@ class PreciseRoutine:
         if self.settings.turn:
             check_turn(self.planted)
         self._expected = round(self.settings.budget_for(self.stance) / Durations.of(self.stance).lift)
-        find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"))
+        find_com_fast(self.trials, self._search_on)
         self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
+        self._tell("planning the lifts that teach most")
         candidates = self._candidates()
         plan = plan_for(candidates, self.stance, self.settings)
         self._expected = len(self._recordings) + len(plan.visits) + plan.lifts + self.settings.turn + self.settings.sway
@@ -97,6 +100,7 @@ class PreciseRoutine:
             if self.settings.turn:
                 self._tell("turn it to face the other way")
                 self.trials.turn()
+            self._tell("planning what is left")
             rest = self._replan(posterior, done)
             if rest is None or len(done) + rest.lifts < _FEWEST_LIFTS:  # moves over planted feet alone are no result
                 rest = plan
@@ -109,6 +113,13 @@ class PreciseRoutine:
         if self.settings.sway:
             self._tell("sway about all axes")
             sway_all_axes(self.planted, self.stance, self.trials.com)
+
+    def _search_on(self, diagonal: str) -> None:
+        """Before every lift of the search; the rest before the first has told what the joints carry."""
+        self._searched += 1
+        if self._searched == 2 and self.settings.mass is not None:
+            question_mass(self.robot, self.settings.mass, self._recordings[-1])
+        self._tell(f"search on {diagonal}")
 
     def _visit(self, plan: Plan, first: int, last: int, done: list[LiftDesign]) -> None:
         durations = Durations.of(self.stance)

@@ -21,6 +21,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.precise.gauss_newton import NormalEquations, solve
 from equipoise.precise.measurements.evidence import RunEvidence
+from equipoise.precise.measurements.scale_reading import check_mass
 from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import MapProblem, body_prior_rows, prior_rows, total_mass
 from equipoise.precise.unknowns import Priors
@@ -44,8 +45,8 @@ class ScaleReadings:
 
     def __post_init__(self) -> None:
         for mass in self.masses:
-            if mass is not None and not 0.05 <= mass <= 5000:
-                raise SettingsError(f"a scale's mass is {mass}; it must be from 0.05 to 5000 kg")
+            if mass is not None:
+                check_mass(mass)
         for name in ("gain", "noise"):
             if not 0 < getattr(self, name) < 1:
                 raise SettingsError(f"{name} of the scale is {getattr(self, name)}; it must be above 0 and below 1")

@@ -17,7 +17,7 @@ from equipoise.precise.routine import plan_ahead
 from equipoise.report.blocks import Block, items, table, text
 from equipoise.report.parts import motors_alone
 from equipoise.result.calibration import Calibration
-from equipoise.result.shown import ROWS
+from equipoise.result.shown import ROWS, called
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS
 from equipoise.robot.model import DIAGONALS, RobotModel
@@ -108,11 +108,11 @@ def _lifts(visit: Visit) -> str:
 def _further(seen: Outlook, result: Calibration) -> list[Block]:
     poor = [quantity.name for quantity in result.composite if quantity.verdict != "identified"]
     said = (
-        f"Weak, doubtful or not identified: {', '.join(poor)}."
+        f"Weak, doubtful or not identified: {', '.join(map(called, poor))}."
         if poor
         else "Every parameter is identified."
         + (
-            f" Farthest from what a calibration is meant to reach: {', '.join(seen.weakest)}."
+            f" Farthest from what a calibration is meant to reach: {', '.join(map(called, seen.weakest))}."
             if seen.weakest
             else " All are as sure as a calibration is meant to make them."
         )

@@ -7,7 +7,7 @@ import numpy as np
 from equipoise.errors import SettingsError
 from equipoise.figures.plan_view import plan_view
 from equipoise.report.blocks import SERIES, Block, Cell, axes, figure, plain, section, short, table, text
-from equipoise.report.contents import SCHEMA, alerts
+from equipoise.report.contents import SCHEMA, alerts, legend
 from equipoise.report.numbers import Number, numbers, tell
 from equipoise.report.plan_view import plan_view_block
 from equipoise.report.provenance import facts
@@ -51,6 +51,7 @@ def comparison_contents(results: dict[str, Calibration]) -> Block:
             for name, result in results.items() for alert in alerts(result)
         ],
         "numbers": _side_by_side(labels, shown),
+        "legend": list(dict.fromkeys(sentence for result in results.values() for sentence in legend(result))),
         "plan_view": plan_view_block(plan_view(results)),
         "sections": [one for one in sections if one is not None],
     }  # fmt: skip

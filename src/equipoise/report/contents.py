@@ -7,7 +7,7 @@ import numpy as np
 from equipoise.figures.lift_planes import lift_planes
 from equipoise.figures.plan_view import plan_view
 from equipoise.report.advice import advice_blocks
-from equipoise.report.blocks import Block, section, table
+from equipoise.report.blocks import Block, section, table, text
 from equipoise.report.numbers import BODIES, numbers, numbers_table, tell
 from equipoise.report.parts import LINKS, MOTORS, motor_sentence, motors_alone, part_blocks, part_table
 from equipoise.report.plan_view import plan_view_block
@@ -20,6 +20,7 @@ from equipoise.report.sway import sway_blocks
 from equipoise.report.trials import bracket_figure, error_figure, tilt_figures, trial_table
 from equipoise.report.uncertainty import uncertainty_blocks
 from equipoise.result.calibration import Calibration
+from equipoise.result.legend import checks_sentence, frame_sentence, verdict_sentence
 from equipoise.result.shown import ROWS
 from equipoise.terminal.parts import parts_of
 
@@ -55,6 +56,7 @@ def run_contents(result: Calibration) -> Block:
         "lead": _lead(result),
         "alerts": alerts(result),
         "numbers": _numbers(result),
+        "legend": [] if motors_alone(result) else legend(result),
         "plan_view": plan_view_block(plan_view({result.robot: result}, planes)),
         "sections": [one for one in sections if one is not None],
     }
@@ -86,7 +88,7 @@ def _subtitle(result: Calibration) -> str:
 
 def _lead(result: Calibration) -> str:
     """The change against the model file, in a sentence or two."""
-    said: list[str] = []
+    said = [] if result.trustworthy else [f"Doubtful: {checks_sentence(result)}."]
     mass = result.composite.mass
     if mass.value is not None and mass.change is not None:
         half = "" if mass.half is None else f" \u00b1 {mass.half:.2f}"
@@ -111,12 +113,18 @@ def _lead(result: Calibration) -> str:
     return " ".join(said)
 
 
+def legend(result: Calibration) -> list[str]:
+    """What stands under the numbers."""
+    return [said for said in (frame_sentence(result), verdict_sentence(result.composite)) if said]
+
+
 def _other_bodies(result: Calibration) -> list[Block]:
-    return [
+    tables = [
         numbers_table(shown, _heading(body))
         for body in BODIES
         if body != "composite" and (shown := numbers(result, body))
     ]
+    return [*tables, text(frame_sentence(result))] if tables else []
 
 
 def _heading(body: str) -> str:

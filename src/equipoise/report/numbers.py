@@ -73,7 +73,7 @@ def numbers_table(shown: list[Number], caption: str) -> Block:
     columns += ["verdict"] if any(one.quantity.verdict for one in shown) else []
     columns += ["|truth", "|error"] if any(one.quantity.truth is not None for one in shown) else []
     columns += ["|model", "|change"]
-    return table(columns, [_cells(one, columns) for one in shown], caption, kind="numbers")
+    return table(columns, [_cells(one, columns) for one in shown], caption, kind="numbers barred")
 
 
 def _cells(one: Number, columns: list[str]) -> list[Cell]:

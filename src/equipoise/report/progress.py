@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from equipoise.conventions import FloatArray
@@ -30,10 +32,13 @@ def progress_figures(result: Calibration) -> Block | None:
     return {
         "type": "figures",
         "figures": [
+            figure("How the centre of mass became known", caption, com, _log("95 % \u00b1 [mm]", 1000 * half[:, 1:4])),
             figure(
-                "How the centre of mass became known", caption, com, _log(axes("robot time [s]", "95 % \u00b1 [mm]"))
+                "How the moments became known",
+                caption,
+                inertia,
+                _log("95 % \u00b1 [%]", 100 * half[:, 4:7] / body[4:7]),
             ),
-            figure("How the moments became known", caption, inertia, _log(axes("robot time [s]", "95 % \u00b1 [%]"))),
         ],
     }
 
@@ -49,6 +54,10 @@ def deviations_by_motion(posterior: Posterior, motions: list[int]) -> FloatArray
     return np.array(path)
 
 
-def _log(layout: Block) -> Block:
-    layout["yaxis"].update({"type": "log", "dtick": "D2"})
+def _log(label: str, values: FloatArray) -> Block:
+    """A layout with a logarithmic axis that reads 1, 2, 5, 10, 20, 50; Plotly's own leaves out the noughts."""
+    layout = axes("robot time [s]", label)
+    decades = range(math.floor(math.log10(values.min())), math.ceil(math.log10(values.max())) + 1)
+    ticks = [digit * 10.0**decade for decade in decades for digit in (1, 2, 5)]
+    layout["yaxis"] |= {"type": "log", "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
     return layout

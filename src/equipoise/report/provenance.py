@@ -22,12 +22,14 @@ def facts(result: Calibration) -> dict[str, str]:
         **({"feet": result.feet} if result.feet else {}),
     }
     repaired = {"model repairs": "; ".join(repairs)} if repairs else {}
-    return {**about, **dict(_flat(result.provenance)), **model, **repaired}
+    return {**about, **dict(_flat(result.provenance, "none")), **model, **repaired}
 
 
 def provenance_blocks(result: Calibration) -> list[Block]:
     """Facts, settings and the stance as tables."""
-    settings = dict(_flat({name: value for name, value in result.settings.items() if name not in _others(result)}))
+    settings = dict(
+        _flat({name: value for name, value in result.settings.items() if name not in _others(result)}, "not given")
+    )
     stance, held = (
         [[name, tell(q, ".4f"), tell(float(np.degrees(q)), ".2f")] for name, q in joints.items()]
         for joints in (result.joint_position, result.held)
@@ -54,10 +56,10 @@ def _others(result: Calibration) -> set[str]:
     return {name for name, what in did.items() if not what}
 
 
-def _flat(table_of: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    """Names with dots, values as text."""
+def _flat(table_of: Mapping[str, Any], nothing: str, above: str = "") -> Iterator[tuple[str, str]]:
+    """Names with dots, values as text; what is None as the word for nothing."""
     for name, value in table_of.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{above}{name}.")  # pyright: ignore[reportUnknownArgumentType]
+            yield from _flat(value, nothing, f"{above}{name}.")  # pyright: ignore[reportUnknownArgumentType]
         else:
-            yield f"{above}{name}", "default" if value is None else str(value)
+            yield f"{above}{name}", nothing if value is None else str(value)

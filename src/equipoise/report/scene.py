@@ -52,7 +52,7 @@ def scene(result: Calibration, found: LiftPlanes) -> Block | None:
     layout = {
         "scene": looks["whole robot"],
         "margin": {"l": 0, "r": 0, "t": 0, "b": 0},
-        "legend": {"y": 1, "yanchor": "top"},
+        "legend": {"y": 0, "yanchor": "top"},  # below the robot, not over it
     }
     source = "" if looks_like.own else " Links without a shape that can be read are drawn as stand-ins."
     caption = f"The robot at its nominal stance; drag to turn, scroll to zoom. {said}{source}"

@@ -183,6 +183,19 @@ class Body(_Group):
         ]
         return self._of(ten, self.covariance)
 
+    def with_sure_zeros(self, sizes: FloatArray) -> Body:
+        """The same, of differences, where what is zero within an interval no wider than a size is called "no change".
+
+        Args:
+            sizes: (10,) halves of intervals that are narrow enough.
+        """
+
+        def verdict(one: Quantity, size: float) -> str | None:
+            sure = one.value is not None and one.half is not None and abs(one.value) <= one.half <= size
+            return "no change" if sure else one.verdict
+
+        return self._with(verdict=[verdict(one, float(size)) for one, size in zip(self, sizes, strict=True)])
+
     def with_truth(self, truth: InertialParameters | None) -> Body:
         """The same beside the simulated body; None takes that away."""
         return self._with(truth=10 * [None] if truth is None else components(truth))

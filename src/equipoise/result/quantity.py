@@ -17,7 +17,7 @@ class Quantity:
         value: estimate; None: the method does not estimate it.
         deviation: posterior standard deviation of the value; None: the method gives none.
         verdict: "identified", "weak" or "not identified": how much the run told beyond what was believed before; "doubtful"
-            where a check of the run failed.
+            where a check of the run failed; "no change" of a difference that is surely zero.
         model: value by the model file.
         truth: value of the simulated robot.
     """

@@ -31,3 +31,8 @@ ROWS = (
     *((name, f"{name} [kg m2]", 1.0, ".4f") for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")),
 )
 """Name, label, factor and format of a body's quantities, in their order."""
+
+
+def called(name: str) -> str:
+    """What people call a body's quantity: "CoM x" for com_x."""
+    return next(shown[1].split(" [")[0] for shown in ROWS if shown[0] == name)

@@ -80,8 +80,8 @@ _ERD, _PYBULLET = "example-robot-data", "pybullet"
 CATALOG: dict[str, CatalogEntry] = {
     entry.name: entry
     for entry in (
-        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", 12.458, 3, 0.4, "Unitree A1 of the paper"),
-        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", 13.741, 3, 0.4, "Unitree A1, newer"),
+        CatalogEntry(BUILT_IN_ROBOT, "equipoise", "a1.urdf", 12.458, 3, 0.4, "A1 of the paper"),
+        CatalogEntry("a1", _ERD, "a1_description/urdf/a1.urdf", 13.741, 3, 0.4, "A1, newer"),
         CatalogEntry("go1", _ERD, "go1_description/urdf/go1.urdf", 13.1, 3, 0.426, "Unitree Go1"),
         CatalogEntry("go2", _ERD, "go2_description/urdf/go2.urdf", 16.085, 3, 0.426, "Unitree Go2"),
         CatalogEntry("b1", _ERD, "b1_description/urdf/b1.urdf", 55.689, 3, 0.7, "Unitree B1"),
@@ -98,6 +98,9 @@ CATALOG: dict[str, CatalogEntry] = {
 
 
 _ROBOT_DESCRIPTIONS_PREFIX = "robot_descriptions:"
+# Robots of the catalogue that MuJoCo Menagerie has too: what robot_descriptions calls its models.
+_IN_MENAGERIE = {name: f"{name}_mj" for name in ("a1", "go1", "go2", "anymal_b", "anymal_c", "aliengo")}
+_IN_MENAGERIE[BUILT_IN_ROBOT] = "a1_mj"
 
 
 def load_robot(name_or_path: str | Path, description: RobotDescription | None = None) -> RobotModel:
@@ -121,6 +124,17 @@ def load_robot(name_or_path: str | Path, description: RobotDescription | None = 
             f"{did_you_mean(name_or_path.lower().replace('-', '_'), CATALOG)}known names are {', '.join(CATALOG)}"
         )
     return RobotModel.from_file(name_or_path, None, description)
+
+
+def find_in_menagerie(robot: str) -> Path | None:
+    """MuJoCo Menagerie's model file of a robot, by its catalogue name; None where there is none.
+
+    Raises:
+        MissingDependencyError: there is one, and the package that gets it is not installed.
+        ModelError: it cannot be fetched.
+    """
+    name = robot.removesuffix("_description")
+    return _find_robot_description(_IN_MENAGERIE[name]) if name in _IN_MENAGERIE else None
 
 
 @dataclass(frozen=True)

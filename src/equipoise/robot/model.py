@@ -20,7 +20,7 @@ from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.forward import forward_axis, turned
 from equipoise.robot.legs import Leg, add_legs, leg_length
-from equipoise.robot.scale import Scale
+from equipoise.robot.scale import HEAVIEST, Scale
 from equipoise.robot.source import ModelSource, read_model_source
 from equipoise.robot.tree import hips_of, hold_other_joints, leg_chains, read_pinocchio
 from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
@@ -30,6 +30,9 @@ PAIRS = DIAGONALS | {"FL_RL": ("FL", "RL"), "FR_RR": ("FR", "RR"), "FL_FR": ("FL
 """Two feet that a robot may stand on while it walks; of lifts it is a diagonal."""
 
 """The two diagonals; each support line runs from the right foot to the left one."""
+
+_LONGEST_LEG = 5.0  # [m]; files in other units are a hundred to a thousand times the robot
+_CENTIMETRES = 50.0  # [m] of leg below which the unit is not told: millimetres would make it a toy's
 
 
 _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
@@ -86,6 +89,21 @@ class RobotModel:
             limit.setflags(write=False)
         if not self.mass > 0:
             raise ModelError(f"robot model {str(self.source.path)!r} has no mass")
+        self._refuse_other_units()
+
+    def _refuse_other_units(self) -> None:
+        """URDF and MJCF count in metres and kilograms; drawings are made in millimetres and grams."""
+        path, legs = str(self.source.path), self.leg_length
+        if legs > _LONGEST_LEG:
+            like = "look like millimetres" if legs > _CENTIMETRES else "are in another unit"
+            raise ModelError(
+                f"robot model {path!r} has legs of {legs:.3g} m: its lengths {like}; give them in metres, inertias in kg m2"
+            )
+        if self.mass > HEAVIEST:
+            raise ModelError(
+                f"robot model {path!r} weighs {self.mass:.0f} kg: its masses look like grams; give them in kg, inertias in "
+                "kg m2"
+            )
 
     def __reduce__(self) -> tuple[type[RobotModel], tuple[Any, ...]]:
         """For pickle and copy, which know no read-only mappings."""

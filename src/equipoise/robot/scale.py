@@ -8,6 +8,9 @@ import numpy as np
 
 from equipoise.conventions import GRAVITY
 
+HEAVIEST = 5000.0
+"""What no legged robot weighs [kg]; what is more is in grams."""
+
 _A1_HIP_HEIGHT = 0.312  # [m] at the nominal stance
 _A1_TORQUE = 38.0  # m g h there [Nm]
 

@@ -11,13 +11,14 @@ from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from equipoise.calibration.run_folder import HEADER, RESULT
 from equipoise.conventions import AXES
 from equipoise.experiments.progress import Progress as RoutineProgress
 from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
+from equipoise.result.legend import checks_sentence, frame_sentence, verdict_sentence
 from equipoise.result.quantity import Quantity
 from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
@@ -34,12 +35,13 @@ class TrialProgress:
         self._quiet = quiet
         self._live = Progress(
             SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
+            BarColumn(bar_width=14),
             MofNCompleteColumn(),
             TextColumn("about"),
             TimeRemainingColumn(compact=True),
-            TextColumn("left"),
+            TextColumn("left:"),
+            TextColumn("{task.description}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+            expand=True,
             console=self._console,
             transient=True,
             disable=quiet or not self._console.is_terminal,
@@ -106,6 +108,8 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
 
 def _print_precise(console: Console, result: Calibration) -> None:
     title = f"{result.robot}: method {result.method}; the whole robot at its stance"
+    if not result.trustworthy:
+        console.print(f"[red]Doubtful: {checks_sentence(result)}.[/red]")
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if result.truth else []), "model"]
     for column in columns:
@@ -117,13 +121,9 @@ def _print_precise(console: Console, result: Calibration) -> None:
             number(quantity.model, factor, form),
         )
     console.print(table)
+    for sentence in filter(None, (frame_sentence(result), verdict_sentence(result.composite))):
+        console.print(escape(sentence))
     base_link = escape(repr(result.model["base_link"]))
-    console.print(
-        f"CoM from the origin of base link {base_link}, x forward, z up; inertia about the CoM, in the same axes. Of 20 "
-        "intervals one is expected to miss the truth."
-    )
-    for line in _legend(result):
-        console.print(line)
     base = result.base
     if base.mass.value is not None and np.isfinite(base.com_in_base.values).all():
         com = " ".join(f"{1000 * value:.2f}" for value in base.com_in_base.values)
@@ -138,26 +138,9 @@ def _print_precise(console: Console, result: Calibration) -> None:
         console.print("Worth fixing: " + escape("; ".join(notable)) + ".")
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     time = sum(trial.duration for trial in result.trials)
-    failed = sum(not check.passed for check in result.checks)
-    verdict = "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"
     walked = not lifts and any(trial.kind == "walk" for trial in result.trials)
-    done = "Steps" if walked else f"{len(lifts)} lifts"
-    console.print(f"{done} in {len(result.trials)} motions, {time:.0f} s of robot time; {verdict}.")
-
-
-_LEGEND = {
-    "weak": "weak: less than ten times surer than before the run",
-    "not identified": "not identified: hardly surer than before the run",
-    "doubtful": "doubtful: a check failed",
-}
-
-
-def _legend(result: Calibration) -> list[str]:
-    """What the words and marks in the table mean that are not good news."""
-    said = [words for verdict, words in _LEGEND.items() if any(one.verdict == verdict for one in result.composite)]
-    if any(quantity.missed for quantity in result.composite):
-        said.append("(!): the truth is outside the interval")
-    return ["; ".join(said) + "."] if said else []
+    done, told = "Steps" if walked else f"{len(lifts)} lifts", checks_sentence(result)
+    console.print(f"{done} in {len(result.trials)} motions, {time:.0f} s of robot time; {told}.")
 
 
 def estimate_cells(quantity: Quantity, factor: float, form: str, with_truth: bool) -> list[str]:
@@ -214,6 +197,7 @@ def _print_paper(console: Console, result: Calibration) -> None:
         )
         table.add_row(escape(f"C_{'xyz'[index]} ({axis}) [Nm s/rad]"), number(sway.damping, 1, ".3f"), "", "")
     console.print(table)
+    console.print(escape(frame_sentence(result)))
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     time = sum(trial.duration for trial in result.trials)
     missing = ["mass"] if mass.value is None else []

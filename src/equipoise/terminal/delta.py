@@ -24,6 +24,16 @@ def print_delta(delta: Delta) -> None:
     if delta.payload.com_in_base.x.value is None:
         console.print("No mass can be told from none: nothing is said of where it is. What changed in the whole robot:")
     console.print(_change(delta))
+    said = [words for verdict, words in _LEGEND.items() if any(one.verdict == verdict for one in delta.change)]
+    console.print(
+        f"CoM from the origin of the base link, inertia about the CoM. {'; '.join(said)}{'.' if said else ''}"
+    )
+
+
+_LEGEND = {
+    "no change": "no change: zero, and surely so",
+    "not identified": "not identified: a change cannot be told from none",
+}
 
 
 def _payload(delta: Delta) -> Table:

@@ -28,7 +28,7 @@ def print_verbs(verbs: Mapping[str, str]) -> None:
 
 def print_robots(rows: Sequence[CatalogRow]) -> None:
     """The catalogue."""
-    table = Table(box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))  # narrow enough for 80 columns
     for column in ("name", "mass [kg]", "legs", "leg [m]", "source", "what"):
         table.add_column(escape(column), justify="right" if "[" in column else "left", no_wrap=column != "what")
     for row in rows:

@@ -48,7 +48,7 @@ class ShortRoutine(PreciseRoutine):
         felt = self._posterior(lifts_needed=False)
         if felt is not None and felt.robot_covariance[1:3, 1:3].trace() < (_TOLD * self.stance.hip_height) ** 2:
             self._follow(felt)
-        find_com_fast(self.trials, lambda diagonal: self._tell(f"search on {diagonal}"), sure=True)
+        find_com_fast(self.trials, self._search_on, sure=True)
         self.trials.doubt = found_doubt(self.stance, abs(self.planted.robot.mass / self.robot.mass - 1))
         posterior = self._posterior()
         self._follow(posterior)

@@ -3,6 +3,7 @@
 
 const figures = [];
 const PRINTED_WIDTH = 680;
+const NARROW = 500;  // [px], below which a scene is seen from farther away to be in it whole
 
 function loadPlotly() {
   if (!window.Plotly) document.head.append(element("script", {}, document.getElementById("plotly").textContent));
@@ -48,6 +49,10 @@ function tracesOf(figure, style) {
   return themed(figure.block.data, style).map((trace, index) => (view ? { ...trace, visible: view.visible[index] } : trace));
 }
 
+function fartherFrom(eye, times) {
+  return Object.fromEntries(Object.entries(eye).map(([axis, place]) => [axis, place * times]));
+}
+
 function draw(figure, width) {
   if (figure.refused) return Promise.resolve();
   if (figure.block.webgl && !hasWebGL()) {
@@ -60,6 +65,9 @@ function draw(figure, width) {
   const style = getComputedStyle(document.documentElement), layout = layoutOf(figure.block, style, width);
   const view = figure.block.views && figure.block.views[figure.view];
   if (view) Object.assign(layout, { scene: layoutOf({ layout: view.layout }, style).scene, uirevision: view.label });
+  if (layout.scene && figure.plot.clientWidth < NARROW) {
+    layout.scene.camera = { ...layout.scene.camera, eye: fartherFrom(layout.scene.camera.eye, NARROW / figure.plot.clientWidth) };
+  }
   const config = { displaylogo: false, responsive: true, displayModeBar: figure.block.webgl ? undefined : false };
   const drawing = figure.drawn ? Plotly.react(figure.plot, tracesOf(figure, style), layout, config)
     : Plotly.newPlot(figure.plot, tracesOf(figure, style), layout, config);

@@ -46,7 +46,8 @@ function sectionOf(section) {
 function show() {
   for (const name of ["title", "subtitle", "lead"]) document.getElementById(name).textContent = contents[name];
   document.getElementById("alerts").append(...contents.alerts.map(alertOf));
-  document.getElementById("numbers").append(tableOf(contents.numbers), barKey(contents.numbers));
+  document.getElementById("numbers").append(tableOf(contents.numbers), barKey(contents.numbers),
+    ...contents.legend.map((sentence) => element("p", { class: "key" }, sentence)));
   if (contents.plan_view) document.getElementById("plan-view").append(planView(contents.plan_view));
   else document.getElementById("first").classList.add("alone");
   document.getElementById("sections").append(...contents.sections.map(sectionOf));

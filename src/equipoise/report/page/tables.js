@@ -17,6 +17,9 @@ function drawn(tag, attributes = {}, ...children) {
   return made;
 }
 
+const BESIDE = ["truth", "error", "model", "change"];  // on a telephone they stand below what was found
+const LONG = 24;  // letters from which on a cell may break, also inside a word
+
 // Verdicts are told by a sign and a word as well as by a colour.
 const VERDICTS = {
   "identified": ["\u25cf", "good"], "weak": ["\u25d0", "warn"], "not identified": ["\u25cb", "poor"], "doubtful": ["\u25cb", "poor"],
@@ -57,8 +60,10 @@ function barOf(bar) {
 }
 
 function cellOf(cell, column, first) {
-  const td = element(first ? "th" : "td", first ? { scope: "row" } : {});
+  const td = element(first ? "th" : "td", { "data-head": column.text, ...(first ? { scope: "row" } : {}) });
   if (column.number) td.classList.add("number");
+  if ((cell.text || cell).length > LONG) td.classList.add("long");
+  if (BESIDE.includes(column.text)) td.classList.add("beside");
   if (typeof cell === "string") {
     td.append(cell);
   } else if (cell.bar) {
@@ -77,12 +82,11 @@ function tableOf(block) {
     element("th", { scope: "col", class: column.number ? "number" : "" }, column.text));
   const rows = block.rows.map((row) =>
     element("tr", {}, ...row.map((cell, index) => cellOf(cell, block.columns[index], index === 0))));
-  const made = element("table", { class: block.kind || "" }, element("caption", {}, block.caption),
+  const made = element("table", { class: block.kind || "", "aria-label": block.caption },
     element("thead", {}, element("tr", {}, ...heads)), element("tbody", {}, ...rows));
-  const scroll = element("div", { class: "scroll" }, made);
-  if (!block.folded) return scroll;
-  made.caption.className = "muted";
-  return element("details", {}, element("summary", {}, block.caption), scroll);
+  const scroll = element("div", { class: "scroll" }, made);  // what it is stands outside: it does not scroll away
+  if (block.folded) return element("details", {}, element("summary", {}, block.caption), scroll);
+  return element("div", {}, element("p", { class: "caption" }, block.caption), scroll);
 }
 
 function barKey(block) {

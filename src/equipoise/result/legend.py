@@ -1,0 +1,49 @@
+"""What stands under a table of numbers: which frame and point they refer to, and what words and marks mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from equipoise.result.calibration import Calibration
+from equipoise.result.quantity import Quantity
+from equipoise.robot.stance import stance_at
+
+_VERDICTS = {
+    "weak": "weak: less than ten times surer than before the run",
+    "not identified": "not identified: hardly surer than before the run",
+    "doubtful": "doubtful: a check failed",
+}
+
+
+def frame_sentence(result: Calibration) -> str:
+    """Frame, point, axes and stance that the numbers refer to, and how often intervals miss."""
+    words = (
+        f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
+        f"same axes{_standing(result)}."
+    )
+    return words + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
+
+
+def _standing(result: Calibration) -> str:
+    robot = result.robot_model
+    if robot is None:
+        return ""
+    stance = stance_at(robot, np.array([result.joint_position[name] for name in robot.joint_names]))
+    return f"; standing with its hips {stance.hip_height:.3f} m high"
+
+
+def verdict_sentence(quantities: Iterable[Quantity]) -> str:
+    """What the words and marks in the table mean that are not good news; empty if there are none."""
+    there = list(quantities)
+    said = [words for verdict, words in _VERDICTS.items() if any(one.verdict == verdict for one in there)]
+    if any(quantity.missed for quantity in there):
+        said.append("(!): the truth is outside the interval")
+    return "; ".join(said) + "." if said else ""
+
+
+def checks_sentence(result: Calibration) -> str:
+    """How many of its checks a result failed, in words."""
+    failed = sum(not check.passed for check in result.checks)
+    return "all checks passed" if not failed else f"{failed} of {len(result.checks)} checks failed"
