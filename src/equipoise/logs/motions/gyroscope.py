@@ -35,7 +35,6 @@ _ENOUGH = 1.0  # [s] of such motion
 _AT_ONCE = 4096  # [steps]
 # Steps that are looked at at once, that are enough of such motion, and too few.
 _PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
-_SHORT_STEP = 0.1  # [s]
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
 _DOUBTFUL, _CURED = 0.15, 0.25
 
@@ -113,6 +112,7 @@ def _walking_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None
 
     Of velocities v in the base frame, less rolling, that is v_one - v_other = -omega x (p_one - p_other).
     """
+    track = track.part(slice(_PIECE))
     if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
         return None
     # A gyroscope with the wrong sign or unit finds no steps, and with what undoes that it does.
@@ -126,12 +126,12 @@ def _walking_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None
 
 
 def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen | None:
-    """What is seen in steps, or in as many of them as are plenty."""
+    """What is seen in steps."""
     up = np.median(track.acceleration_in_base, axis=0)
     edges: list[FloatArray] = []
     turning: list[FloatArray] = []
     arms: list[FloatArray] = []
-    for step in steps[: round(_PLENTY * track.step / _SHORT_STEP)]:
+    for step in steps:
         part = track.part(track.indices(step.start, step.end))
         if len(part.time) < _FEWEST:
             continue

@@ -7,7 +7,7 @@ touches the floor, and which feet are off it: the mean of the specific force ove
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +30,7 @@ _SHORTEST = 0.02  # [s] between the means at both ends
 _FEWEST = 8  # samples
 # Perfect sensors of a robot whose feet land fit no better than ordinary ones, in two engines: [rad], [rad/s], [rad/s], [m/s2].
 _ORDINARY = SensorNoise(1e-4, 0.02, 2e-3, 0.04)
+_LONGEST_PIECE = 20.0  # [s]
 _USUAL_BIAS = 0.01  # [rad/s] of a gyroscope
 _SPEEDING_UP = 0.03  # of gravity, over a second
 
@@ -66,7 +67,7 @@ def gyro_bias_of_walks(walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]
         walks: times, angular velocities and specific forces of each, as of `up_between_steps`, the first without its bias.
     """
     information, moment = np.eye(3) / _USUAL_BIAS**2, np.zeros(3)
-    for time, angular_velocity, acceleration in walks:
+    for time, angular_velocity, acceleration in _pieces(walks):
         path = attitudes(time, angular_velocity).as_matrix()
         felt: FloatArray = np.einsum("nij,nj->ni", path, acceleration)
         felt = felt / np.linalg.norm(felt.mean(axis=0))
@@ -79,6 +80,13 @@ def gyro_bias_of_walks(walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]
         information += weight * np.einsum("nij,nik->jk", columns, columns)
         moment += weight * np.einsum("nij,ni->j", columns, off)
     return np.asarray(np.linalg.solve(information, moment), dtype=float)
+
+
+def _pieces(walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Iterator[tuple[FloatArray, ...]]:
+    """Short enough for the first order in the bias."""
+    for walk in walks:
+        count = max(1, round(float(walk[0][-1] - walk[0][0]) / _LONGEST_PIECE)) if len(walk[0]) else 0
+        yield from zip(*(np.array_split(column, count) for column in walk), strict=True) if count else ()
 
 
 def read_walk(
