@@ -308,7 +308,7 @@ def test_a_missing_file_is_said_with_where_to_find_names(tmp_path):
 
 
 def test_a_folder_is_no_model(tmp_path):
-    with pytest.raises(ModelError, match="cannot be read: Is a directory"):
+    with pytest.raises(ModelError, match="is a folder; give the URDF or MJCF file"):
         read_model_source(tmp_path)
 
 

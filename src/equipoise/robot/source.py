@@ -59,6 +59,11 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
         content = path.read_bytes()
     except FileNotFoundError:
         raise ModelError(f"robot model {str(path)!r} does not exist; see 'equipoise robots' for known names") from None
+    except IsADirectoryError:
+        raise ModelError(
+            f"robot model {str(path)!r} is a folder; give the URDF or MJCF file, or a name of 'equipoise robots' (a run's "
+            "folder is for estimate, report and export)"
+        ) from None
     except OSError as error:
         raise ModelError(f"robot model {str(path)!r} cannot be read: {error.strerror}") from error
     return parse_model_source(content, path, base_link)
