@@ -18,6 +18,7 @@ from equipoise.logs.offline import estimate_log
 from equipoise.precise.measurements.walking import gyro_bias_of_walks, up_between_steps
 from equipoise.recording.recording import ImuStream
 from equipoise.recording.trials import TwoFeet, WalkTrial, read_trial
+from equipoise.report.contents import run_contents
 from equipoise.robot.inertial import components
 from equipoise.robot.model import DIAGONALS
 from equipoise.simulation.gaits.trot import trot
@@ -81,6 +82,15 @@ def test_steps_are_predicted_without_their_walk(found):
     assert predicted.folds == sum(trial.kind == "walk" for trial in found.result.trials) > 3
     assert predicted.inside("this run") > 0.9 * len(predicted.lifts)
     assert predicted.error("this run") < predicted.error("model file")
+
+
+def test_the_page_shows_steps(found):
+    sections = {one["title"]: one for one in run_contents(found.result)["sections"]}
+    assert "Unseen steps" in sections
+    names = [
+        trace["name"] for block in sections["Residuals"]["blocks"] for one in block["figures"] for trace in one["data"]
+    ]
+    assert names == ["walk, its worst step"] * 2
 
 
 def test_a_walk_needs_no_rest(a1, trotted):

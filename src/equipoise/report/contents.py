@@ -32,7 +32,7 @@ def run_contents(result: Calibration) -> Block:
     planes = lift_planes(result)
     closing = [one for one in (bracket_figure(result), error_figure(result)) if one is not None]
     sections = [
-        section("held-out", "Unseen lifts", held_out_blocks(result)),
+        section("held-out", _unseen(result), held_out_blocks(result)),
         section("trials", "Trials", [
             {"type": "figures", "figures": closing} if closing else None, progress_figures(result), tilt_figures(result),
             trial_table(result),
@@ -73,6 +73,11 @@ def alerts(result: Calibration) -> list[Block]:
     """What speaks against the result: failed checks, or else warnings."""
     failed = [{"name": f"Check failed: {c.name}", "message": c.message} for c in result.checks if not c.passed]
     return failed or ([] if result.checks else [{"name": "Warning", "message": warning} for warning in result.warnings])
+
+
+def _unseen(result: Calibration) -> str:
+    walked = result.held_out is not None and all(lift.kind == "step" for lift in result.held_out.lifts)
+    return "Unseen steps" if walked else "Unseen lifts"
 
 
 def _subtitle(result: Calibration) -> str:

@@ -10,7 +10,7 @@ from equipoise.report.blocks import SERIES, Block, Cell, axes, figure, line, pla
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND
 
-_KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"))
+_KINDS = (("lift", "lift", ""), ("posture", "move over planted feet", "/"), ("walk", "walk, its worst step", "\\"))
 _OUT = "x"
 
 
