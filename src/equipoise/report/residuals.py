@@ -119,7 +119,8 @@ def held_out_blocks(result: Calibration) -> list[Block]:
         for body in reversed(predicted.bodies)
     ]  # fmt: skip
     columns = ["body", "|rms error [mm]", "|over half the interval", "|inside the interval"]
-    caption = "At each lift's end; sensors and floor as found without the lift's posture, for all bodies"
+    kind = predicted.lifts[0].kind
+    caption = f"At each {kind}'s end; sensors and floor as found without {predicted.left_out}, for all bodies"
     return [said, *_errors_over_time(result), table(columns, rows, caption)]
 
 
@@ -140,12 +141,18 @@ def _errors_over_time(result: Calibration) -> list[Block]:
             time += [*lift.time, np.nan]
             error += [*(1000 * lift.height * lift.errors[body]), np.nan]
         lines.append(line(time, error, body, series, line={"width": 1}))
-    caption = "A line a lift: measured less predicted tilt about the support line, as a way of the centre of mass."
+    kind = evidence.predictions[0].kind
+    caption = f"A line a {kind}: measured less predicted tilt about the support line, as a way of the centre of mass."
     return [
         {
             "type": "figures",
             "figures": [
-                figure("Lifts it has not seen", caption, lines, axes("time on two feet [s]", "error of the tilt [mm]"))
+                figure(
+                    f"{kind.capitalize()}s it has not seen",
+                    caption,
+                    lines,
+                    axes("time on two feet [s]", "error of the tilt [mm]"),
+                )
             ],
         }
     ]

@@ -63,6 +63,11 @@ class HeldOut:
         return sum(lift.intervals[body] <= 1 for lift in self.lifts)
 
     @property
+    def left_out(self) -> str:
+        """What is left out to predict one, in words."""
+        return "its walk" if self.lifts[0].kind == "step" else "the lift's posture"
+
+    @property
     def others(self) -> str:
         """What a lift or a step is predicted from, in words."""
         if any(lift.kind == "step" for lift in self.lifts):
