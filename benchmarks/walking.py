@@ -72,7 +72,7 @@ CASES = (
 
 
 def payload_of(robot: RobotModel, seed: int) -> Payload:
-    """A tenth of the robot somewhere on its trunk."""
+    """A twelfth of the robot somewhere on its trunk."""
     generator, stance = np.random.default_rng([seed, 78]), nominal_stance(robot)
     half = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     place = [*(generator.uniform(-0.4, 0.4, 2) * half), generator.uniform(0.1, 0.3) * stance.hip_height]

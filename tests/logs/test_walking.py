@@ -10,7 +10,7 @@ from foreign_logs import columns_of, shifted, write_csv
 
 from equipoise import Precise, nominal_stance, simulate
 from equipoise.cli import main
-from equipoise.errors import LogError, RecordingError
+from equipoise.errors import LogError, RecordingError, SettingsError
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.log import Log
 from equipoise.logs.motions.segments import find_segments
@@ -154,3 +154,8 @@ def test_the_bias_is_what_turns_gravity():
     imu, _, _ = swaying(bias)
     told = gyro_bias_of_walks([(imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu)])
     assert np.abs(told - bias)[:2].max() < 2e-3
+
+
+def test_another_robots_mass_is_refused(a1, trotted):
+    with pytest.raises(SettingsError, match="another robot's"):
+        estimate_log(a1, Log(trotted.log, JointMap(()), {}, ()), Precise(mass=200.0))

@@ -12,6 +12,7 @@ from equipoise.logs.finding import LogFinding
 from equipoise.logs.log import Log, rate
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import LogSegment, find_segments, usable
+from equipoise.precise.measurements.scale_reading import check_mass_of
 from equipoise.precise.method import Precise
 from equipoise.precise.screening import screen_log
 from equipoise.precise.unknowns import Priors
@@ -68,8 +69,11 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
         LogError: nothing in it can be used, or its sensors cannot be believed; the error carries the report.
         RecordingError: its units cannot be right.
         ImuMountingError: the IMU is mounted turned.
+        SettingsError: the mass is that of another robot.
     """
     method, stance = method or Precise(), nominal_stance(robot)
+    if method.mass is not None:
+        check_mass_of(robot, method.mass)
     screen_log(robot, log.recording)
     findings = list(log.findings)
     recording = _on_one_clock(robot, stance, log.recording, findings)
@@ -91,10 +95,10 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
 def _for_what_is_told(method: Precise, recordings: Sequence[Recording]) -> Precise:
     """The method with a prior of the IMU's mounting as wide as robots have it, unless somebody set one.
 
-    Lifts and planted moves tell it whatever the prior is; a walk hardly does, and its intervals hang on the prior.
+    Planted moves tell it whatever the prior is; a walk hardly does, and its intervals hang on the prior.
     """
     usual = Priors().imu_tilt
-    told = any(isinstance(one.trial, LiftTrial | PostureTrial) for one in recordings)
+    told = any(isinstance(one.trial, PostureTrial) for one in recordings)
     if told or method.known is not None or method.priors.imu_tilt != usual:
         return method
     return replace(method, priors=replace(method.priors, imu_tilt=_WALKING_TILT))
@@ -165,7 +169,7 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
         )
         if len(pairs) == 1:
             said.append(
-                f"It stands on {pairs.pop()} alone: along the line of these feet the centre of mass is not told."
+                f"Its steps are all on {pairs.pop()}: along the line of these feet the centre of mass is not told."
             )
     elif not diagonals:
         said.append(

@@ -26,10 +26,10 @@ from equipoise.robot.tree import hips_of, hold_other_joints, leg_chains, read_pi
 from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
+"""The two diagonals; each support line runs from the right foot to the left one."""
+
 PAIRS = DIAGONALS | {"FL_RL": ("FL", "RL"), "FR_RR": ("FR", "RR"), "FL_FR": ("FL", "FR"), "RL_RR": ("RL", "RR")}
 """Two feet that a robot may stand on while it walks; of lifts it is a diagonal."""
-
-"""The two diagonals; each support line runs from the right foot to the left one."""
 
 _LONGEST_LEG = 5.0  # [m]; files in other units are a hundred to a thousand times the robot
 _CENTIMETRES = 50.0  # [m] of leg below which the unit is not told: millimetres would make it a toy's
