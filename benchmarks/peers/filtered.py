@@ -23,7 +23,7 @@ from equipoise.precise.measurements.lift_samples import attitudes, read_lift
 from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import LiftTrial
-from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
+from equipoise.robot.model import LEG_NAMES, PAIRS, RobotModel
 from equipoise.robot.stance import Stance
 
 FloatArray = NDArray[np.float64]
@@ -107,7 +107,7 @@ def read_all(
             whole = motions == "all" and recording.complete
             lift = read_lift(robot, legs, recording, trial.diagonal, stance, gyro_bias) if whole else ""
             if not isinstance(lift, str):
-                two = np.array([leg in DIAGONALS[lift.diagonal] for leg in LEG_NAMES])
+                two = np.array([leg in PAIRS[lift.pair] for leg in LEG_NAMES])
                 windows.append((lift.start, lift.start + lift.step * (len(lift.joint_position) - 1), two))
         parts += read(robot, recording, rest, windows, gyro_bias, cutoff / stance.scale.time, acceleration)
     return Filtered.joined(parts)

@@ -403,7 +403,7 @@ def test_a_payload_that_moves_is_named_with_when_and_by_how_much(a1, run):
     weighed = replace(SETTINGS, mass=run.truth.mass)  # else it looks like another mass too
     other = ran(a1, payload=MOVED_PAYLOAD)
     said = failed(estimate(a1, [*run.recordings[:half], *other.recordings[half:]], weighed))
-    found = re.match(r"from motion (\d+) on com_x seems to be ([+-][\d.]+) m other than before", said["halves"])
+    found = re.match(r"from motion (\d+) on CoM x seems to be ([+-][\d.]+) m other than before", said["halves"])
     assert int(found.group(1)) == pytest.approx(half, abs=3)
     assert float(found.group(2)) == pytest.approx(-0.07 * 1.0 / run.truth.mass, abs=2.5e-3)
     assert "a payload or something else on the robot moved" in said["halves"]

@@ -352,7 +352,7 @@ def test_the_accelerometer_of_a_predicted_lift_feels_how_its_feet_roll(request, 
         part @ mounting.T for part in (lift.angular_velocity_in_imu, lift.up_in_imu, lift.acceleration_in_imu)
     )
     velocities = [
-        rolling_feet(robot, lift.diagonal, *sample)[2]
+        rolling_feet(robot, lift.pair, *sample)[2]
         for sample in zip(lift.joint_position, lift.joint_velocity, turning, up, strict=True)
     ]
     of_base = np.gradient(np.einsum("nij,nj->ni", to_rest, velocities), time, axis=0)
