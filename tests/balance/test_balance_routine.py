@@ -225,7 +225,7 @@ def test_leveling_turns_up_upward():
 
 def test_a_displaced_belief_is_the_truth_but_for_the_displacement(a1):
     stance = nominal_stance(a1)
-    with simulate(a1, "realistic", payload="2,0.1,0.03,0.05", seed=1) as simulation:
+    with simulate(a1, "realistic", payload="2,0.1,0.03,0.05", seed=1, timestep=1e-3) as simulation:
         truth = simulation.truth
     for diagonal in ("FL_RR", "FR_RL"):
         belief = displaced(a1, stance, truth, diagonal, 0.007)
@@ -248,7 +248,7 @@ def test_a_precise_calibration_gives_mass_inertia_and_sensor_errors(a1, precise_
     assert whole.mass == pytest.approx(found.mass)
     assert np.allclose(whole.com, found.com, atol=1e-9)
     assert belief.source == "a calibration by the method precise"
-    with simulate(a1, "realistic", seed=precise_run.seed) as simulation:
+    with simulate(a1, "realistic", seed=precise_run.seed, timestep=1e-3) as simulation:
         drawn = simulation.errors
     assert belief.sensors.any
     # What is left is smaller than what was drawn: units, signs and order are right.

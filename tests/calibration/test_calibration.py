@@ -81,7 +81,7 @@ def test_a_payload_moves_the_estimate_as_it_moves_the_truth(ideal, a1):
 
 
 def test_realistic_sensors_do_not_stop_the_routine(a1):
-    with simulate(a1, "realistic", seed=5) as simulation:
+    with simulate(a1, "realistic", seed=5, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, QUICK).with_truth(simulation.truth)
     assert planar_error_mm(result) < 15
 
@@ -89,7 +89,7 @@ def test_realistic_sensors_do_not_stop_the_routine(a1):
 def test_a_seed_gives_the_same_result_and_another_seed_another(a1):
     found = []
     for seed in (4, 4, 5):
-        with simulate(a1, "realistic", seed=seed) as simulation:
+        with simulate(a1, "realistic", seed=seed, timestep=1e-3) as simulation:
             found.append(calibrate(simulation.platform, a1, QUICK).composite.com_in_base)
     assert found[0] == found[1]
     assert found[0] != found[2]
@@ -153,13 +153,13 @@ def test_a_payload_that_the_torques_betray_is_warned_of(a1):
     with simulate(a1, "ideal", payload="4,0.05,0,0.05") as simulation:
         heavy = calibrate(simulation.platform, a1, QUICK)
     assert heavy.warnings[0].startswith("by its joint torques the robot weighs about 16.")
-    with simulate(a1, "realistic", seed=1) as simulation:
+    with simulate(a1, "realistic", seed=1, timestep=1e-3) as simulation:
         assert not calibrate(simulation.platform, a1, QUICK).warnings
 
 
 def test_lifts_grow_to_a_bound(a1):
     settings = Paper(com_search=ComSearchSettings(tolerance=1e-4), sway=SwaySettings(duration=1.0))
-    with simulate(a1, "realistic", seed=1) as simulation:
+    with simulate(a1, "realistic", seed=1, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, settings)
     heights = [trial.lift_height for trial in result.trials if trial.kind == "lift"]
     assert max(heights) <= 1.6**2 * heights[0] * 1.001
@@ -174,7 +174,7 @@ def test_settings_that_are_unknown_are_refused():
 
 def test_progress_names_the_trial_and_the_bracket(a1):
     said = []
-    with simulate(a1, "ideal") as simulation:
+    with simulate(a1, "ideal", timestep=1e-3) as simulation:
         calibrate(simulation.platform, a1, QUICK, report=said.append)
     assert said[0].doing.startswith("lift on FL_RR: offset +0.0 mm, bracket -61.5 to +61.5 mm")
     *_, roll, pitch, yaw, last = (progress.doing for progress in said)
@@ -188,7 +188,7 @@ def test_every_robot_of_the_catalogue_is_calibrated_unattended(name, recwarn):
         robot = load_robot(name)
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    with simulate(robot, "ideal") as simulation:
+    with simulate(robot, "ideal", timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, robot, QUICK).with_truth(simulation.truth)
     recwarn.clear()
     # Half the tolerance is the bracket's; the rest scales with the robot.
@@ -202,7 +202,7 @@ def test_axes_that_two_joint_legs_cannot_sway_about_are_skipped_with_the_reason(
         robot = load_robot("solo8")
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    with simulate(robot, "ideal") as simulation:
+    with simulate(robot, "ideal", timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, robot, QUICK)
     recwarn.clear()
     for axis in ("roll", "yaw"):

@@ -27,7 +27,7 @@ def bare(a1):
     """The same robot as in `precise_run`, without its payload and with other noise: recordings and truth."""
     recordings = []
     settings = Precise(budget=40, sway=False)
-    with simulate(a1, "realistic", seed=4, noise_seed=104) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         calibrate(simulation.platform, a1, settings, keep=recordings.append)
         return recordings, simulation.truth
 

@@ -20,7 +20,7 @@ SETTINGS = {
 def test_joints_stay_within_the_range_that_was_foretold(a1, method):
     rehearsal = rehearse(a1, SETTINGS[method])
     kept = []
-    with simulate(a1, "ideal") as simulation:
+    with simulate(a1, "ideal", timestep=1e-3) as simulation:
         calibrate(simulation.platform, a1, SETTINGS[method], kept.append)
     sent = np.concatenate([recording.commands.position for recording in kept])
     lower, upper = rehearsal.joint_range

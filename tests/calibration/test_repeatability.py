@@ -12,7 +12,7 @@ SETTINGS = Static()
 
 @pytest.fixture(scope="module")
 def results(a1):
-    with simulate(a1, "realistic", seed=4) as simulation:
+    with simulate(a1, "realistic", seed=4, timestep=1e-3) as simulation:
         return [calibrate(simulation.platform, a1, SETTINGS) for _ in range(3)]
 
 

@@ -49,7 +49,7 @@ def calibrated(a1, tmp_path_factory):
     """A run and the calibration that it was kept of."""
     with (
         RunFolder.create(tmp_path_factory.mktemp("runs") / "run", a1, SETTINGS, PROVENANCE) as folder,
-        simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2) as simulation,
+        simulate(a1, "realistic", payload="1.5,0.05,0,0.06", seed=2, timestep=1e-3) as simulation,
     ):
         calibration = calibrate(Logged(simulation.platform, folder.log), a1, SETTINGS, keep=folder.keep)
         folder.save_truth(simulation.truth)

@@ -274,7 +274,7 @@ def test_robots_that_were_thrown_on_their_backs_stay_up(name, seed, motions):
     except MissingDependencyError as error:
         pytest.skip(str(error))
     tilts = []
-    with simulate(robot, "realistic", seed=seed) as simulation:
+    with simulate(robot, "realistic", seed=seed, timestep=1e-3) as simulation:
 
         def keep(recording):
             tilts.append(simulation.witness.look().tilt)

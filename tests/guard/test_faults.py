@@ -36,7 +36,7 @@ JOINTS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint i
 def ran(robot, model=None, payload=PAYLOAD, noise="realistic", settings=SETTINGS):
     """A run on a simulated robot, by the model that the user has: its recordings, result and truth."""
     recordings = []
-    with simulate(robot, noise, payload, SEED) as simulation:
+    with simulate(robot, noise, payload, SEED, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, model or robot, settings, recordings.append)
         return SimpleNamespace(recordings=recordings, result=result, truth=simulation.truth.composite)
 
@@ -462,7 +462,7 @@ def test_what_legs_of_two_joints_cannot_tell_is_said(recwarn):
     except MissingDependencyError as error:
         pytest.skip(str(error))
     recordings = []
-    with simulate(robot, "realistic", seed=0) as simulation:
+    with simulate(robot, "realistic", seed=0, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, robot, SETTINGS, recordings.append)
         off = components(result.composite.parameters()) - components(simulation.truth.composite)
     assert not failed(result)

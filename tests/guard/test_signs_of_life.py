@@ -59,7 +59,7 @@ def test_a_calibration_gives_signs_of_life_often_enough(a1, monkeypatch, method)
     stretches = Stretches()
     monkeypatch.setattr("equipoise.alive._signs", stretches)
     settings = method_named(method)()
-    with simulate(a1, "realistic", "1,0.05,0.02,0.08", 3) as simulation:
+    with simulate(a1, "realistic", "1,0.05,0.02,0.08", 3, timestep=1e-3) as simulation:
         calibrate(Moved(simulation.platform, stretches), a1, settings)
     alive()
     gc.unfreeze()

@@ -61,7 +61,7 @@ def die(folder):
 
 def begin(path, a1, motions):
     folder = RunFolder.create(path, a1, SETTINGS, {})
-    with simulate(a1, "realistic", PAYLOAD, seed=5) as simulation:
+    with simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
         platform = Mortal(Logged(simulation.platform, folder.log), motions)
         with pytest.raises(Killed):
             calibrate(platform, a1, SETTINGS, keeper(folder))
@@ -70,7 +70,7 @@ def begin(path, a1, motions):
 
 def go_on_simulated(path, a1, motions=10**6):
     folder, content = RunFolder.resume(path, repeats=True)
-    with simulate(a1, "realistic", PAYLOAD, seed=5) as simulation:
+    with simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
         live = Logged(simulation.platform, folder.log)
         platform = Mortal(RepeatedSimulation(live, simulation.platform, content), motions)
         try:
@@ -85,7 +85,7 @@ def go_on_simulated(path, a1, motions=10**6):
 def whole(a1, tmp_path_factory):
     """A run that nobody interrupted: its folder and its result."""
     path = tmp_path_factory.mktemp("whole") / "run"
-    with RunFolder.create(path, a1, SETTINGS, {}) as folder, simulate(a1, "realistic", PAYLOAD, seed=5) as simulation:
+    with RunFolder.create(path, a1, SETTINGS, {}) as folder, simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
         result = calibrate(Logged(simulation.platform, folder.log), a1, SETTINGS, folder.keep)
     return folder, result
 
@@ -112,7 +112,7 @@ def test_a_simulated_run_ends_as_if_nothing_had_happened(a1, tmp_path, whole):
 def test_a_simulation_that_goes_otherwise_is_told(a1, tmp_path):
     begin(tmp_path / "run", a1, 12)
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
-    with folder, simulate(a1, "realistic", PAYLOAD.replace("1,", "1.0001,"), seed=5) as simulation:
+    with folder, simulate(a1, "realistic", PAYLOAD.replace("1,", "1.0001,"), seed=5, timestep=1e-3) as simulation:
         platform = RepeatedSimulation(Logged(simulation.platform, folder.log), simulation.platform, content)
         with pytest.raises(
             ResumeError, match="standing up went otherwise than it was recorded: a simulation repeats with"
@@ -127,7 +127,7 @@ def test_other_settings_are_told_with_the_trial_that_they_change(a1, tmp_path, r
     other = dataclasses.replace(SETTINGS, com_search=ComSearchSettings(tolerance=0.04, lower=-0.055))
     folder, content = RunFolder.resume(tmp_path / "run", repeats=True)
     assert len(content.recordings) == 2
-    with folder, simulate(a1, "realistic", PAYLOAD, seed=5) as simulation:
+    with folder, simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
         live = Logged(simulation.platform, folder.log)
         platform = RepeatedSimulation(live, simulation.platform, content)
         if robot == "real":
@@ -154,7 +154,7 @@ class RealRobot(SteppedRobot):
     """Another robot each time that a program meets it, with a clock that goes on; it notes what it was sent."""
 
     def __init__(self, a1, seed, clock):
-        super().__init__(simulate(a1, "realistic", PAYLOAD, seed=seed).platform)
+        super().__init__(simulate(a1, "realistic", PAYLOAD, seed=seed, timestep=1e-3).platform)
         self._clock, self.sent = clock, []
 
     def read(self):

@@ -37,7 +37,7 @@ def earlier(precise_run):
 def later(a1, earlier):
     """The same robot without that payload, known: method, recordings and result."""
     method, recordings = Precise(known=earlier, budget=26), []
-    with simulate(a1, "realistic", seed=4, noise_seed=104) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=104, timestep=1e-3) as simulation:
         result = calibrate(simulation.platform, a1, method, keep=recordings.append)
         return method, recordings, result.with_truth(simulation.truth)
 
@@ -118,7 +118,7 @@ def test_a_scale_that_weighs_twice_has_one_factor(a1, earlier, later):
 def moved(a1, earlier):
     """What the first moves of a run tell whose FL_thigh_joint reads otherwise since: posterior and changes."""
     stance, method, recordings = nominal_stance(a1), Precise(known=earlier), []
-    with simulate(a1, "realistic", seed=4, noise_seed=105) as simulation:
+    with simulate(a1, "realistic", seed=4, noise_seed=105, timestep=1e-3) as simulation:
         simulation.errors.drawn["joint_zero"][1] += MOVED
         planted, _ = stand_up(simulation.platform, a1, stance)
         trials = PreciseTrials(planted, stance, composite_parameters(a1, stance.joint_position).com)

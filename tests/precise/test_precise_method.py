@@ -54,7 +54,7 @@ def test_a_new_plan_without_lifts_is_not_followed_while_there_are_too_few(a1, mo
     monkeypatch.setattr(PreciseRoutine, "_replan", replan)
     monkeypatch.setattr(precise_routine, "_REPLAN_AT", 0.1)
     settings = Precise(budget=35, sway=False)
-    with simulate(a1, "realistic") as simulation:
+    with simulate(a1, "realistic", timestep=1e-3) as simulation:
         assert calibrate(simulation.platform, a1, settings, keep=recordings.append).trustworthy
     assert replanned[0] < 4
     searched = 4

@@ -29,7 +29,7 @@ WRONG_LEGS = {"leg_mass_common": 0.1, "leg_com_common": 8e-3, "leg_length": 1.5e
 def found(a1, coarse_engine):
     """What a minute finds of a robot whose legs are not its file's, and the recordings."""
     kept = []
-    with simulate(a1, "realistic", seed=4, effects=WRONG_LEGS, without=("cable",)) as simulation:
+    with simulate(a1, "realistic", seed=4, effects=WRONG_LEGS, without=("cable",), timestep=1e-3) as simulation:
         weighed = simulation.truth.composite.mass
         settings = Precise(budget=60.0, mass=weighed, mass_sd=0.005 * weighed, cable="none", sway=False, swings=True)
         result = calibrate(simulation.platform, a1, settings, kept.append)

@@ -38,7 +38,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 LOG = "recording.mcap"
 SETTINGS = Precise(budget=50, mass=14.0, sway=False, turn=True)
-WORLD = {"noise": "realistic", "payload": "1.5,0.05,-0.02,0.06", "seed": 4, "effects": {"cable": 0.3}}
+WORLD = {"noise": "realistic", "payload": "1.5,0.05,-0.02,0.06", "seed": 4, "timestep": 1e-3, "effects": {"cable": 0.3}}
 
 
 @pytest.fixture(scope="module")

@@ -55,7 +55,7 @@ def paper(paper_result):
 @pytest.fixture(scope="module")
 def static():
     robot = load_robot("unitree_a1")
-    with simulate(robot, "ideal") as simulation:
+    with simulate(robot, "ideal", timestep=1e-3) as simulation:
         return calibrate(simulation.platform, robot, Static())
 
 
