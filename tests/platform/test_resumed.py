@@ -85,7 +85,10 @@ def go_on_simulated(path, a1, motions=10**6):
 def whole(a1, tmp_path_factory):
     """A run that nobody interrupted: its folder and its result."""
     path = tmp_path_factory.mktemp("whole") / "run"
-    with RunFolder.create(path, a1, SETTINGS, {}) as folder, simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation:
+    with (
+        RunFolder.create(path, a1, SETTINGS, {}) as folder,
+        simulate(a1, "realistic", PAYLOAD, seed=5, timestep=1e-3) as simulation,
+    ):
         result = calibrate(Logged(simulation.platform, folder.log), a1, SETTINGS, folder.keep)
     return folder, result
 
