@@ -210,6 +210,75 @@ def test_a_proposal_says_why_and_what_it_leaves_out(a1, leaning, tmp_path):
         assert line in told.value.proposal, line
 
 
+def proposal_for(path, robot, columns=None):
+    with pytest.raises(ColumnsError) as told:
+        read_log(path, robot, columns=columns)
+    return told.value.proposal
+
+
+def arrays_of(log):
+    joints, imu = log.joints, log.imu
+    sensed = {"gyro": imu.angular_velocity_in_imu, "acc": imu.acceleration_in_imu}
+    return {"t": joints.time, "q": joints.position, "dq": joints.velocity} | sensed
+
+
+def test_whole_numbers_are_what_they_are_unless_they_are_times(a1, leaning, tmp_path):
+    milli_g = np.round(leaning[0].imu.acceleration_in_imu / 9.80665e-3).astype(np.int16)
+    np.savez(tmp_path / "log.npz", **arrays_of(leaning[0]) | {"acc": milli_g})
+    proposed = Columns.from_text(proposal_for(tmp_path / "log.npz", a1), "it")
+    assert proposed.units == {"accelerometer": "mg"}
+    assert proposed.names["accelerometer.x"] == "acc[0]"
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_names_that_count_are_names(a1, leaning, tmp_path, first):
+    """As pandas writes columns that have none."""
+    path = numbers_alone(tmp_path / "log", a1, leaning[0])
+    names = ",".join(str(first + k) for k in range(path.read_text().split("\n", 1)[0].count(",") + 1))
+    path.write_text(f"{names}\n{path.read_text()}")
+    proposed = Columns.from_text(proposal_for(path, a1), "it")
+    assert proposed.names["time"] == str(first)
+    same(read_log(path, a1, columns=proposed).recording, leaning[0], rtol=1e-6)
+
+
+def test_a_count_of_rows_is_no_time(a1, leaning, tmp_path):
+    columns = columns_of(leaning[0])
+    stamp = columns.pop("time") + np.random.default_rng(0).uniform(0, 0.5, len(columns["gyro.x"]))
+    path = write_csv(tmp_path / "log.csv", {"seq": np.arange(len(stamp)), "stamp": stamp, **columns})
+    with pytest.raises(ColumnsError, match="none looks like time"):
+        read_log(path, a1)
+
+
+def test_a_unit_of_the_users_gives_way_to_what_is_in_the_columns(a1, leaning, tmp_path):
+    np.savez(tmp_path / "log.npz", **arrays_of(leaning[0]))
+    told = Columns(units={"accelerometer": "g", "gyro": "deg/s"})
+    assert Columns.from_text(proposal_for(tmp_path / "log.npz", a1, told), "it").units == {}
+
+
+@pytest.mark.parametrize(("swing", "unit"), [(2.0, {"orientation": "deg"}), (0.0, {})])
+def test_small_angles_are_degrees_if_up_is_the_accelerometers_so(a1, leaning, tmp_path, swing, unit):
+    """Of a robot that walks straight; of one that stands level nothing tells."""
+    log, _ = leaning
+    roll, pitch = swing * np.sin(4 * log.imu.time), swing * np.cos(4 * log.imu.time)
+    up = rotation_of(np.radians(roll), np.radians(pitch)).inv().apply([0, 0, 9.81])
+    log = replace(log, imu=replace(log.imu, acceleration_in_imu=up))
+    columns = {name: values for name, values in columns_of(log).items() if not name.startswith("gyro")}
+    path = write_csv(tmp_path / "log.csv", {**columns, "roll": roll, "pitch": pitch, "yaw": 0 * roll})
+    proposed = proposal_for(path, a1)
+    assert Columns.from_text(proposed, "it").units == unit
+    assert ("by name alone: is it in rad?" in proposed) == (not unit)
+
+
+def test_what_is_called_a_gyroscope_comes_before_what_turns_as_one(a1, leaning, tmp_path):
+    columns = columns_of(leaning[0])
+    for axis, other in zip("xyz", "prs", strict=True):
+        columns[other] = columns.pop(f"gyro.{axis}")
+        columns[f"gyro_{axis}"] = 0 * columns[other]
+    proposed = proposal_for(write_csv(tmp_path / "log.csv", columns), a1)
+    assert '# gyro: by name alone: is it in rad/s?\ngyro.x = "gyro_x"' in proposed
+    assert "# not used: p, r, s" in proposed
+
+
 def test_an_order_of_legs_that_nothing_tells_is_called_a_guess(a1, leaning, tmp_path):
     """A robot that only stands: any order of its legs is as level."""
     log = leaning[0].between(5.0, 6.9)
@@ -293,6 +362,7 @@ def test_columns_may_be_some_and_in_other_units(a1, leaning, tmp_path):
         ('gyrox = "wx"', "'gyrox' is no column of ours; did you mean 'gyro.x'"),
         ("gyro.x = 3", r'3 is no column\'s name; write it as gyro.x = "..."'),
         ('units.gyro = "grad"', "'grad' is no unit of gyro; those are rad/s, deg/s, rpm"),
+        ('units.gyro = ["deg/s"]', r"\['deg/s'\] is no unit of gyro"),
         ('units.mass = "kg"', "units are of time, position, .*not of 'mass'"),
         ("units = 3", "units are of time"),
     ],
@@ -301,6 +371,16 @@ def test_a_mistake_in_the_users_columns_is_named(tmp_path, text, message):
     (tmp_path / "columns.toml").write_text(text, encoding="utf-8")
     with pytest.raises(SettingsError, match=message):
         Columns.from_toml(tmp_path / "columns.toml")
+
+
+def test_an_empty_name_leaves_out_a_column_that_has_ours(a1, leaning, tmp_path):
+    path = write_csv(tmp_path / "log.csv", columns_of(leaning[0]))
+    told = Columns.from_text("".join(f'torque.{joint} = ""\n' for joint in a1.joint_names), "it")
+    assert read_log(path, a1, columns=told).recording.joints.torque is None
+    told = Columns.from_text('gyro.x = ""', "it")
+    with pytest.raises(ColumnsError, match=r"has no gyro.x\. By names .*none looks like gyro.x") as error:
+        read_log(path, a1, columns=told)
+    assert Columns.from_text(error.value.proposal, "it").names == told.names
 
 
 def test_columns_that_the_table_has_not_are_named(a1, leaning, tmp_path):
@@ -344,8 +424,29 @@ def test_arrays_of_our_names_are_read_from_every_kind_of_file(a1, leaning, tmp_p
     np.savez(tmp_path / "log.npz", **columns, pickled=np.array([{"a": 1}], dtype=object))
     rows = np.array([*zip(*columns.values(), strict=True)], dtype=[(name, float) for name in columns])
     np.save(tmp_path / "log.npy", rows)
-    for name in ("log.npz", "log.npy"):
+    (tmp_path / "renamed.npz").write_bytes((tmp_path / "log.npy").read_bytes())
+    for name in ("log.npz", "log.npy", "renamed.npz"):
         same(read_log(tmp_path / name, a1).recording, log)
+
+
+def test_pictures_and_gains_beside_a_log_are_passed_over(a1, leaning, tmp_path):
+    arrays, rows = arrays_of(leaning[0]), len(leaning[0].joints.time)
+    others = {f"gain{k}": np.ones(12) for k in range(9)}
+    np.savez(tmp_path / "log.npz", foot=np.zeros((rows, 4)), camera=np.zeros((rows, 9, 9)), **others, **arrays)
+    gains = ", ".join(f"{name} (12,)" for name in others)
+    proposed = proposal_for(tmp_path / "log.npz", a1).replace("\n# ", " ")
+    assert f"not used: foot[0] to foot[3], camera ({rows}, 9, 9), {gains}" in proposed
+
+
+def test_arrays_of_two_lengths_are_refused_by_name(a1, leaning, tmp_path):
+    arrays = arrays_of(leaning[0])
+    imu = {name: np.repeat(arrays.pop(name), 2, axis=0) for name in ("gyro", "acc")}
+    np.savez(tmp_path / "log.npz", q=arrays["q"], t=arrays["t"], **imu)
+    rows = len(arrays["t"])
+    with pytest.raises(
+        RecordingError, match=rf"arrays of {rows} samples \(q, t\) and {2 * rows} samples \(gyro, acc\), .*interpolate"
+    ):
+        read_log(tmp_path / "log.npz", a1)
 
 
 @pytest.mark.parametrize("suffix", ["pkl", "pickle", "pt", "npy"])
@@ -365,6 +466,17 @@ def test_pickles_are_refused_unopened_with_how_to_convert_them(a1, tmp_path, suf
     assert not ran.exists()
 
 
+def test_a_package_may_bring_a_reader_of_pickles(a1, tmp_path, monkeypatch):
+    (tmp_path / "log.pkl").touch()
+
+    def read_pickle(path, robot, topics):
+        raise RecordingError("asked")
+
+    monkeypatch.setattr("equipoise.logs.reader.READERS", {"pkl": read_pickle})
+    with pytest.raises(RecordingError, match="asked"):
+        read_log(tmp_path / "log.pkl", a1)
+
+
 class Trap:
     """What runs when it is unpickled."""
 
@@ -382,9 +494,13 @@ def test_files_of_arrays_that_hold_no_log(a1, tmp_path):
     (tmp_path / "log.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(400))
     with pytest.raises(RecordingError, match=r"version 7.3, which is not read: save it again with save\("):
         read_log(tmp_path / "log.mat", a1)
-    (tmp_path / "log.npz").write_bytes(b"PK nothing")
-    with pytest.raises(RecordingError, match="cannot be read"):
-        read_log(tmp_path / "log.npz", a1)
+    for suffix, save in (("npz", np.savez), ("npy", np.save)):
+        path = tmp_path / f"log.{suffix}"
+        save(path, np.zeros(1000))
+        for damaged in (path.read_bytes()[:5000], b"PK nothing", b""):
+            path.write_bytes(damaged)
+            with pytest.raises(RecordingError, match=rf"cannot be read: it is damaged, or no .{suffix} file \("):
+                read_log(path, a1)
 
 
 # --- a fused orientation
@@ -430,6 +546,13 @@ def test_an_orientation_that_is_another_is_refused(a1, leaning, tmp_path, change
         read_log(path, a1)
 
 
+def test_zeros_before_a_filter_runs_are_no_orientation(a1, leaning, tmp_path):
+    log, quaternions = leaning
+    quaternions = np.vstack([np.zeros((5, 4)), quaternions[5:]])
+    read = read_log(write_csv(tmp_path / "log.csv", with_orientation(log, quaternions)), a1)
+    assert len(read.recording.imu.time) == len(log.imu.time) - 5
+
+
 def test_an_orientation_does_not_stand_in_for_an_accelerometer(a1, leaning, tmp_path):
     log, quaternions = leaning
     columns = columns_of(log) | with_orientation(log, quaternions)
@@ -469,6 +592,9 @@ def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys
         'gyro.x = "gyr[0]"',
         "no TOML",
         'gyro.x = "gyro[0]"',
+        'gyro.y = "acc[1]"',
+        'accelerometer.y = "acc[1]"',
+        'gyro.y = "gyro[1]"',
         "",
         str(tmp_path / "no" / "folder"),
         str(kept),
@@ -480,7 +606,8 @@ def test_at_a_terminal_the_proposal_is_asked_about(a1, leaning, tmp_path, capsys
     said = errors.getvalue()
     for part in (
         "Enter reads it so", "still missing: gyro.x", "did you mean 'gyro[0]'", "what you wrote cannot be read",
-        "cannot write", f"saved: {kept}",
+        "accelerometer.y has no column now: 'acc[1]' was its\nstill missing: accelerometer.y",
+        "gyro.y has no column now: 'acc[1]' was its\nstill missing: gyro.y", "cannot write", f"saved: {kept}",
     ):  # fmt: skip
         assert part in said, part
     assert max(map(len, said.partition("Enter reads")[2].splitlines()[:2])) <= 80

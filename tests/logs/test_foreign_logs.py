@@ -166,6 +166,10 @@ def test_a_folder_and_a_file_that_are_no_log(a1, tmp_path):
         read_log(tmp_path, a1)
     with pytest.raises(RecordingError, match="does not exist"):
         read_log(tmp_path / "none.mcap", a1)
+    for run in ("run1.bag", "run2.bag"):  # logs of their own, and not parts of one
+        (tmp_path / run).touch()
+    with pytest.raises(RecordingError, match=r"is no log that can be read: .* or a file .mcap, .db3, .bag"):
+        read_log(tmp_path, a1)
     (tmp_path / "text.txt").write_text("hello")
     with pytest.raises(
         RecordingError,
@@ -341,6 +345,15 @@ def test_parquets_own_time_stamps_are_whole_numbers_until_the_first_is_taken_off
     table = pa.table({name: stamps if name == "time" else values for name, values in columns.items()})
     pq.write_table(table, tmp_path / "log.parquet")
     same(read_log(tmp_path / "log.parquet", a1).recording, log)
+
+
+def test_whole_nanoseconds_of_parquet_may_leave_cells_empty(a1, log, tmp_path):
+    columns = columns_of(log)
+    stamps = pa.array([*nanoseconds(columns["time"])[:-1], None], pa.int64())
+    table = pa.table({name: stamps if name == "time" else values for name, values in columns.items()})
+    pq.write_table(table, tmp_path / "log.parquet")
+    read = read_log(tmp_path / "log.parquet", a1, columns=Columns(units={"time": "ns"}))
+    np.testing.assert_allclose(read.recording.joints.time, (log.joints.time - log.joints.time[0])[:-1], atol=1e-6)
 
 
 def test_a_column_that_is_missing_is_named_and_proposed(a1, log, tmp_path):

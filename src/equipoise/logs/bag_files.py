@@ -5,17 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 ROS1 = ".bag"
-SUFFIXES = (".mcap", ".db3", ROS1)
+_PARTS = (".mcap", ".db3")  # a .bag is a log of its own: several in a folder are several runs
+SUFFIXES = (*_PARTS, ROS1)
 METADATA = "metadata.yaml"
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: a folder of one, or one of its files."""
+    """Whether a path looks like a bag: a folder of one of ROS 2, or one of its files."""
     if path.is_dir():
         return (path / METADATA).exists() or bool(bag_files(path))
     return path.suffix.lower() in SUFFIXES
 
 
 def bag_files(path: Path) -> list[Path]:
-    """Files of a bag in a folder; none if the path is no folder."""
-    return sorted(file for file in path.glob("*") if file.suffix in SUFFIXES) if path.is_dir() else []
+    """Files of a bag of ROS 2 in a folder; none if the path is no folder."""
+    return sorted(file for file in path.glob("*") if file.suffix in _PARTS) if path.is_dir() else []

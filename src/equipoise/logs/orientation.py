@@ -29,6 +29,11 @@ def angular_velocity_of(time: FloatArray, quat_wxyz: FloatArray, acceleration_in
         RecordingError: the quaternions are none, or are in another order or of the inverse rotation.
     """
     known = np.isfinite(time) & np.isfinite(quat_wxyz).all(axis=1) & np.isfinite(acceleration_in_imu).all(axis=1)
+    norm = np.linalg.norm(quat_wxyz, axis=1)
+    usual = float(np.median(norm[known])) if known.any() else 1.0
+    if abs(usual - 1) > _UNIT:
+        raise RecordingError(f"the orientation's quaternions have a norm of {usual:.3g}; it must be 1, and w the first")
+    known &= np.abs(norm - 1) < _UNIT  # some drivers log zeros until their filter runs
     latest = np.maximum.accumulate(np.where(known, time, -np.inf))
     known[1:] &= time[1:] > latest[:-1]
     if known.sum() < 3:
@@ -49,25 +54,29 @@ def _turning(time: FloatArray, rotation: Rotation) -> FloatArray:
 
 
 def _check_orientation(quat_wxyz: FloatArray, acceleration_in_imu: FloatArray) -> None:
-    norm = float(np.median(np.linalg.norm(quat_wxyz, axis=1)))
-    if abs(norm - 1) > _UNIT:
-        raise RecordingError(f"the orientation's quaternions have a norm of {norm:.3g}; it must be 1, and w the first")
-    up = acceleration_in_imu / np.maximum(np.linalg.norm(acceleration_in_imu, axis=1), 1e-9)[:, None]
-    angle = _off(quat_wxyz, up)
+    angle = angle_from_up(quat_wxyz, acceleration_in_imu)
     if angle < _LEVEL:
         return
     turned = np.roll(quat_wxyz, 1, axis=1)  # as if w were the last
     inverse = quat_wxyz * [1, -1, -1, -1]
     cures = {"is w the last?": turned, "is it of the room in the IMU?": inverse}
-    cured = [question for question, quaternions in cures.items() if _off(quaternions, up) < _LEVEL]
+    cured = [
+        question for question, quaternions in cures.items() if angle_from_up(quaternions, acceleration_in_imu) < _LEVEL
+    ]
     raise RecordingError(
         f"the orientation's idea of up is {np.degrees(angle):.0f} deg off the accelerometer's: it must be that of the IMU in "
         f"the room, z up, quaternions w x y z{f' ({cured[0]})' if cured else ''}"
     )
 
 
-def _off(quat_wxyz: FloatArray, up: FloatArray) -> float:
-    """Median angle between up by the orientation and (n, 3) up by the accelerometer [rad]."""
+def quaternions_of(angles: FloatArray) -> FloatArray:
+    """(n, 4) quaternions, w first, of (n, 3) roll, pitch and yaw [rad]."""
+    return np.roll(Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat(), 1, axis=1)
+
+
+def angle_from_up(quat_wxyz: FloatArray, acceleration_in_imu: FloatArray) -> float:
+    """Median angle between (n, 4) orientations' idea of up and that of (n, 3) specific force [rad]."""
+    up = acceleration_in_imu / np.maximum(np.linalg.norm(acceleration_in_imu, axis=1), 1e-9)[:, None]
     said = _rotations(quat_wxyz).inv().apply(np.array([0.0, 0.0, 1.0]))
     return float(np.median(np.arccos(np.clip((said * up).sum(axis=1), -1, 1))))
 

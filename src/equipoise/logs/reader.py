@@ -83,9 +83,9 @@ def read_log(
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"the log {str(path)!r} does not exist")
-    if path.suffix.lower() in files.PICKLES:
-        raise RecordingError(files.pickle_refused(path))
     if not is_log(path):
+        if path.suffix.lower() in files.PICKLES:
+            raise RecordingError(files.pickle_refused(path))
         known = ", ".join(f".{suffix}" for suffix in READERS)
         raise RecordingError(
             f"{str(path)!r} is no log that can be read: it must be the folder of a rosbag2 bag, or a file {known}"

@@ -59,9 +59,7 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     # A recorder that was killed leaves files without metadata.
     parts = [path] if not path.is_dir() or (path / METADATA).exists() else bag_files(path)
     if not parts:
-        raise RecordingError(
-            f"the folder {str(path)!r} is no bag: it has neither {METADATA} nor .mcap, .db3 or .bag files"
-        )
+        raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {METADATA} nor .mcap or .db3 files")
     found: dict[str, tuple[str, int]] = {}
     gathered: dict[str, GatheredTopic] = {}
     findings: list[LogFinding] = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -34,10 +34,14 @@ def _standing(result: Calibration) -> str:
     return f"; standing with its hips {stance.hip_height:.3f} m high"
 
 
-def verdict_sentence(quantities: Iterable[Quantity]) -> str:
-    """What the words and marks in the table mean that are not good news; empty if there are none."""
+def verdict_sentence(quantities: Iterable[Quantity], meanings: Mapping[str, str] = _VERDICTS) -> str:
+    """What the words and marks in the table mean that are not good news; empty if there are none.
+
+    Args:
+        meanings: a verdict and what it means, by verdict.
+    """
     there = list(quantities)
-    said = [words for verdict, words in _VERDICTS.items() if any(one.verdict == verdict for one in there)]
+    said = [words for verdict, words in meanings.items() if any(one.verdict == verdict for one in there)]
     if any(quantity.missed for quantity in there):
         said.append("(!): the truth is outside the interval")
     return "; ".join(said) + "." if said else ""

@@ -25,11 +25,14 @@ def ask_columns(error: ColumnsError) -> Columns:
     while answer or columns.of_table(error.names).missing():
         answer = _answer("columns> ", error)
         try:
-            changed = columns.with_changes(Columns.from_text(answer, "what you wrote"))
+            line = Columns.from_text(answer, "what you wrote")
+            changed = columns.with_changes(line)
             changed.check(error.names, "the table")
         except SettingsError as wrong:
             _tell(str(wrong))
             continue
+        for loser in columns.losers(line):
+            _tell(f"{loser} has no column now: {columns.names[loser]!r} was its")
         columns = changed
         missing = columns.of_table(error.names).missing()
         if missing:

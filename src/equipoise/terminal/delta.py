@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.delta import Delta
+from equipoise.result.legend import verdict_sentence
 from equipoise.result.shown import ROWS
 from equipoise.terminal.calibration import estimate_cells, number
 
@@ -24,13 +25,11 @@ def print_delta(delta: Delta) -> None:
     if delta.payload.com_in_base.x.value is None:
         console.print("No mass can be told from none: nothing is said of where it is. What changed in the whole robot:")
     console.print(_change(delta))
-    said = [words for verdict, words in _LEGEND.items() if any(one.verdict == verdict for one in delta.change)]
-    console.print(
-        f"CoM from the origin of the base link, inertia about the CoM. {'; '.join(said)}{'.' if said else ''}"
-    )
+    said = verdict_sentence(delta.change, _CHANGES)
+    console.print(f"CoM from the origin of the base link, inertia about the CoM. {said}")
 
 
-_LEGEND = {
+_CHANGES = {
     "no change": "no change: zero, and surely so",
     "not identified": "not identified: a change cannot be told from none",
 }

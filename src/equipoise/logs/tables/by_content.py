@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.logs.orientation import angle_from_up, quaternions_of
 from equipoise.logs.tables.columns import UNITS
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.robot.floor import floor_normals_by_fit
@@ -81,6 +82,19 @@ def _unit_within_limits(robot: RobotModel, levels: FloatArray) -> str | None:
         if beyond.max() < _BEYOND and bent.mean() > _MOST_BENT:
             return unit
     return None
+
+
+def unit_of_attitude(angles: FloatArray, acceleration: FloatArray) -> str | None:
+    """The unit of (n, 3) roll, pitch, yaw in which up is clearly that of (n, 3) specific force; None if neither is."""
+    known = np.isfinite(angles).all(axis=1) & np.isfinite(acceleration).all(axis=1)
+    if not known.any():
+        return None
+    off = {
+        unit: angle_from_up(quaternions_of(factor * angles[known]), acceleration[known])
+        for unit, factor in UNITS["orientation"].items()
+    }
+    unit, other = sorted(off, key=off.__getitem__)
+    return unit if off[unit] < min(_LEVEL, _CLEARLY * off[other]) else None
 
 
 def unit_of_derivative(time: FloatArray, position: FloatArray, velocity: FloatArray) -> str | None:

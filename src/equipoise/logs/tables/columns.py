@@ -50,7 +50,7 @@ class Columns:
     """A table's columns by our names.
 
     Attributes:
-        names: names in the table by ours, as {"gyro.x": "wx"}.
+        names: names in the table by ours, as {"gyro.x": "wx"}; an empty one leaves out a column that has our name.
         units: units by kind, where they are not ours, as {"gyro": "deg/s"}.
     """
 
@@ -103,25 +103,31 @@ class Columns:
             known = UNITS.get(kind)
             if known is None:
                 raise SettingsError(f"{what}: units are of {', '.join(UNITS)}, not of {kind!r}")
-            if unit not in known:
+            if not isinstance(unit, str) or unit not in known:
                 raise SettingsError(f"{what}: {unit!r} is no unit of {kind}; those are {', '.join(known)}")
         return cls(cast("dict[str, str]", names), cast("dict[str, str]", units))
 
     def with_changes(self, changes: Columns) -> Columns:
-        """With other names and units; an empty name leaves a column out."""
-        names = {**self.names, **changes.names}
-        return Columns({ours: theirs for ours, theirs in names.items() if theirs}, {**self.units, **changes.units})
+        """With other names and units; who loses a column to another of ours has none."""
+        names = {**self.names, **dict.fromkeys(self.losers(changes), ""), **changes.names}
+        return Columns(names, {**self.units, **changes.units})
+
+    def losers(self, changes: Columns) -> list[str]:
+        """Ours whose columns changes give to others."""
+        given = {theirs for theirs in changes.names.values() if theirs}
+        return [ours for ours, theirs in self.names.items() if theirs in given and ours not in changes.names]
 
     def check(self, names: Sequence[str], what: str) -> None:
         """Raise SettingsError for names that a table has not, and for one that is two of ours."""
-        for ours, theirs in self.names.items():
+        told = {ours: theirs for ours, theirs in self.names.items() if theirs}
+        for ours, theirs in told.items():
             if theirs not in names:
                 raise SettingsError(
                     f"the columns say {theirs!r} for {ours}, which {what} has not; {did_you_mean(theirs, names)}it has "
                     f"{', '.join(names)}"
                 )
         by_theirs: dict[str, str] = {}
-        for ours, theirs in self.names.items():
+        for ours, theirs in told.items():
             if theirs in by_theirs:
                 raise SettingsError(f"the columns give {theirs!r} to {by_theirs[theirs]} and to {ours}")
             by_theirs[theirs] = ours
@@ -132,17 +138,19 @@ class Columns:
 
     def has(self, names: Iterable[str]) -> bool:
         """Whether all of some of ours are there."""
-        return all(name in self.names for name in names)
+        return all(map(self.names.get, names))
 
     def joints(self, kind: str) -> list[str]:
         """Names of the joints that have a column of a kind."""
-        return [name.removeprefix(f"{kind}.") for name in self.names if name.startswith(f"{kind}.")]
+        return [
+            ours.removeprefix(f"{kind}.") for ours, name in self.names.items() if name and ours.startswith(f"{kind}.")
+        ]
 
     def missing(self) -> tuple[str, ...]:
         """What an estimate needs and is not there."""
-        absent = [name for name in (TIME, *ACCELEROMETER) if name not in self.names]
+        absent = [name for name in (TIME, *ACCELEROMETER) if not self.names.get(name)]
         if not any(map(self.has, (GYROSCOPE, QUATERNION, ANGLES))):
-            absent += [name for name in GYROSCOPE if name not in self.names]
+            absent += [name for name in GYROSCOPE if not self.names.get(name)]
         return (*absent, *([] if self.joints("position") else ["position.JOINT"]))
 
     def to_toml(self, notes: Mapping[str, str] | None = None) -> str:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import csv
 import importlib
 import io
-from collections import Counter
+import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, RecordingError
 
 _Named = list[tuple[str, NDArray[Any]]]
+_WIDEST = 64  # columns of an array: pictures have more, and logs are longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,8 @@ def _open_csv(path: Path) -> TableFile:
         raise RecordingError(
             f"the log {str(path)!r} holds no samples: it must have a line of column names and then numbers"
         )
-    nameless = all(map(_is_number, rows[0]))
+    counted = [cell.strip() for cell in rows[0]] in (_count(rows[0], 0), _count(rows[0], 1))  # as pandas names columns
+    nameless = all(map(_is_number, rows[0])) and not counted
     names = [f"[{index}]" if nameless else cell.strip() for index, cell in enumerate(rows[0])]
     for number, row in enumerate(rows, 1):
         if len(row) != len(names):
@@ -99,6 +102,10 @@ def _open_csv(path: Path) -> TableFile:
     first = 0 if nameless else 1
     cells = list(zip(*rows[first:], strict=True))
     return TableFile(path, tuple(names), lambda index: _numbers(path, names[index], cells[index], first + 1))
+
+
+def _count(cells: Sequence[str], first: int) -> list[str]:
+    return [str(first + index) for index in range(len(cells))]
 
 
 def _is_number(cell: str) -> bool:
@@ -145,7 +152,7 @@ def _open_parquet(path: Path) -> TableFile:
                 return _seconds(column.cast(pa.timestamp("ns")).cast(pa.int64()))
             if pa.types.is_integer(column.type) and not column.null_count:
                 return np.asarray(column.to_numpy())
-            return np.asarray(column.cast(pa.float64()).fill_null(np.nan).to_numpy(), dtype=float)
+            return np.asarray(column.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy(), dtype=float)
         except pa.ArrowException as error:
             what = f"column {names[index]!r} of {str(path)!r} holds no numbers"
             raise RecordingError(f"{what}: {_told(error)}") from error
@@ -162,23 +169,39 @@ def _seconds(stamps: Any) -> FloatArray:
 # --- arrays
 
 
-def _open_npz(path: Path) -> TableFile:
-    arrays: _Named = []
-    pickled: list[str] = []
-    with np.load(path, allow_pickle=False) as file:
-        for name in file.files:
-            try:
-                arrays.append((name, file[name]))
-            except ValueError:  # of objects
-                pickled.append(name)
+def _open_numpy(path: Path) -> TableFile:
+    try:
+        arrays, pickled = _numpy_arrays(path)
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        if _of_objects(error) or path.read_bytes()[:1] == b"\x80":  # with which pickles begin
+            raise RecordingError(pickle_refused(path)) from error
+        raise RecordingError(
+            f"the log {str(path)!r} cannot be read: it is damaged, or no {path.suffix.lower()} file ({_told(error)}); "
+            "copy or save it again"
+        ) from error
     return _of_arrays(path, arrays, pickled)
 
 
-def _open_npy(path: Path) -> TableFile:
-    try:
-        return _of_arrays(path, [("", np.load(path, allow_pickle=False))], [])
-    except ValueError as error:
-        raise RecordingError(pickle_refused(path)) from error
+def _numpy_arrays(path: Path) -> tuple[_Named, list[str]]:
+    """The arrays of a file, whichever of its two kinds it is, and the names of those of objects."""
+    arrays: _Named = []
+    pickled: list[str] = []
+    with path.open("rb") as file:
+        loaded: Any = np.load(file, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return [("", loaded)], []
+        for name in loaded.files:
+            try:
+                arrays.append((name, loaded[name]))
+            except ValueError as error:
+                if not _of_objects(error):
+                    raise
+                pickled.append(name)
+    return arrays, pickled
+
+
+def _of_objects(error: Exception) -> bool:
+    return "Object arrays cannot be loaded" in str(error)
 
 
 def _open_mat(path: Path) -> TableFile:
@@ -210,14 +233,13 @@ def _of_arrays(path: Path, arrays: _Named, passed_over: list[str]) -> TableFile:
     """Those of numbers, along the axis that most of them share."""
     fields = [part for name, array in arrays for part in _fields(name, array)]
     usable = [(name, np.squeeze(array)) for name, array in fields if array.dtype.kind in "fiu"]
-    sizes = Counter(size for _, array in usable for size in array.shape)
-    rows = max(sizes, key=lambda size: (sizes[size], size), default=0)
+    rows = _samples(path, usable)
     columns: dict[str, NDArray[Any]] = {}
-    for name, array in usable:
-        along = [axis for axis, size in enumerate(array.shape) if size == rows]
-        if not along:
+    sampled = [(name, array) for name, array in usable if rows in array.shape]
+    for name, array in sampled:
+        if array.size > _WIDEST * rows and len(sampled) > 1:
             continue
-        table = np.moveaxis(array, along[0], 0).reshape(rows, -1)
+        table = np.moveaxis(array, array.shape.index(rows), 0).reshape(rows, -1)
         many = array.ndim > 1
         columns |= {f"{name}[{k}]" if many else name: table[:, k] for k in range(table.shape[1])}
     kept = {name.split("[")[0] for name in columns}
@@ -226,6 +248,23 @@ def _of_arrays(path: Path, arrays: _Named, passed_over: list[str]) -> TableFile:
         raise RecordingError(f"the log {str(path)!r} holds no arrays of numbers: {', '.join([*others, *passed_over])}")
     names, values = tuple(columns), list(columns.values())
     return TableFile(path, names, lambda index: values[index], (*others, *passed_over))
+
+
+def _samples(path: Path, arrays: _Named) -> int:
+    """The length that most arrays have along their longest axis; short ones are gains or limits."""
+    by_length: dict[int, list[str]] = {}
+    for name, array in arrays:
+        if array.ndim:
+            by_length.setdefault(max(array.shape), []).append(name)
+    rows = max(by_length, key=lambda length: (length > _WIDEST, len(by_length[length]), length), default=0)
+    rivals = [length for length, names in by_length.items() if len(names) == len(by_length[rows]) and length > _WIDEST]
+    if len(rivals) > 1:
+        told = " and ".join(f"{length} samples ({', '.join(by_length[length])})" for length in rivals)
+        raise RecordingError(
+            f"the log {str(path)!r} has arrays of {told}, and a table has one length: interpolate them at one clock, or write "
+            "a CSV in which a row of one leaves the cells of the other empty"
+        )
+    return rows
 
 
 def _fields(name: str, array: NDArray[Any]) -> _Named:
@@ -253,8 +292,8 @@ def _told(error: Exception) -> str:
 _OPEN: dict[str, Callable[[Path], TableFile]] = {
     ".csv": _open_csv,
     ".parquet": _open_parquet,
-    ".npz": _open_npz,
-    ".npy": _open_npy,
+    ".npz": _open_numpy,
+    ".npy": _open_numpy,
     ".mat": _open_mat,
 }
 SUFFIXES = tuple(_OPEN)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from equipoise.logs.tables.by_content import (
     joint_order,
     quaternion_order,
     unit_of_angles,
+    unit_of_attitude,
     unit_of_derivative,
     unit_of_gravity,
     unit_of_time,
@@ -66,6 +67,7 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> Proposal:
     guess.time()
     guess.orientation()  # three of a quaternion's four may have the norm of gravity in g
     guess.accelerometer()
+    guess.unit_of_orientation()
     guess.positions()
     guess.others_of_joints()
     guess.gyroscope()
@@ -88,8 +90,8 @@ class _Guess:
 
     def proposal(self) -> Proposal:
         used = set(self.names.values())
-        others = [name for name in self.file.names if name not in used]
-        return Proposal(Columns(self.names, self.units), self.notes, (*others, *self.file.passed_over))
+        others = (*_unused(self.file.names, used), *self.file.passed_over)
+        return Proposal(Columns(self.names, self.units), self.notes, others)
 
     # --- one column
 
@@ -99,7 +101,10 @@ class _Guess:
             return
         said = [name for family in self._families.get("time", []) for name in family.values()]
         for name in [*said, *(name for name in self._free if name not in said)]:
-            unit = unit_of_time(self._free[name])
+            time = self.file.clock(name)[:_MOST]
+            if name not in said and (np.diff(time) == 1).all():
+                continue  # counts rows
+            unit = unit_of_time(time)
             if unit is not None:
                 self._take("time", {TIME: name}, unit, "increases evenly")
                 return
@@ -131,10 +136,8 @@ class _Guess:
                     self._take("orientation", ours, None, "by name; its norm is one")
                     return
             if {"roll", "pitch", "yaw"} <= set(family):
-                angles = self._table([family[part] for part in ("roll", "pitch", "yaw")])
-                unit = "deg" if float(np.nanmax(np.abs(angles))) > 2 * np.pi else "rad"
-                self._take("orientation", {f"orientation.{part}": family[part] for part in ("roll", "pitch", "yaw")}, unit,
-                           "by name")  # fmt: skip
+                ours = {f"orientation.{part}": family[part] for part in ("roll", "pitch", "yaw")}
+                self._take("orientation", ours, None, "by name alone: is it in rad?")
                 return
         for four in self._windows(4):
             order = quaternion_order(self._table(four))
@@ -144,25 +147,35 @@ class _Guess:
                 self._take("orientation", ours, None, f"its norm is one; that w is the {_place(order)}, is a guess")
                 return
 
+    def unit_of_orientation(self) -> None:
+        """The unit of roll, pitch and yaw by which up is the accelerometer's, if they were found."""
+        angles, acceleration = self._known_table(ANGLES), self._known_table(ACCELEROMETER)
+        if angles is None or acceleration is None or "orientation" not in self.notes:
+            return
+        unit = unit_of_attitude(angles, acceleration)
+        if unit is not None:
+            ours = {name: self.names[name] for name in ANGLES}
+            self._take("orientation", ours, unit, "by name; its up is the accelerometer's")
+
     def gyroscope(self) -> None:
         """Three by which the accelerometer's idea of up turns, called so or not."""
         if any(name in self.names for name in GYROSCOPE):
             return
         time, acceleration, named = self._known_time(), self._known_table(ACCELEROMETER), self._threes("gyro")
         if time is not None and acceleration is not None:
-            for threes in (named, [*self._windows(3)]):
-                found = [(unit_of_turning(time, acceleration, self._table(three)), three) for three in threes]
-                fitting = [(of[1], of[0], three) for of, three in found if of is not None]
-                if fitting:
-                    _, unit, three = max(fitting)
-                    self._take("gyro", dict(zip(GYROSCOPE, three, strict=True)), unit, "up turns as it says")
-                    return
+            threes = named or [*self._windows(3)]
+            found = [(unit_of_turning(time, acceleration, self._table(three)), three) for three in threes]
+            fitting = [(of[1], of[0], three) for of, three in found if of is not None]
+            if fitting:
+                _, unit, three = max(fitting)
+                self._take("gyro", dict(zip(GYROSCOPE, three, strict=True)), unit, "up turns as it says")
+                return
         if named:
             self._take("gyro", dict(zip(GYROSCOPE, named[0], strict=True)), None, "by name alone: is it in rad/s?")
 
     def leave_out_what_is_not_read(self) -> None:
         """An orientation beside a gyroscope."""
-        if all(name in self.names for name in GYROSCOPE):
+        if all(map(self.names.get, GYROSCOPE)):
             self.names = {ours: name for ours, name in self.names.items() if not ours.startswith("orientation.")}
             self.units.pop("orientation", None)
             self.notes.pop("orientation", None)
@@ -270,8 +283,10 @@ class _Guess:
     def _take(self, kind: str, names: Mapping[str, str], unit: str | None, why: str) -> None:
         self.names |= names
         self.notes[kind] = why
-        if unit is not None and unit != next(iter(UNITS[kind])):
-            self.units[kind] = unit
+        if unit is not None:
+            self.units.pop(kind, None)
+            if unit != next(iter(UNITS[kind])):
+                self.units[kind] = unit
         for name in names.values():
             self._free.pop(name, None)
         taken = set(names.values())
@@ -291,7 +306,7 @@ class _Guess:
         name = self.names.get(TIME)
         if name is None or name not in self._numbers:
             return None
-        return self._numbers[name] * UNITS["time"][self.units.get("time", "s")]
+        return self.file.clock(name)[:_MOST] * UNITS["time"][self.units.get("time", "s")]
 
 
 def _whole_sensors(known: Columns) -> Columns:
@@ -311,11 +326,19 @@ def _numbers(file: TableFile) -> Iterator[tuple[str, FloatArray]]:
         if file.names.count(name) > 1:
             continue
         try:
-            values = file.clock(name)[:_MOST]
+            values = file.column(name)[:_MOST]
         except RecordingError:
             continue
         if np.isfinite(values).any():
             yield name, values
+
+
+def _unused(names: Sequence[str], used: Collection[str]) -> Iterator[str]:
+    """Columns that are not used; an array of which none is, as its first to its last."""
+    for _, of in itertools.groupby(names, lambda name: name.rpartition("[")[0] if name.endswith("]") else name):
+        array = list(of)
+        free = [name for name in array if name not in used]
+        yield from [f"{free[0]} to {free[-1]}"] if free == array and len(free) > 1 else free
 
 
 def _parts(family: Mapping[str, str], parts: str) -> list[str]:

@@ -17,11 +17,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ColumnsError, RecordingError
 from equipoise.logs.log import RawImu, RawJoints, RawLog
+from equipoise.logs.orientation import quaternions_of
 from equipoise.logs.tables.columns import ACCELEROMETER, ANGLES, GYROSCOPE, QUATERNION, TIME, Columns
 from equipoise.logs.tables.files import TableFile, open_table
 from equipoise.logs.tables.proposal import Proposal, propose
@@ -104,8 +104,7 @@ class _Streams:
         angles = self._stacked(ANGLES)
         known = np.isfinite(angles).all(axis=1)
         quaternions = np.full((len(angles), 4), np.nan)
-        w_last = Rotation.from_euler("ZYX", angles[known][:, ::-1]).as_quat()
-        quaternions[known] = np.roll(w_last, 1, axis=1)
+        quaternions[known] = quaternions_of(angles[known])
         return quaternions
 
     def _stacked(self, names: Sequence[str], factor: float | None = None) -> FloatArray:
@@ -113,7 +112,7 @@ class _Streams:
         missing = np.full(len(self.time), np.nan)
         factor = self.columns.factor(names[0].split(".")[0]) if factor is None else factor
         columns = [self.columns.names.get(name) for name in names]
-        table = np.column_stack([missing if theirs is None else self.file.column(theirs) for theirs in columns])
+        table = np.column_stack([self.file.column(theirs) if theirs else missing for theirs in columns])
         return table if factor == 1.0 else table * factor
 
 

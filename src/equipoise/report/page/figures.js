@@ -65,8 +65,9 @@ function draw(figure, width) {
   const style = getComputedStyle(document.documentElement), layout = layoutOf(figure.block, style, width);
   const view = figure.block.views && figure.block.views[figure.view];
   if (view) Object.assign(layout, { scene: layoutOf({ layout: view.layout }, style).scene, uirevision: view.label });
-  if (layout.scene && figure.plot.clientWidth < NARROW) {
-    layout.scene.camera = { ...layout.scene.camera, eye: fartherFrom(layout.scene.camera.eye, NARROW / figure.plot.clientWidth) };
+  const wide = width || figure.plot.clientWidth;  // 0 while it is not shown
+  if (layout.scene && wide && wide < NARROW) {
+    layout.scene.camera = { ...layout.scene.camera, eye: fartherFrom(layout.scene.camera.eye, NARROW / wide) };
   }
   const config = { displaylogo: false, responsive: true, displayModeBar: figure.block.webgl ? undefined : false };
   const drawing = figure.drawn ? Plotly.react(figure.plot, tracesOf(figure, style), layout, config)
