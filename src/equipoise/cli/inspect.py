@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_module
-import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -37,15 +36,13 @@ from equipoise.cli.methods import (
     refuse_flags_of_other_methods,
 )
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
-from equipoise.errors import ColumnsError, LogError, ModelError, RecordingError, SettingsError
+from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
 
 if TYPE_CHECKING:
-    from equipoise.logs.log import Log
     from equipoise.logs.offline import LogEstimate
     from equipoise.result.calibration import Calibration
     from equipoise.robot.audit import Audit
-    from equipoise.robot.model import RobotModel
 
 
 def plan(
@@ -217,31 +214,6 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     return result
 
 
-def read_as_told(
-    path: Path, model: RobotModel, topics: Topics, joint_map: Path | None, columns: Path | None,
-    span: tuple[float | None, float | None], asking: bool,
-) -> Log:  # fmt: skip
-    """A log, by the files that the flags name.
-
-    Args:
-        asking: whether somebody may be asked which column of a table is which, at a terminal.
-    """
-    from equipoise.logs.joint_names import read_joint_map
-    from equipoise.logs.reader import read_log
-    from equipoise.logs.tables.columns import Columns
-
-    joints = None if joint_map is None else read_joint_map(joint_map)
-    told = None if columns is None else Columns.from_toml(columns)
-    try:
-        return read_log(path, model, topics, joints, span, told)
-    except ColumnsError as error:
-        if not (asking and sys.stdin.isatty() and sys.stderr.isatty()):
-            raise
-        from equipoise.terminal.columns import ask_columns
-
-        return read_log(path, model, topics, joints, span, ask_columns(error))
-
-
 def estimated_log(
     path: Path, robot: str, source: LogFlags, description: RobotFlags, given: Mapping[str, Any], output: Output,
     verbose: bool = False,
@@ -254,6 +226,7 @@ def estimated_log(
     """
     from equipoise.logs.offline import estimate_log
     from equipoise.precise.method import Precise
+    from equipoise.terminal.columns import read_as_told
     from equipoise.terminal.log import print_log_report
 
     model, method = load(robot, description), Precise(**given)

@@ -111,8 +111,8 @@ class _LogFlags:
 
 
 def _opened(path: Path, robot: str | None, flags: _LogFlags, follow: bool, asking: bool) -> Showing:
-    from equipoise.cli.inspect import read_as_told
     from equipoise.logs.reader import is_log
+    from equipoise.terminal.columns import read_as_told
     from equipoise.view.open import follow_log, open_log, open_run
 
     if robot is None:

@@ -1,4 +1,4 @@
-"""A dialogue about which column of a table is which."""
+"""Reading a log that is not ours, with a dialogue about which column of a table is which."""
 
 from __future__ import annotations
 
@@ -6,11 +6,35 @@ import sys
 from pathlib import Path
 
 from equipoise.errors import ColumnsError, OutputError, SettingsError
+from equipoise.logs.joint_names import read_joint_map
+from equipoise.logs.log import Log
+from equipoise.logs.reader import read_log
 from equipoise.logs.tables.columns import Columns
+from equipoise.logs.topics import Topics
+from equipoise.robot.model import RobotModel
 from equipoise.user_file import write_file
 
 _HOW = """Enter reads it so. A line changes it: gyro.x = "wx"; gyro.x = "" leaves a column
 out; units.gyro = "deg/s". Ctrl-C ends."""
+
+
+def read_as_told(
+    path: Path, model: RobotModel, topics: Topics, joint_map: Path | None, columns: Path | None,
+    span: tuple[float | None, float | None], asking: bool,
+) -> Log:  # fmt: skip
+    """A log, by the files that the flags name.
+
+    Args:
+        asking: whether somebody may be asked which column of a table is which, at a terminal.
+    """
+    joints = None if joint_map is None else read_joint_map(joint_map)
+    told = None if columns is None else Columns.from_toml(columns)
+    try:
+        return read_log(path, model, topics, joints, span, told)
+    except ColumnsError as error:
+        if not (asking and sys.stdin.isatty() and sys.stderr.isatty()):
+            raise
+        return read_log(path, model, topics, joints, span, ask_columns(error))
 
 
 def ask_columns(error: ColumnsError) -> Columns:
