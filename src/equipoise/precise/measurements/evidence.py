@@ -135,7 +135,7 @@ def _read(
             samples = TorqueSamples.of_motion(recording.phase(Phase.SWAY), gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
         elif isinstance(trial, WalkTrial) and recording.complete:
-            steps, left_out = read_walk(robot, recording, trial, stance, gyro_bias)
+            steps, left_out = read_walk(recording, trial, stance, gyro_bias)
             steps = tuple(replace(step, when=when) for step in steps)
     except RecordingError as error:
         left_out = str(error)

@@ -10,6 +10,7 @@ for a delay. Without the mean, moments of inertia came out 2 to 6 % low in simul
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,9 +33,6 @@ _SHORTEST = 0.06  # [s]
 _LONGEST_GAP = 0.02  # [s] without a sample
 _FEWEST = 10  # samples
 _PAD = 0.06  # [s] fitted beyond either end of the time on two feet, where a spline is less sure
-# Least noise assumed: quantised or simulated sensors may show none at rest.
-_LEAST_ENCODER_NOISE, _LEAST_VELOCITY_NOISE, _LEAST_GYRO_NOISE = 2e-5, 2e-3, 2e-4  # [rad], [rad/s], [rad/s]
-_LEAST_ACCELEROMETER_NOISE = 5e-3  # [m/s2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,17 +107,13 @@ def read_lift(
     window = _time_on_two_feet(legs, rest, moving, up, diagonal, _CLEAR * stance.scale.length)
     if window is None:
         return "the lifted feet did not leave the floor"
-    velocity = None if rest.joints.velocity is None else white_noise(rest.joints.velocity)
-    noise = SensorNoise.of(
-        white_noise(rest.joints.position), velocity, white_noise(rest.imu.angular_velocity_in_imu),
-        white_noise(rest.imu.acceleration_in_imu),
-    )  # fmt: skip
+    noise = SensorNoise.of(rest, _white_noise, _LEAST)
     return on_two_feet(moving, diagonal, window, gyro, up_in_imu, noise, clock, _SHORTEST)
 
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Standard deviations of what is white in the sensors' readings, no less than what quantised ones have.
+    """Standard deviations of what is white in the sensors' readings.
 
     Attributes:
         encoder: of joint positions [rad].
@@ -134,14 +128,22 @@ class SensorNoise:
     accelerometer: float
 
     @classmethod
-    def of(cls, encoder: float, velocity: float | None, gyroscope: float, accelerometer: float) -> SensorNoise:
-        """As read; `velocity` is None where there are none."""
+    def of(cls, recording: Recording, spread: Callable[[FloatArray], float], least: SensorNoise) -> SensorNoise:
+        """Of the sensors of a recording, and no less than some.
+
+        Args:
+            spread: standard deviation of what is white in (n, k) samples.
+        """
+        joints, imu = recording.joints, recording.imu
         return cls(
-            max(encoder, _LEAST_ENCODER_NOISE),
-            np.inf if velocity is None else max(velocity, _LEAST_VELOCITY_NOISE),
-            max(gyroscope, _LEAST_GYRO_NOISE),
-            max(accelerometer, _LEAST_ACCELEROMETER_NOISE),
+            max(spread(joints.position), least.encoder),
+            np.inf if joints.velocity is None else max(spread(joints.velocity), least.velocity),
+            max(spread(imu.angular_velocity_in_imu), least.gyroscope),
+            max(spread(imu.acceleration_in_imu), least.accelerometer),
         )
+
+
+_LEAST = SensorNoise(2e-5, 2e-3, 2e-4, 5e-3)  # quantised or simulated sensors may show none at rest
 
 
 def on_two_feet(
@@ -208,7 +210,7 @@ def on_two_feet(
     )
 
 
-def white_noise(samples: FloatArray) -> float:
+def _white_noise(samples: FloatArray) -> float:
     """Standard deviation of what changes from sample to sample at rest, the median over columns."""
     return float(np.median(np.diff(samples, axis=0).std(axis=0)) / np.sqrt(2))
 

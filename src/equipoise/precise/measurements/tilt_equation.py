@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,9 +102,8 @@ class TiltEquation:
         self._integrals = [integral(len(lift.joint_position), lift.step) for lift in lifts]
         self._samples = _Samples.of(robot, legs, lifts)
         self._first = self._samples.at(np.array([trial.start for trial in self.trials], dtype=np.intp))
-        middle = [(trial.start + trial.stop) // 2 for trial in self.trials]
-        self._middle = self._samples.at(np.array(middle, dtype=np.intp))
-        self._one_by_one = self._samples.one_by_one(middle)
+        self._middles = [(trial.start + trial.stop) // 2 for trial in self.trials]
+        self._one_by_one = self._samples.one_by_one(self._middles)
 
     def evaluate(self, values: Values, inertial: FloatArray) -> tuple[FloatArray, FloatArray]:
         """y(t), and what it is multiplied by.
@@ -139,6 +138,10 @@ class TiltEquation:
         about = self._first.inertia_and_moment(self._inputs(values, inertial, self._first))
         read = self._one_by_one.momentum(self._inputs(values, inertial, self._one_by_one))
         return self._stacked(*(part.value for part in (*about, read)))
+
+    @cached_property
+    def _middle(self) -> _Samples:
+        return self._samples.at(np.array(self._middles, dtype=np.intp))
 
     def lean(self, values: Values, names: Sequence[str] = ()) -> tuple[FloatArray, Derivatives]:
         """(trials,) sine of the angle at which each line rises to its left foot, over the floor, at the middle; derivatives.

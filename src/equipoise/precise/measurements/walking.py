@@ -20,7 +20,6 @@ from equipoise.precise.measurements.lift_samples import LiftSamples, SensorNoise
 from equipoise.precise.measurements.smoothing import noise_in_motion
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import WalkTrial
-from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
 # On an A1; times are multiplied by that of the stance's scale.
@@ -90,12 +89,11 @@ def _pieces(walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Itera
 
 
 def read_walk(
-    robot: RobotModel, recording: Recording, trial: WalkTrial, stance: Stance, gyro_bias: FloatArray
+    recording: Recording, trial: WalkTrial, stance: Stance, gyro_bias: FloatArray
 ) -> tuple[tuple[LiftSamples, ...], str | None]:
     """Every step's time on two feet, or why there is none.
 
     Args:
-        robot: model of the robot.
         recording: recording of the walk and of some time around it.
         trial: trial that the recording is of.
         stance: nominal stance of the robot.
@@ -106,12 +104,7 @@ def read_walk(
         return (), "samples are missing"
     gyro = imu.angular_velocity_in_imu - gyro_bias
     up_in_imu, turned = up_between_steps(imu.time, gyro, imu.acceleration_in_imu, CONTEXT / 2 * clock)
-    noise = SensorNoise(
-        max(noise_in_motion(joints.position), _ORDINARY.encoder),
-        np.inf if joints.velocity is None else max(noise_in_motion(joints.velocity), _ORDINARY.velocity),
-        max(noise_in_motion(imu.angular_velocity_in_imu), _ORDINARY.gyroscope),
-        max(noise_in_motion(imu.acceleration_in_imu), _ORDINARY.accelerometer),
-    )
+    noise = SensorNoise.of(recording, noise_in_motion, _ORDINARY)
     read = [
         on_two_feet(recording, step.pair, (step.start, step.end), gyro, up_in_imu, noise, clock, _SHORTEST)
         for step in trial.steps
