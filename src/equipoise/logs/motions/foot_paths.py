@@ -13,14 +13,13 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.logs.motions.rests import LoggedRest
-from equipoise.logs.motions.track import Track
+from equipoise.logs.motions.track import Track, at_once
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import attitudes
 from equipoise.recording.runs import true_runs
 from equipoise.robot.model import LEG_NAMES
 from equipoise.robot.stance import Stance
 
-_AT_ONCE = 4096  # [steps]
 _PLANTED_WINDOW, _PLANTED_SLID = 0.2, 1.5e-3  # [s], [m] on an A1: feet that move less in a window do not slip
 
 
@@ -118,13 +117,9 @@ class FootPaths:
 def _feet(
     legs: LegChains, position: FloatArray, velocity: FloatArray, angular_velocity_in_base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 4, 3) centres of the feet and their angular velocities, in base axes; some thousand steps at a time.
-
-    All that `LegChains.motion` knows besides of a motion of many minutes would fill the memory.
-    """
+    """(n, 4, 3) centres of the feet and their angular velocities, in base axes."""
     foot, turning = np.empty((len(position), 4, 3)), np.empty((len(position), 4, 3))
-    for first in range(0, len(position), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
+    for part in at_once(len(position)):
         motion = legs.motion(position[part], velocity[part], angular_velocity_in_base[part])
         foot[part], turning[part] = motion.foot, motion.foot_angular_velocity
     return foot, turning

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.logs.motions.track import Integral, Track
+from equipoise.logs.motions.track import Integral, Track, at_once
 from equipoise.logs.motions.walking import find_steps
 from equipoise.precise.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
@@ -32,7 +32,6 @@ _COARSE, _FINE = 0.01, 0.0025  # [s]
 _SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay below
 _SLOWEST = 0.05  # [rad/s]: slower motion tells nothing
 _ENOUGH = 1.0  # [s] of such motion
-_AT_ONCE = 4096  # [steps]
 # Steps that are looked at at once, that are enough of such motion, and too few.
 _PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
@@ -177,8 +176,7 @@ def angular_velocity_by_legs(legs: LegChains, stance: Stance, track: Track) -> t
     velocity = np.gradient(track.joint_position, track.time, axis=0)
     up = np.median(track.acceleration_in_base, axis=0)
     up = up / np.linalg.norm(up)
-    parts = [slice(first, first + _AT_ONCE) for first in range(0, len(velocity), _AT_ONCE)]
-    found = [_turning(legs, track.joint_position[part], velocity[part], up) for part in parts]
+    found = [_turning(legs, track.joint_position[part], velocity[part], up) for part in at_once(len(velocity))]
     angular_velocity_in_base, slip = (np.concatenate(values) for values in zip(*found, strict=True))
     return angular_velocity_in_base, (slip < _SLIP * stance.scale.length / stance.scale.time) & (
         np.linalg.norm(angular_velocity_in_base, axis=1) > _SLOWEST

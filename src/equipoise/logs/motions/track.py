@@ -16,6 +16,7 @@ from equipoise.precise.measurements.smoothing import noise_in_motion
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 
+_AT_ONCE = 4096  # [steps]
 STEP = 0.01
 """[s] on an A1: short against every motion of interest, long enough to average a fast log's noise."""
 
@@ -88,6 +89,11 @@ class Track:
         """Steps whose middles are within start <= time < end [s]."""
         first, last = np.searchsorted(self.time, [start, end])
         return slice(int(first), int(last))
+
+
+def at_once(count: int) -> list[slice]:
+    """Some thousand steps each: all that `LegChains.motion` knows of a motion of many minutes would fill the memory."""
+    return [slice(first, first + _AT_ONCE) for first in range(0, count, _AT_ONCE)]
 
 
 class Integral:

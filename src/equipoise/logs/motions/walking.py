@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.logs.motions.track import Track
+from equipoise.logs.motions.track import Track, at_once
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.walking import CONTEXT, up_between_steps
 from equipoise.recording.runs import true_runs
@@ -31,7 +31,6 @@ _FEWEST = 4  # steps: fewer are no walk, but a lift that failed or a stumble
 _RARE = 0.25  # of the times that a robot stands on its usual two feet
 _PIECE = 2.0  # [s] that are one motion to the estimate
 _PAUSE = 1.0  # [s] without a step that ends a walk
-_AT_ONCE = 4096  # [steps of the track]
 
 
 def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[TwoFeet], FloatArray]:
@@ -96,8 +95,7 @@ def _feet(legs: LegChains, track: Track, up: FloatArray) -> tuple[FloatArray, Fl
     """
     moving = np.gradient(track.joint_position, track.time, axis=0)
     height, velocity = np.empty((len(track.time), 4)), np.empty((len(track.time), 4, 3))
-    for first in range(0, len(track.time), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
+    for part in at_once(len(track.time)):
         motion = legs.motion(track.joint_position[part], moving[part], track.angular_velocity_in_base[part])
         radius = legs.foot_radius[:, None] * up[part, None]
         height[part] = np.einsum("nli,ni->nl", motion.foot - radius, up[part])
