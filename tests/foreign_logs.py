@@ -8,12 +8,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.logs.message_types import known_types
 from equipoise.recording.recording import Recording
 
+LEGGED = {  # the parts that matter of what an A1 or a Go1 says by ROS 1, and another recorder's stamp
+    "unitree_legged_msgs/msg/IMU": "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nint8 temperature",
+    "unitree_legged_msgs/msg/MotorState": "uint8 mode\nfloat32 q\nfloat32 dq\nfloat32 ddq\nfloat32 tauEst\nuint32[2] reserve",
+    "unitree_legged_msgs/msg/LowState": "uint8[2] head\nIMU imu\nMotorState[20] motorState\nuint32 tick\nuint32 crc",
+    "unitree_legged_msgs/msg/HighState": "time stamp\nIMU imu\nMotorState[20] motorState\nfloat32 bodyHeight",
+}
+LEGGED_OF_OLD = {**LEGGED, "unitree_legged_msgs/msg/HighState": "uint8 levelFlag\nIMU imu\nfloat32 bodyHeight"}
 EPOCH = 1_763_712_000_123_456_789  # [ns]
 
 
@@ -167,6 +174,35 @@ class Bag:
             for k, stamp in enumerate(stamps)
         ]  # fmt: skip
         self.add(topic, kind, stamps if received is None else received, messages)
+        return self
+
+    def legged_states(self, robot, log, kind="LowState", definitions=LEGGED):
+        """Joints and IMU as an A1 or a Go1 says them, in a bag of ROS 1; times of receipt are those of the samples."""
+        self.store.register(
+            {n: d for name, text in definitions.items() for n, d in get_types_from_msg(text, name).items()}
+        )
+        types, name = self.store.types, f"unitree_legged_msgs/msg/{kind}"
+        motor, sensors = types["unitree_legged_msgs/msg/MotorState"], types["unitree_legged_msgs/msg/IMU"]
+        order = [robot.legs[leg].joints[place] for leg in MOTOR_LEGS for place in range(3)]
+        joints, imu, stamps = log.joints, log.imu, nanoseconds(log.joints.time)
+        spare = motor(mode=0, q=0.0, dq=0.0, ddq=0.0, tauEst=0.0, reserve=np.zeros(2, np.uint32))
+        states = []
+        for k, stamp in enumerate(stamps):
+            q, dq, tau = joints.position[k], joints.velocity[k], joints.torque[k]
+            parts = {
+                "motorState": [
+                    replace(spare, q=float(q[j]), dq=float(dq[j]), tauEst=float(tau[j])) for j in order
+                ] + [spare] * 8,
+                "imu": sensors(
+                    quaternion=np.array([1, 0, 0, 0], np.float32), gyroscope=imu.angular_velocity_in_imu[k].astype(np.float32),
+                    accelerometer=imu.acceleration_in_imu[k].astype(np.float32), temperature=40,
+                ),
+                "stamp": types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9),
+                "head": np.zeros(2, np.uint8), "tick": 1 + 1000 * k, "crc": 0, "bodyHeight": 0.3, "levelFlag": 0,
+            }  # fmt: skip
+            state = types[name]
+            states.append(state(**{part: parts[part] for part in state.__dataclass_fields__ if part in parts}))
+        self.add(f"/{kind.lower()}", name, stamps, states)
         return self
 
 

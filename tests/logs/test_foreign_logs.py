@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from foreign_logs import (
     EPOCH,
+    LEGGED_OF_OLD,
     Bag,
     columns_of,
     every,
@@ -275,6 +276,27 @@ def test_low_states_come_first_and_the_slow_copy_last(a1, log, tmp_path):
     read = read_log(bag.write(), a1)
     assert read.about["joints"] == "/lowstate (unitree_go/msg/LowState)"
     assert "not /lf/lowstate: it has by far the most messages" in messages_of(read.findings)
+
+
+@pytest.mark.parametrize(
+    ("kind", "clock"),
+    [("LowState", "receive times, made even by the robot's tick"), ("HighState", "the messages' own stamps")],
+)
+def test_states_of_older_robots_are_read_by_the_definitions_in_their_bags(a1, log, tmp_path, kind, clock):
+    read = read_log(Bag(tmp_path / "bag", "ros1").legged_states(a1, log, kind).write(), a1)
+    assert read.about["joints"] == f"/{kind.lower()} (unitree_legged_msgs/msg/{kind})"
+    assert read.about["stamps"] == clock
+    assert {match.how for match in read.joint_map.matches} == {"motor order"}
+    np.testing.assert_allclose(np.diff(read.recording.joints.time), 1 / RATE, rtol=1e-2)
+    np.testing.assert_allclose(read.recording.joints.torque, log.joints.torque, atol=1e-6)
+    np.testing.assert_allclose(read.recording.imu.acceleration_in_imu, log.imu.acceleration_in_imu, atol=1e-5)
+
+
+def test_states_without_motors_are_refused(a1, log, tmp_path):
+    """What an A1 says while its own controller walks holds none."""
+    path = Bag(tmp_path / "bag", "ros1").legged_states(a1, log, "HighState", LEGGED_OF_OLD).write()
+    with pytest.raises(RecordingError, match="HighState of /highstate hold no motors"):
+        read_log(path, a1)
 
 
 def test_low_states_of_a_robot_with_other_legs_are_refused(two_jointed, a1, log, tmp_path):

@@ -1,4 +1,4 @@
-"""The messages of a bag's topics as arrays: JointState, Imu, and Unitree's LowState and LowCmd.
+"""The messages of a bag's topics as arrays: JointState, Imu, and Unitree's states and commands.
 
 Messages become numbers some thousand at a time, while the bag is read: a message's bytes take four times the memory of its
 numbers, and the bytes of a long log more than there is.
@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
 from equipoise.logs.log import RawJoints
-from equipoise.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE, MOTOR_NAMES
+from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, MOTOR_NAMES, STATES
 from equipoise.logs.stamps import IntArray, Stamps
 
 _BATCH, _ROOM = 4096, 1 << 20  # messages
@@ -177,18 +178,26 @@ def _imus(topic: str, message_type: str, received: IntArray, groups: Sequence[Me
     return BagStream(message_type, clock, None, imu, orientation, frame)
 
 
-def _low_states(topic: str, message_type: str, received: IntArray, groups: Sequence[Messages]) -> BagStream:
+def _whole_states(topic: str, message_type: str, received: IntArray, groups: Sequence[Messages]) -> BagStream:
     (of,) = groups  # nothing in it varies in length
-    motors = range(len(MOTOR_NAMES))
-    position, velocity, torque = (of.stacked(f"motor_state.{{}}.{name}", motors) for name in ("q", "dq", "tau_est"))
-    imu = np.hstack([of.numbers["imu_state.gyroscope"], of.numbers["imu_state.accelerometer"]]).astype(float)
-    clock = Stamps(topic, received, _NONE, of.numbers["tick"].astype(np.int64))
-    return BagStream(message_type, clock, RawJoints(np.empty(0), MOTOR_NAMES, position, velocity, torque), imu)
+    motors, called = range(len(MOTOR_NAMES)), STATES[message_type]
+    if f"{called.motors}.0.q" not in of.numbers:
+        raise RecordingError(
+            f"the {message_type} of {topic} hold no motors: its robot publishes them elsewhere, if at all"
+        )
+    position, velocity, torque = (
+        of.stacked(f"{called.motors}.{{}}.{name}", motors) for name in ("q", "dq", called.torque)
+    )
+    imu = np.hstack([of.numbers[f"{called.imu}.{sensor}"] for sensor in ("gyroscope", "accelerometer")]).astype(float)
+    stamps = _stamps(of, "stamp") if "stamp.sec" in of.numbers else _NONE  # as some recorders add them
+    ticks = of.numbers["tick"].astype(np.int64) if "tick" in of.numbers else _NONE
+    joints = RawJoints(np.empty(0), MOTOR_NAMES, position, velocity, torque)
+    return BagStream(message_type, Stamps(topic, received, stamps, ticks), joints, imu)
 
 
-def _low_commands(topic: str, message_type: str, received: IntArray, groups: Sequence[Messages]) -> BagStream:
+def _commands(topic: str, message_type: str, received: IntArray, groups: Sequence[Messages]) -> BagStream:
     (of,) = groups
-    position = of.stacked("motor_cmd.{}.q", range(len(MOTOR_NAMES)))
+    position = of.stacked(f"{COMMANDS[message_type]}.{{}}.q", range(len(MOTOR_NAMES)))
     return BagStream(message_type, Stamps(topic, received, _NONE, _NONE), RawJoints(np.empty(0), MOTOR_NAMES, position))
 
 
@@ -196,15 +205,20 @@ def _headers(groups: Sequence[Messages], count: int) -> NDArray[np.int64]:
     """(count,) the messages' own stamps [ns]."""
     stamps = np.zeros(count, dtype=np.int64)
     for of in groups:
-        seconds, rest = (of.numbers[f"header.stamp.{part}"].astype(np.int64) for part in ("sec", "nanosec"))
-        stamps[of.rows] = seconds * 10**9 + rest
+        stamps[of.rows] = _stamps(of, "header.stamp")
     return stamps
+
+
+def _stamps(of: Messages, path: str) -> NDArray[np.int64]:
+    """(n,) times of a field [ns]."""
+    seconds, rest = (of.numbers[f"{path}.{part}"].astype(np.int64) for part in ("sec", "nanosec"))
+    return np.asarray(seconds * 10**9 + rest, dtype=np.int64)
 
 
 _JOINT_QUANTITIES = ("position", "velocity", "effort")
 _TAKE: dict[str, Callable[[str, str, IntArray, Sequence[Messages]], BagStream]] = {
     JOINT_STATE: _joint_states,
     IMU: _imus,
-    LOW_STATE: _low_states,
-    LOW_CMD: _low_commands,
+    **dict.fromkeys(STATES, _whole_states),
+    **dict.fromkeys(COMMANDS, _commands),
 }

@@ -1,11 +1,13 @@
 """Types of the messages that logs are read from, for bags that do not carry the definitions of their own types.
 
-`unitree_go` is what Unitree's Go2 and B2 publish: facts of its fields, in their order on the wire.
+`unitree_go` is what Unitree's Go2 and B2 publish: facts of its fields, in their order on the wire. What their older robots
+publish has other fields with every version of the SDK; bags of ROS 1 carry the definitions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
@@ -15,8 +17,34 @@ from equipoise.drivers.unitree.motors import MOTORS
 JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 LOW_STATE, LOW_CMD = "unitree_go/msg/LowState", "unitree_go/msg/LowCmd"
 
+
+@dataclass(frozen=True)
+class StateFields:
+    """What a message that holds all joints and the IMU calls its parts."""
+
+    motors: str
+    torque: str
+    imu: str
+
+
+_LEGGED = StateFields("motorState", "tauEst", "imu")  # A1, Go1, Aliengo by ROS 1
+_LEGGED_ROS2 = StateFields("motor_state", "tau_est", "imu")
+STATES: Mapping[str, StateFields] = {
+    LOW_STATE: StateFields("motor_state", "tau_est", "imu_state"),
+    "unitree_legged_msgs/msg/LowState": _LEGGED,
+    "unitree_legged_msgs/msg/HighState": _LEGGED,  # of robots that walk by their maker's controller
+    "ros2_unitree_legged_msgs/msg/LowState": _LEGGED_ROS2,
+    "ros2_unitree_legged_msgs/msg/HighState": _LEGGED_ROS2,
+}
+"""Unitree's messages with all joints and the IMU on one clock, by type."""
+
+COMMANDS: Mapping[str, str] = {
+    LOW_CMD: "motor_cmd", "unitree_legged_msgs/msg/LowCmd": "motorCmd", "ros2_unitree_legged_msgs/msg/LowCmd": "motor_cmd",
+}  # fmt: skip
+"""What Unitree's messages with commands call the motors' part, by type."""
+
 MOTOR_NAMES = tuple(f"motor {index}" for index in range(MOTORS))
-"""Of LowState and LowCmd, in the order of MOTOR_LEGS; the motors after them do not exist."""
+"""Of STATES and COMMANDS, in the order of MOTOR_LEGS; the motors after them do not exist."""
 
 _UNITREE_GO = {
     "unitree_go/msg/IMUState": """
@@ -117,11 +145,10 @@ def known_types() -> Mapping[str, Any]:
     return MappingProxyType(types)
 
 
-@lru_cache(maxsize=1)
-def known_store() -> Any:
-    """The same as a `Typestore`, which can write messages of ROS 1 anew as ROS 2 has them."""
+def store_of(types: Mapping[str, Any]) -> Any:
+    """Field definitions as a `Typestore`, which can write messages of ROS 1 anew as ROS 2 has them."""
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
     store = get_typestore(Stores.EMPTY)
-    store.register(dict(known_types()))
+    store.register(dict(types))
     return store

@@ -1,4 +1,4 @@
-"""Bags of ROS 2 (sqlite3, MCAP) and of ROS 1, with JointState and Imu, or with Unitree's LowState. No ROS needed."""
+"""Bags of ROS 2 (sqlite3, MCAP) and of ROS 1, with JointState and Imu or with Unitree's states. No ROS needed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from equipoise.logs.bag_streams import BagStream, GatheredTopic
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import map_by_order
 from equipoise.logs.log import RawImu, RawJoints, RawLog
-from equipoise.logs.message_types import LOW_STATE, MOTOR_NAMES, known_store, known_types
+from equipoise.logs.message_types import MOTOR_NAMES, STATES, known_types, store_of
 from equipoise.logs.stamps import common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
 from equipoise.recording.mcap_reader import message_batches
@@ -39,7 +39,7 @@ def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
 
     Args:
         path: folder of a bag, or an .mcap, .db3 or .bag file.
-        robot: LowState has no names; its motors are in the order of this robot's legs.
+        robot: Unitree's states have no names; their motors are in the order of this robot's legs.
 
     Raises:
         RecordingError: it cannot be read, or its topics do not say which to take.
@@ -88,18 +88,20 @@ def _opened(part: Path) -> Reader:
 def _gather(reader: Reader, gathered: Mapping[str, GatheredTopic], types: dict[str, Any]) -> None:
     """Collects the messages of topics, and the definitions that the bag itself carries."""
     connections = [connection for connection in reader.connections if connection.topic in gathered]
-    types |= _own_types(connections) if isinstance(reader, Ros2Reader) else {}
-    for (topic, message_type), (received, bodies) in _batches(reader, connections):
+    own = _own_types(connections)
+    # A bag of ROS 1 defines ROS's own types as well, otherwise than ROS 2, as which its messages are read.
+    types |= own if isinstance(reader, Ros2Reader) else {name: own[name] for name in own.keys() - types.keys()}
+    for (topic, message_type), (received, bodies) in _batches(reader, connections, types):
         if topic in gathered and message_type == gathered[topic].type:
             gathered[topic].take(received, bodies)
 
 
 def _batches(
-    reader: Reader, connections: Sequence[Connection]
+    reader: Reader, connections: Sequence[Connection], types: Mapping[str, Any]
 ) -> Iterator[tuple[tuple[str, str], tuple[Sequence[int], Sequence[bytes]]]]:
     """Topic and type, times of receipt and bodies of messages that go together."""
     if isinstance(reader, Ros1Reader):
-        yield from _ros1_batches(reader, connections)
+        yield from _ros1_batches(reader, connections, types)
         return
     storage: Any = reader.storage
     files = [part for part in getattr(storage, "storages", [storage]) if isinstance(part, McapReader)]
@@ -113,10 +115,10 @@ def _batches(
 
 
 def _ros1_batches(
-    reader: Ros1Reader, connections: Sequence[Connection]
+    reader: Ros1Reader, connections: Sequence[Connection], types: Mapping[str, Any]
 ) -> Iterator[tuple[tuple[str, str], tuple[Sequence[int], Sequence[bytes]]]]:
     """As `_batches`, the messages written as ROS 2 writes them."""
-    store = known_store()
+    store = store_of(types)
     for connection, received, body in reader.messages(connections=connections) if connections else ():
         message_type = connection.msgtype or ""
         yield (connection.topic, message_type), ([received], [bytes(store.ros1_to_cdr(body, message_type))])
@@ -153,7 +155,7 @@ def _raw_log(
         None if command_topic is None else _timed(streams[command_topic].joints, times[command_topic]),
         about,
         tuple(findings),
-        map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if streams[joint_topic].type == LOW_STATE else None,
+        map_by_order(robot, MOTOR_LEGS, MOTOR_NAMES) if streams[joint_topic].type in STATES else None,
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from equipoise.errors import RecordingError
 from equipoise.logs.finding import LogFinding
-from equipoise.logs.message_types import IMU, JOINT_STATE, LOW_CMD, LOW_STATE
+from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, LOW_STATE, STATES
 
 Found = Mapping[str, tuple[str, int]]
 """Message type and number of messages by topic."""
@@ -34,27 +34,27 @@ def choose_topics(
     Raises:
         RecordingError: several would do, or what the user names would not.
     """
-    low_state = _of_types(found, LOW_STATE)
-    joints = _given(found, wanted.joints, "--joint-topic", (JOINT_STATE, LOW_STATE))
+    whole_states = _of_types(found, *STATES)
+    joints = _given(found, wanted.joints, "--joint-topic", (JOINT_STATE, *STATES))
     if joints is None:
         states = _of_types(found, JOINT_STATE)
         not_commands = [topic for topic in states if not _names_commands(topic)]
-        joints = _one(found, low_state or not_commands or states, "joint states", "--joint-topic", findings)
-    imu = _given(found, wanted.imu, "--imu-topic", (IMU, LOW_STATE))
-    if imu is None and joints is not None and found[joints][0] == LOW_STATE:
+        joints = _one(found, whole_states or not_commands or states, "joint states", "--joint-topic", findings)
+    imu = _given(found, wanted.imu, "--imu-topic", (IMU, *STATES))
+    if imu is None and joints is not None and found[joints][0] in STATES:
         imu = joints  # one message, one clock
     if imu is None:
-        imu = _one(found, _of_types(found, IMU) or low_state, "IMU samples", "--imu-topic", findings)
-    commands = _given(found, wanted.commands, "--command-topic", (JOINT_STATE, LOW_CMD))
+        imu = _one(found, _of_types(found, IMU) or whole_states, "IMU samples", "--imu-topic", findings)
+    commands = _given(found, wanted.commands, "--command-topic", (JOINT_STATE, *COMMANDS))
     if commands is None:
-        type_of_commands = LOW_CMD if joints is not None and found[joints][0] == LOW_STATE else JOINT_STATE
-        likely = [t for t in _of_types(found, type_of_commands) if _names_commands(t) and t != joints]
+        types = tuple(COMMANDS) if joints is not None and found[joints][0] in STATES else (JOINT_STATE,)
+        likely = [t for t in _of_types(found, *types) if _names_commands(t) and t != joints]
         commands = likely[0] if len(likely) == 1 else None
     return joints, imu, commands
 
 
-def _of_types(found: Found, message_type: str) -> list[str]:
-    return [topic for topic, (kind, count) in found.items() if kind == message_type and count > 0]
+def _of_types(found: Found, *types: str) -> list[str]:
+    return [topic for topic, (kind, count) in found.items() if kind in types and count > 0]
 
 
 def _names_commands(topic: str) -> bool:
@@ -98,6 +98,7 @@ def nothing_to_read(path: Path, found: Found, joints: str | None, imu: str | Non
     """The error of a bag without joints or IMU."""
     missing = [what for what, topic in (("joint states", joints), ("IMU samples", imu)) if topic is None]
     return RecordingError(
-        f"the bag {str(path)!r} holds no {' and no '.join(missing)}: it needs {JOINT_STATE} and {IMU}, or {LOW_STATE}. It has "
+        f"the bag {str(path)!r} holds no {' and no '.join(missing)}: it needs {JOINT_STATE} and {IMU}, or {LOW_STATE} or "
+        f"its like. It has "
         f"{_listed(found)}"
     )
