@@ -242,6 +242,8 @@ def test_a_plan_says_what_it_buys(a1, earlier):
     assert plan.robot_time <= 60
     assert (plan.deviation[1:3] < plan.without[1:3]).all()
     assert plan.trials()[3][0] == "search, nominal"
+    with_lifts = [bool(visit.lifts) for visit in plan.visits]
+    assert with_lifts == sorted(with_lifts)  # feet are put back once for all moves
     with pytest.raises(SettingsError, match="lifts after the search; give"):
         Precise(known=earlier, budget=20).forecast(a1, nominal_stance(a1))
 
