@@ -125,7 +125,7 @@ class Unknown:
         shown: number of the unit shown that are one in the unit.
         notable: least value that is worth fixing.
         drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
-        switched: change of it beside that where the robot was switched off in between, over its prior; None: nothing is kept.
+        switched: change of it beside that where the robot was switched off in between, over its prior.
         judged: whether a value far from zero speaks against a result.
         usual: standard deviation of the prior where nobody said another, as a multiple of its measure.
         cause: sentence on a robot that the model's value does not fit, in words of a workshop.
@@ -145,7 +145,7 @@ class Unknown:
     shown: float = 1.0
     notable: float = math.inf
     drift: float | None = 0.0
-    switched: float | None = 0.0
+    switched: float = 0.0
     judged: bool = True
     usual: float = 0.0
     cause: str = ""
@@ -249,7 +249,6 @@ class Priors:
     accelerometer_bias: float = unknown(
         0.03, "accelerometer reading less specific force, in the IMU frame", "m/s2", AXIS, _REALISTIC,
         label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,
-        switched=None,
         advice="the accelerometer's {each} reads {value:+.3f} m/s2 too much (sd {deviation:.3f})",
         cause="the accelerometer reads too much or too little at rest",
     )  # fmt: skip

@@ -1,8 +1,7 @@
 """What a run keeps for the next one of the same robot: its posterior, which becomes a prior.
 
 Sensors, legs and friction of the earlier run are believed, wider by what can change in between: the table of unknowns says
-how much (`drift`, `switched`). The clock, the floor and the accelerometer's bias begin anew, and so does the base: something
-may lie on it.
+how much (`drift`, `switched`). The clock and the floor begin anew, and so does the base: something may lie on it.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class PriorsWithScale(Priors):
 
 def is_kept(row: Unknown) -> bool:
     """Whether anything of an unknown is kept until the next run."""
-    return row.drift is not None and row.switched is not None
+    return row.drift is not None
 
 
 @dataclass(frozen=True)
@@ -247,7 +246,7 @@ def _changes(unknowns: Unknowns, places: NDArray[np.intp]) -> FloatArray:
     """Standard deviations of what is kept, of its change between two runs; in units of its prior."""
     of_all = np.zeros(unknowns.size)
     for row in unknowns.rows:
-        of_all[unknowns[row.name]] = np.hypot(row.drift or 0.0, row.switched or 0.0)
+        of_all[unknowns[row.name]] = np.hypot(row.drift or 0.0, row.switched)
     return of_all[places]
 
 

@@ -55,7 +55,7 @@ def short_plan(robot: RobotModel, stance: Stance, settings: Precise, known: Know
         information = information + candidates.information(index)
     spent = len(opening) * durations.posture + len(DIAGONALS) * durations.lift
     budget = settings.budget_for(stance)
-    plan = make_plan(candidates, budget - spent, com_goals(settings.goals), information, searched=True)
+    plan = plan_after_search(candidates, budget - spent, settings.goals, information)
     if plan.lifts < _FEWEST_LIFTS:
         least = spent + durations.end + _FEWEST_LIFTS * (durations.posture + durations.replant + durations.lift)
         raise SettingsError(
@@ -65,6 +65,15 @@ def short_plan(robot: RobotModel, stance: Stance, settings: Precise, known: Know
     return replace(
         plan, visits=visits, robot_time=plan.robot_time + spent, before_search=len(opening), search="passive"
     )
+
+
+def plan_after_search(candidates: Candidates, left: float, goals: Goals, information: FloatArray) -> Plan:
+    """The best use of the time that is left [s], given (size, size) information that there is.
+
+    Moves come before lifts: feet that were lifted are put back before a move, which the search before them asks for anyway.
+    """
+    plan = make_plan(candidates, left, com_goals(goals), information, searched=True)
+    return replace(plan, visits=tuple(sorted(plan.visits, key=lambda visit: len(visit.lifts) > 0)))
 
 
 def forecast_after(robot: RobotModel, stance: Stance, settings: Precise, known: KnownRun) -> Plan:

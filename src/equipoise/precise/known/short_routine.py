@@ -8,11 +8,11 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import EquipoiseError, MotionError
 from equipoise.precise.known.changes import Change, estimate_after
 from equipoise.precise.known.known_run import KnownRun
-from equipoise.precise.known.short_plan import com_goals, information_before, opening_moves
+from equipoise.precise.known.short_plan import information_before, opening_moves, plan_after_search
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.newton_search import find_com_fast
-from equipoise.precise.plan import Durations, Plan, make_plan
+from equipoise.precise.plan import Durations, Plan
 from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.nominal import nominal_candidates
 from equipoise.precise.posterior import Posterior
@@ -79,8 +79,8 @@ class ShortRoutine(PreciseRoutine):
         """The best use of the time that is left."""
         candidates = self._candidates()
         known = np.linalg.inv(posterior.covariance) if posterior is not None else self._before(candidates)
-        left, goals = self._budget - self._time(), com_goals(self.settings.goals)
-        return make_plan(candidates, left, goals, np.asarray(known, dtype=float), searched=True)
+        left, goals = self._budget - self._time(), self.settings.goals
+        return plan_after_search(candidates, left, goals, np.asarray(known, dtype=float))
 
     def _before(self, candidates: Candidates) -> FloatArray:
         return information_before(candidates, self._known, {}, self.settings.scale)
