@@ -2,8 +2,9 @@
 
 Random payloads on simulated robots with the presets `stress` and `realistic`, by the precise method, with and without a
 scale, with and without a cable, with legs unknown and trusted, all from the same recordings; turned by 180 degrees half-way
-(`--turn`); by the methods `paper` and `static` in `realistic`. Every run appends a row to benchmarks/results/accuracy.jsonl, so that an interrupted benchmark goes on
-where it was; benchmarks/results/accuracy.md is made from the rows. All is seeded; nothing was tuned on these seeds.
+(`--turn`); by the methods `paper` and `static` in `realistic`. Every run appends a row to benchmarks/results/accuracy.jsonl,
+so that an interrupted benchmark goes on where it was; benchmarks/results/accuracy.md is made from the rows. All is seeded;
+nothing was tuned on these seeds.
 
     python benchmarks/accuracy.py             # what is missing, then the tables
     python benchmarks/accuracy.py --part 0.1  # a tenth of it

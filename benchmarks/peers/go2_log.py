@@ -32,7 +32,7 @@ from commit import commit
 from numpy.typing import NDArray
 
 from equipoise import RobotModel, load_robot, nominal_stance
-from equipoise.motors.equations import KNOT, motor_samples
+from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import fit_motors
 from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.phases import Phase
@@ -110,8 +110,7 @@ def triangles(target: FloatArray) -> NDArray[np.intp]:
 def ours(robot: RobotModel, recording: Recording, scale: Scale, used: NDArray[np.bool_]) -> JointParameters:
     """`--what motors` of a log without torques, by only some of its samples."""
     samples, time = motor_samples(robot, recording, scale.time), recording.phase(Phase.SWING).joints.time
-    smoothed = time[0] + KNOT * scale.time * (3 + np.arange(len(samples.slides)))
-    kept = np.interp(smoothed, time, used.astype(float)) > 0.5
+    kept = np.interp(samples.time, time, used.astype(float)) > 0.5
     fit = fit_motors(robot, replace(samples, slides=samples.slides * kept[:, None]), scale)
     gain, coulomb, viscous, armature = fit.values
     assert fit.delay is not None

@@ -14,6 +14,8 @@ from equipoise.errors import MissingDependencyError, ReachError, RecordingError
 from equipoise.experiments.legs_up import legs_up
 from equipoise.method.table import method_from_dict
 from equipoise.method.together import Together
+from equipoise.motors.delay import position_loop_delays, torques_by_law
+from equipoise.motors.equations import motor_samples
 from equipoise.motors.method import Motors
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
@@ -32,13 +34,38 @@ def swung(a1):
 
 def test_what_was_simulated_is_found(swung):
     result, _ = swung
-    for name, most in (("coulomb_friction", 0.1), ("armature", 0.2), ("viscous_friction", 0.4)):
+    for name, most in (("coulomb_friction", 0.05), ("armature", 0.1), ("viscous_friction", 0.15)):
         found = [getattr(joint, name) for joint in result.joints.values()]
         assert np.sqrt(np.mean([(one.error / one.truth) ** 2 for one in found])) < most
     delays = [joint.delay for joint in result.joints.values()]
     assert max(abs(delay.error) for delay in delays) < 0.4e-3
     everything = [one for motor in result.motors.values() for one in motor.quantities.values()]
     assert np.mean([one.missed for one in everything]) < 0.15
+
+
+def test_rotors_that_spin_are_told_from_their_inertia(a1):
+    """A ratio of nine: the calf's rotor turns with the thigh, which by itself looks like a fifth of the armature."""
+    with simulate(a1, "ideal", effects={"armature": None, "rotor_spin": 1 / 9}) as simulation:
+        result = calibrate(simulation.platform, a1, Motors(motor_time=5.0))
+        result = result.with_truth_of_parts(simulation.truth_of_parts)
+    assert np.abs([one.armature.error / one.armature.truth for one in result.joints.values()]).max() < 0.06
+
+
+def test_the_motors_law_stands_for_torques_that_obey_it(a1, swung):
+    """Its noise is the encoders'; a motor that reports something else is taken at its word."""
+    recording, scale = swung[1][0], nominal_stance(a1).scale.time
+    delays, _ = position_loop_delays(recording, scale)
+    other = recording.joints.torque.copy()
+    other[:, 2] += 1.5 * np.sin(7 * recording.joints.time)
+    strange = dataclasses.replace(recording, joints=dataclasses.replace(recording.joints, torque=other))
+    assert np.isfinite(torques_by_law(recording, scale, delays)).all()
+    by_law = torques_by_law(strange, scale, delays)
+    assert np.isnan(by_law[:, 2]).all()
+    assert np.isfinite(np.delete(by_law, 2, axis=1)).all()
+    taken = motor_samples(a1, strange, scale, by_law).torque
+    reported = motor_samples(a1, strange, scale).torque
+    np.testing.assert_array_equal(taken[:, 2], reported[:, 2])
+    assert 0 < np.abs(taken - reported)[:, 0].mean() < 0.1
 
 
 def test_joints_of_more_friction_are_told(swung):

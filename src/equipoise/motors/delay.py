@@ -10,12 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.motors.equations import KNOT, THOUGHT_DELAY, command_at, motor_trial
+from equipoise.motors.equations import SPACING, THOUGHT_DELAY, averages, command_at, law_torque, motor_trial
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 
 _ROUNDS = 4
+_UNLIKE = 0.05  # of the averaged torque: what may be left of it, beside noise, for the law's to be taken
 _EACH = 0.1e-3  # [s] by which a board may differ from the mean of all
 
 
@@ -30,7 +31,7 @@ def position_loop_delays(recording: Recording, time_scale: float) -> tuple[Float
         return None
     delay = np.full(joints.position.shape[1], THOUGHT_DELAY)
     feedback = -trial.kp * joints.position - trial.kd * joints.velocity
-    acceleration = fit_spline(joints.time, joints.velocity, KNOT * time_scale).spline.derivative()(joints.time)
+    acceleration = fit_spline(joints.time, joints.velocity, SPACING * time_scale).spline.derivative()(joints.time)
     deviation = np.zeros_like(delay)
     for joint, torque in enumerate(joints.torque.T):
         for _ in range(_ROUNDS):
@@ -44,6 +45,29 @@ def position_loop_delays(recording: Recording, time_scale: float) -> tuple[Float
             delay[joint] += found[0]
             deviation[joint] = np.sqrt(inverse[0, 0]) * np.std(left - design @ found)
     return _alike(delay, deviation)
+
+
+def torques_by_law(recording: Recording, time_scale: float, delay: FloatArray) -> FloatArray:
+    """Torques of the motors' own law in the unit of the reported ones, which have their noise besides.
+
+    Args:
+        delay: (nj,) ages of the commands that motors obey, as of `position_loop_delays` [s].
+
+    Returns:
+        (n, nj) torques at the samples of the swing [Nm]; not a number where a motor reports something else.
+    """
+    steady = recording.phase(Phase.SWING)
+    joints, spacing = steady.joints, SPACING * time_scale
+    assert joints.torque is not None
+    law = law_torque(recording, steady, delay)
+    law -= law.mean(axis=0)
+    reported = joints.torque - joints.torque.mean(axis=0)
+    law *= (law * reported).sum(axis=0) / (law**2).sum(axis=0)
+    at = np.arange(joints.time[0] + 3 * spacing, joints.time[-1] - 3 * spacing, spacing)
+    average = averages(joints.time, at, spacing)
+    left, whole = (np.mean((average @ part) ** 2, axis=0) for part in (reported - law, reported))
+    noise = np.var(np.diff(reported - law, axis=0), axis=0) / 2 * average.power(2).sum(axis=1).mean()
+    return np.where(left - noise < _UNLIKE**2 * whole, law + joints.torque.mean(axis=0), np.nan)
 
 
 def _alike(delay: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:

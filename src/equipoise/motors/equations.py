@@ -3,16 +3,22 @@
 The base rests, so each leg is a chain that hangs from a body whose specific force the accelerometer reads. With Y the
 inverse-dynamics regressor of its links, whose parameters are pi, each joint obeys
 
-    tau = kappa (Y(q, v, a) pi + F_c sgn(v) + F_v v + A a) + o + kp lag v_cmd,    kappa = 1 / g,
+    tau = kappa (Y(q, v, a) pi + F_c sgn(v) + F_v v + A a + B s) + o + kp lag v_cmd,    kappa = 1 / g,
 
-tau being the torque as reported, g the true torque over it, o its offset. Noise is in tau; what it is compared with comes from
-encoders, which are a hundred times better.
+tau being the torque as reported, g the true torque over it, o its offset. A rotor that turns N times as fast as its joint in
+a link that turns itself adds B q' w to the energy, w being that link's velocity about the joint's axis: B s is the torque of
+that, the inertia B moved from the carrying link and the armature to the link that is driven.
+
+Where the motor's own law is known, tau = kp (q_cmd(t - d) - q) - kd v, and reported torques are seen to obey it (`delay.py`),
+the law's torque is taken: it is the same, without the noise of a current sensor.
 
 Position targets move in steps, so torques are sawteeth. A sample is taken just after a step, and a motion feels the mean: the
 sample is kp v_cmd T / 2 too large, `lag` being half a control period T. Where no torques are reported they follow from the
-commands, tau = kp (q_cmd(t - d) - q) - kd v, and `lag` holds, besides, what the delay d is more than was thought.
+same law, and `lag` holds, besides, what the delay d is more than was thought.
 
-All signals go through the same spline, sgn(v) as well: what is smoothed on one side of the equation is smoothed on the other.
+All terms are made at every sample and go through one filter (`averages`) after that: torques, regressors, sgn(v). When a joint
+turns back its friction jumps, and its acceleration with it; were the acceleration smoothed on its way and the friction
+otherwise, what is left of the two jumps would be taken for inertia, viscosity and gains.
 """
 
 from __future__ import annotations
@@ -21,6 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.sparse import csr_array
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
@@ -29,33 +36,40 @@ from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.model import RobotModel
+from equipoise.robot.tree import joint_axis
 
-KNOT = 0.02  # [s] on an A1
+SPACING = 0.02  # between the averages of all terms [s] on an A1
 THOUGHT_DELAY = 4e-3  # d, where nothing tells it [s]
-_STICTION_SPEED = 0.03  # [rad/s]: sgn(v) = tanh(v / v_0)
+_KNOT = 0.01  # of the positions' spline [s] on an A1: accelerations are averaged after it
+_PER_KNOT = 4  # samples at least, of positions or of velocities
+_STICTION_SPEED = 0.01  # [rad/s]: sgn(v) = tanh(v / v_0)
 _SPEED_WEIGHT = 0.01  # noise of an encoder over that of its speed [s]
-_SLIDES, _RINGS = 0.8, 1.3  # smoothed |sgn(v)| between which a joint slid all the time, as far as the spline reaches
-_FEWEST = 50  # samples
+_SLIDES = 0.95  # averaged |sgn(v)| from which on a joint slid all the time
+_FEWEST = 50  # averages
 
 
 @dataclass(frozen=True, eq=False)
 class MotorSamples:
-    """All joints in motion, smoothed: n samples.
+    """All joints in motion: n averages.
 
     Attributes:
+        time: (n,) times [s].
         regressor: (n, nj, 10 bodies) inverse-dynamics regressor of the joints, the base's columns first.
+        spin: (n, nj) joint torques by the spin of rotors that have an inertia times gear ratio of one [Nm].
         torque: (n, nj) joint torques, as reported or from the commands [Nm].
-        sign: (n, nj) smoothed sign of the joint velocities.
+        sign: (n, nj) averaged sign of the joint velocities.
         velocity: (n, nj) joint velocities [rad/s].
         acceleration: (n, nj) joint accelerations [rad/s2].
         command_rate: (n, nj) rates of the position targets that torques obey [rad/s]; zero where gains are not known.
-        slides: (n, nj) whether a joint slid all the time about a sample: 1 or 0.
+        slides: (n, nj) whether a joint slid all the time about an average: 1 or 0.
         period: control period [s].
         kp: position gain [Nm/rad]; 0: not known.
         reported: whether torques were.
     """
 
+    time: FloatArray
     regressor: FloatArray
+    spin: FloatArray
     torque: FloatArray
     sign: FloatArray
     velocity: FloatArray
@@ -75,41 +89,79 @@ def motor_trial(recording: Recording) -> MotorTrial:
     return trial
 
 
-def motor_samples(robot: RobotModel, recording: Recording, time_scale: float) -> MotorSamples:
-    """Smoothed samples of the steady part of a swing.
+def motor_samples(
+    robot: RobotModel, recording: Recording, time_scale: float, by_law: FloatArray | None = None
+) -> MotorSamples:
+    """Averages of the steady part of a swing.
 
     Args:
         time_scale: factor on times, of the robot's scale; one on an A1.
+        by_law: (samples, nj) torques by the motors' own law, which reported ones obey [Nm]; not a number: as reported.
 
     Raises:
         RecordingError: it is too short, or has neither torques nor gains.
     """
     trial, steady = motor_trial(recording), recording.phase(Phase.SWING)
-    joints, imu, knot = steady.joints, steady.imu, KNOT * time_scale
-    time = np.arange(joints.time[0] + 3 * knot, joints.time[-1] - 3 * knot, knot)
+    joints, imu, spacing = steady.joints, steady.imu, SPACING * time_scale
+    at = joints.time
+    time = np.arange(at[0] + 3 * spacing, at[-1] - 3 * spacing, spacing)
     if len(time) < _FEWEST:
-        raise RecordingError(f"the joints swung for {steady.duration:.1f} s; {2 * _FEWEST * knot:.0f} s are needed")
-    position = fit_spline(joints.time, joints.position, knot, joints.velocity, _SPEED_WEIGHT).spline
-    speed, at = position.derivative(), joints.time
-    velocity = speed(at) if joints.velocity is None else joints.velocity
+        raise RecordingError(f"the joints swung for {steady.duration:.1f} s; {2 * _FEWEST * spacing:.0f} s are needed")
+    each = float(np.median(np.diff(at))) / (1 if joints.velocity is None else 2)
+    knot = max(_KNOT * time_scale, _PER_KNOT * each)
+    position = fit_spline(at, joints.position, knot, joints.velocity, _SPEED_WEIGHT).spline
+    speed = position.derivative()
     torque, rate = joints.torque, np.zeros_like(joints.position)
     if trial.kp is not None and trial.kd is not None:
-        target, rate = command_at(recording, at - THOUGHT_DELAY)
+        _, rate = command_at(recording, at - THOUGHT_DELAY)
         if torque is None:
-            torque = trial.kp * (target - joints.position) - trial.kd * velocity
+            torque = law_torque(recording, steady, THOUGHT_DELAY)
     if torque is None:
         raise RecordingError("the recording has no joint torques, and no gains from which they would follow")
-    sign = np.tanh(speed(at) / _STICTION_SPEED)
-    smooth = fit_spline(at, np.hstack([torque, sign, rate]), knot).spline(time)
-    torque, sign, rate = np.split(smooth, 3, axis=1)
-    force = fit_spline(imu.time, imu.acceleration_in_imu, knot).spline(np.clip(time, imu.time[0], imu.time[-1]))
-    acceleration = speed.derivative()(time)
+    if by_law is not None:
+        torque = np.where(np.isnan(by_law), torque, by_law)
+    force = fit_spline(imu.time, imu.acceleration_in_imu, spacing).spline(np.clip(at, imu.time[0], imu.time[-1]))
     force_in_base = force @ np.array(robot.imu_in_base.rotation).T
-    slides = ((np.abs(sign) > _SLIDES) & (np.abs(sign) < _RINGS)).astype(float)
+    velocity, acceleration = speed(at), speed.derivative()(at)
+    regressor = _regressors(robot, position(at), velocity, acceleration, force_in_base)
+    average = averages(at, time, spacing)
+    sign = average @ np.tanh(velocity / _STICTION_SPEED)
+    regressor = _each(average, regressor)
+    acceleration = average @ acceleration
     return MotorSamples(
-        _regressors(robot, position(time), speed(time), acceleration, force_in_base), torque, sign, speed(time), acceleration,
-        rate, slides, control_period(recording), trial.kp or 0.0, joints.torque is not None,
+        time, regressor, _spin(robot, regressor) - acceleration, average @ torque, sign, average @ velocity, acceleration,
+        average @ rate, (np.abs(sign) > _SLIDES).astype(float), control_period(recording), trial.kp or 0.0,
+        joints.torque is not None,
     )  # fmt: skip
+
+
+def averages(time: FloatArray, at: FloatArray, spacing: float) -> csr_array:
+    """(m, n) matrix of the means of n samples about m times, weighted by a cubic B-spline of that knot spacing [s]."""
+    first, last = np.searchsorted(time, at - 2 * spacing), np.searchsorted(time, at + 2 * spacing)
+    rows = np.repeat(np.arange(len(at)), last - first)
+    columns = np.concatenate([np.arange(begin, end) for begin, end in zip(first, last, strict=True)])
+    away = np.abs(time[columns] - at[rows]) / spacing
+    weights = np.where(away < 1, 2 / 3 - away**2 + away**3 / 2, (2 - away) ** 3 / 6)
+    weights /= np.bincount(rows, weights, len(at))[rows]
+    return csr_array((weights, (rows, columns)), shape=(len(at), len(time)))
+
+
+def law_torque(recording: Recording, steady: Recording, delay: FloatArray | float) -> FloatArray:
+    """(n, nj) torques of the motors' own law at the samples of a part of a recording [Nm].
+
+    Args:
+        steady: the part.
+        delay: age of the command that a motor obeys, or (nj,) ages [s].
+    """
+    trial, joints = motor_trial(recording), steady.joints
+    assert trial.kp is not None
+    assert trial.kd is not None
+    velocity = joints.velocity
+    if velocity is None:
+        velocity = fit_spline(joints.time, joints.position, SPACING).spline.derivative()(joints.time)
+    ages = np.broadcast_to(delay, joints.position.shape[1:])
+    target = np.column_stack([command_at(recording, joints.time - age)[0][:, j] for j, age in enumerate(ages)])
+    return np.asarray(trial.kp * (target - joints.position) - trial.kd * velocity, dtype=float)
 
 
 def command_at(recording: Recording, time: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -141,3 +193,30 @@ def _regressors(
         for q, v, a, g in zip(position, velocity, acceleration, force_in_base, strict=True)
     ]
     return np.array(regressors)
+
+
+def _each(average: csr_array, regressor: FloatArray) -> FloatArray:
+    """(m, nj, k) averages of a regressor (n, nj, k), of which most is zero."""
+    there = np.abs(regressor).max(axis=0) > 0
+    averaged = np.zeros((average.shape[0], *regressor.shape[1:]))
+    averaged[:, there] = average @ regressor[:, there]
+    return averaged
+
+
+def _spin(robot: RobotModel, regressor: FloatArray) -> FloatArray:
+    """(n, nj) joint torques of an inertia of one about each joint's axis, in the driven link less in the carrying one."""
+    model = robot.pinocchio
+    torque = np.zeros(regressor.shape[:2])
+    for joint in (joint for leg in robot.legs.values() for joint in leg.joint_ids):
+        axis = joint_axis(model, joint)
+        torque += _about(regressor, joint, axis)
+        torque -= _about(regressor, model.parents[joint], model.jointPlacements[joint].rotation @ axis)
+    return torque
+
+
+def _about(regressor: FloatArray, joint: int, axis: FloatArray) -> FloatArray:
+    """(n, nj) torques of a unit inertia about an axis of a link."""
+    x, y, z = axis
+    inertia = np.array([x * x, x * y, y * y, x * z, y * z, z * z])  # as Pinocchio orders it: xx, xy, yy, xz, yz, zz
+    start = 10 * (joint - 1)
+    return np.asarray(regressor[:, :, start + 4 : start + 10] @ inertia, dtype=float)

@@ -17,8 +17,13 @@ _ROUNDS = 6
 _MASS_COMMON, _MASS, _COM_COMMON, _COM = 0.10, 0.05, 4e-3, 2e-3  # of a link's mass; [m] on an A1
 _GAIN = 0.05
 _COULOMB, _VISCOUS, _ARMATURE, _OFFSET = 2.0, 1.0, 0.1, 0.3  # [Nm], [Nm s/rad], [kg m2], [Nm] on an A1
-_LAG_SHARE = 0.05  # of a control period: how well it is known that torques are sampled just after a command
+_SPIN = 1.5e-3  # [kg m2] on an A1: an armature of 0.01 over gear ratios of six to ten
+_LAG_SHARE = 0.1  # of a control period: how well it is known when in it a command is taken and a torque sampled
 _DELAY = 3e-3  # [s], where it is only told by the motion
+_INSTANT = 0.03  # of a control period, by which a board may feel a joint's position earlier or later than it says
+_LIKE = (
+    3.0  # times a misfit that is seen: what of it is not, as simulated robots with friction that follows load have it
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +35,8 @@ class MotorFit:
         covariance: (4 nj, 4 nj) posterior covariance of the same, row by row.
         delay: delay of the position loop and its standard deviation [s], where the motion alone tells it; else None.
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
-        noise: (nj,) standard deviation of what is left of the smoothed torques [Nm].
-        misfit: (nj,) how much of that repeats with a joint's speed: the rms of its means in bins of speed [Nm].
+        noise: (nj,) standard deviation of what is left of the averaged torques [Nm].
+        misfit: (nj,) how much of that repeats with a joint's speed or its load: the rms of its means in bins of either [Nm].
     """
 
     values: FloatArray
@@ -44,7 +49,7 @@ class MotorFit:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Columns of the unknowns: links first, then PER_JOINT of each joint, then the lag."""
+    """Columns of the unknowns: links first, then PER_JOINT of each joint, then the rotors' spin and the lag."""
 
     model: FloatArray  # (n, nj): torques by the model file
     links: FloatArray  # (n, nj, k)
@@ -98,7 +103,7 @@ def _table(robot: RobotModel, samples: MotorSamples, scale: Scale) -> _Table:
     joints = samples.torque.shape[1]
     for name in PER_JOINT:
         prior += [sizes[name] * (1.0 if name == "gain" else scale.torque)] * joints
-    prior.append(_LAG_SHARE * samples.period if samples.reported else _DELAY)
+    prior += [_SPIN * scale.torque, _LAG_SHARE * samples.period if samples.reported else _DELAY]
     return _Table(model, np.stack(columns, axis=-1), np.array(prior), joints)
 
 
@@ -107,13 +112,15 @@ def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[Fl
     links, joint = table.links.shape[-1], np.arange(table.joints)
     kappa = 1 / (1 + x[table.of("gain")])
     friction = {"coulomb": samples.sign, "viscous": samples.velocity, "armature": samples.acceleration}
-    moved = table.model + table.links @ x[:links] + sum(column * x[table.of(name)] for name, column in friction.items())
+    moved = table.model + table.links @ x[:links] + samples.spin * x[-2]
+    moved += sum(column * x[table.of(name)] for name, column in friction.items())
     design = np.zeros((*moved.shape, x.size))
     design[:, :, :links] = kappa[:, None] * table.links
     for name, column in friction.items():
         design[:, joint, joint + table.of(name).start] = kappa * column
     design[:, joint, joint + table.of("gain").start] = -(kappa**2) * moved
     design[:, joint, joint + table.of("offset").start] = 1.0
+    design[:, :, -2] = kappa * samples.spin
     design[:, :, -1] = samples.kp * samples.command_rate
     return kappa * moved + x[table.of("offset")] + design[:, :, -1] * x[-1], design
 
@@ -144,20 +151,37 @@ def _fit(
     flat = turn.reshape(4 * joints, -1)
     delay = correlation = None
     if not samples.reported:
-        delay = THOUGHT_DELAY + x[-1] - samples.period / 2, float(np.sqrt(covariance[-1, -1]))
+        known = _LAG_SHARE * samples.period
+        delay = THOUGHT_DELAY + x[-1] - samples.period / 2, float(np.sqrt(covariance[-1, -1] + known**2))
         viscous = flat[2 * joints : 3 * joints].mean(axis=0)
         shared = float(viscous @ covariance[:, -1])
         correlation = shared / float(np.sqrt(viscous @ covariance @ viscous * covariance[-1, -1]))
-    return MotorFit(
-        np.array(values), flat @ covariance @ flat.T, delay, correlation, sigma, _misfit(samples, residual),
-    )  # fmt: skip
+    misfit = _misfit(samples, residual)
+    found = flat @ covariance @ flat.T
+    found[np.diag_indices_from(found)] += _unlike_law(samples, misfit).ravel()
+    return MotorFit(np.array(values), found, delay, correlation, sigma, misfit)
+
+
+def _unlike_law(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
+    """(4, nj) variances of gain, Coulomb and viscous friction and armature of motors that do not obey the equation.
+
+    A misfit that repeats had its like in each term, where nobody sees it. And a board may feel position at another instant
+    than it reports it, which looks like viscous friction.
+    """
+    used = samples.slides
+    terms = samples.torque, np.ones_like(used), samples.velocity, samples.acceleration
+    sizes = np.array([_size(term, used) for term in terms])
+    variance = (_LIKE * misfit / np.maximum(sizes, np.finfo(float).tiny)) ** 2
+    variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
+    return variance
 
 
 def _misfit(samples: MotorSamples, residual: FloatArray, bins: int = 8) -> FloatArray:
-    """(nj,) rms of the residual's means in bins of speed: what the law of friction leaves [Nm]."""
+    """(nj,) rms of the residual's means in bins of speed or of load, whichever is more [Nm]: what the law leaves."""
     found = np.zeros(residual.shape[1])
-    for joint, (speed, left, used) in enumerate(zip(samples.velocity.T, residual.T, samples.slides.T, strict=True)):
-        order = np.argsort(speed[used > 0])
-        parts = np.array_split(left[used > 0][order], bins)
-        found[joint] = np.sqrt(np.mean([part.mean() ** 2 for part in parts if len(part)]))
+    slowing, load = residual * np.sign(samples.sign), np.abs(samples.torque)
+    for joint, used in enumerate(samples.slides.T > 0):
+        for what, left in ((samples.velocity, residual), (load, slowing)):
+            parts = np.array_split(left[used, joint][np.argsort(what[used, joint])], bins)
+            found[joint] = max(found[joint], np.sqrt(np.mean([part.mean() ** 2 for part in parts if len(part)])))
     return found
