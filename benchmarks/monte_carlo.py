@@ -34,8 +34,8 @@ import equipoise
 from equipoise import Paper, Precise, calibrate, estimate, load_robot, simulate
 from equipoise.method.table import method_named
 from equipoise.study.executors import dask_cluster, process_pool
+from equipoise.study.rows import column, failed
 from equipoise.study.runner import run_study
-from equipoise.study.statistics import column
 from equipoise.study.study import Study, draw
 
 RESULTS = Path(__file__).parent / "results"
@@ -117,12 +117,12 @@ def growth() -> dict[str, object]:
 
     with tempfile.TemporaryDirectory() as folder:
         rows = run_study(Study(), max(GROWTH), Path(folder) / "study", None, CORES, note)
-    assert len(rows) == max(GROWTH)
+    assert rows.num_rows == max(GROWTH)
     counts, seconds = np.array(list(reached)), np.array(list(reached.values()))
     slope, offset = np.polyfit(counts, seconds, 1)
     worst = float(np.max(np.abs(offset + slope * counts - seconds) / seconds))
     return {"seconds": reached, "per_trial": float(slope), "offset": float(offset), "worst_residual": worst,
-            "failed": sum(row["status"] != "ok" for row in rows)}  # fmt: skip
+            "failed": failed(rows)}  # fmt: skip
 
 
 def dask() -> dict[str, float]:
@@ -180,8 +180,7 @@ def steps() -> list[dict[str, object]]:
                 trials = run_study(study, count, Path(folder) / f"{name}-{method}-{timestep}", pool, CORES)
                 errors = [column(trials, f"estimated_{axis}") - column(trials, f"true_{axis}") for axis in names]
                 moments = [column(trials, f"moment_{axis}") for axis in ("roll", "pitch", "yaw")]
-                failed = sum(row["status"] != "ok" for row in trials)
-                found[timestep] = (np.array(errors), np.array(moments), failed)
+                found[timestep] = (np.array(errors), np.array(moments), failed(trials))
             truth = np.array([column(trials, f"true_{axis}") for axis in ("Ixx", "Iyy", "Izz")])
             for coarse in STEPS[1:]:
                 reference = found[STEPS[1] if coarse == STEPS[2] else STEPS[0]]
