@@ -92,7 +92,7 @@ def test_a_writer_that_cannot_begin_leaves_the_work_here(tmp_path, monkeypatch):
     log.write_beside()
     log.keep(piece())
     log.close()
-    assert bits(read_log(tmp_path / "recording.mcap").unfinished or piece()) == bits(piece())
+    assert log.file.message_counts["/joint_states"] == 10
     assert read_log(tmp_path / "recording.mcap").closed
 
 
@@ -117,7 +117,7 @@ def test_a_signal_to_the_program_and_all_that_it_started_does_not_end_the_writer
 
 def test_a_full_disk_is_told_here(path):
     script = (
-        "os.environ['X'] = ''; kept = 0\n"
+        "kept = 0\n"
         "limit = os.fstat(log.file.descriptor).st_size + 20000\n"
         "resource.prlimit(log._beside.pid, resource.RLIMIT_FSIZE, (limit, limit))\n"
         "from equipoise.errors import OutputError\n"

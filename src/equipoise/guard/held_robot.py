@@ -153,6 +153,8 @@ class HeldRobot:
         while not self._over.is_set():
             self._called.wait(_YIELD if self._idle else _IDLE * self._period)
             self._called.clear()
+            if not self._idle:  # who moves the robot never waits for this thread
+                continue
             with self.lock:
                 if self._over.is_set() or not self._idle:
                     continue

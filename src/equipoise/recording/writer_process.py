@@ -40,15 +40,17 @@ class WriterProcess:
 
     def __init__(self, file: McapWriter) -> None:
         self._file, self._turn = file, threading.Lock()
-        self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
-            [sys.executable, "-m", "equipoise.recording.writer_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            bufsize=0,
-            pass_fds=(file.descriptor,),
-            start_new_session=True,  # Ctrl-C is for the program, which has more to write then
-        )
-        if self._process.stdin is not None:  # one that hangs must not keep whoever writes
+        self._process: subprocess.Popen[bytes] | None = None
+        with contextlib.suppress(OSError):  # no memory for it: this side writes
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "equipoise.recording.writer_process"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                bufsize=0,
+                pass_fds=(file.descriptor,),
+                start_new_session=True,  # Ctrl-C is for the program, which has more to write then
+            )
+        if self._process is not None and self._process.stdin is not None:  # one that hangs must not keep whoever writes
             os.set_blocking(self._process.stdin.fileno(), False)
         self._ask((file.descriptor, file.path, file.topics, file.progress()), _STARTS)
 
@@ -103,12 +105,14 @@ class WriterProcess:
         """End the process: it must not write beside this side. Returns how it ended, zero if it closed the file."""
         process, self._process = self._process, None
         assert process is not None
+        if not patience:
+            process.kill()  # before the pipe ends, at which it would close the file
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 with contextlib.suppress(OSError):
                     pipe.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            return process.wait(patience)
+            return process.wait(patience or _ENDS)
         process.kill()
         try:
             return process.wait(_ENDS)
