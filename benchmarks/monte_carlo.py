@@ -28,6 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import mujoco
 import numpy as np
+from commit import commit
 from mujoco import rollout
 
 import equipoise
@@ -237,13 +238,19 @@ def verdict(met: bool) -> str:
     return "met" if met else "**missed**"
 
 
+def made_at(found: dict[str, object]) -> str:
+    """Of which commits the parts are, and how loaded the machine was when they began."""
+    parts = (f"{name} at {made['commit']}, load {made['load']}" for name, made in found.get("made", {}).items())
+    return f"Made: {'; '.join(parts) or 'before pages said so'}."
+
+
 def report(found: dict[str, object]) -> str:
     lines = [
         "# Monte Carlo: speed, growth, steps",
         "",
         f"`make bench-monte-carlo`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, Python "
         f"{machine.python_version()}, {CORES} cores. Unitree A1, method `paper`, preset `realistic`, random payloads, unless "
-        "said otherwise.",
+        "said otherwise. " + made_at(found),
     ]
     if "throughput" in found:
         lines += [
@@ -317,9 +324,11 @@ def main() -> None:
         raise SystemExit(f"{unknown[0]!r} is no part; those are {', '.join(PARTS)}")
     for name in named or [name for name in PARTS if name not in found]:
         print(name, flush=True)
+        load = os.getloadavg()[0]
         found[name] = PARTS[name]()
+        found.setdefault("made", {})[name] = {"commit": commit(), "load": load}
         store.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        (RESULTS / "monte_carlo.md").write_text(report(found), encoding="utf-8")
+    (RESULTS / "monte_carlo.md").write_text(report(found), encoding="utf-8")
     print(report(found))
 
 
