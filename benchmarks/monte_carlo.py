@@ -28,14 +28,15 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import mujoco
 import numpy as np
+from commit import commit
 from mujoco import rollout
 
 import equipoise
 from equipoise import Paper, Precise, calibrate, estimate, load_robot, simulate
 from equipoise.method.table import method_named
 from equipoise.study.executors import dask_cluster, process_pool
+from equipoise.study.rows import column, failed
 from equipoise.study.runner import run_study
-from equipoise.study.statistics import column
 from equipoise.study.study import Study, draw
 
 RESULTS = Path(__file__).parent / "results"
@@ -117,12 +118,12 @@ def growth() -> dict[str, object]:
 
     with tempfile.TemporaryDirectory() as folder:
         rows = run_study(Study(), max(GROWTH), Path(folder) / "study", None, CORES, note)
-    assert len(rows) == max(GROWTH)
+    assert rows.num_rows == max(GROWTH)
     counts, seconds = np.array(list(reached)), np.array(list(reached.values()))
     slope, offset = np.polyfit(counts, seconds, 1)
     worst = float(np.max(np.abs(offset + slope * counts - seconds) / seconds))
     return {"seconds": reached, "per_trial": float(slope), "offset": float(offset), "worst_residual": worst,
-            "failed": sum(row["status"] != "ok" for row in rows)}  # fmt: skip
+            "failed": failed(rows)}  # fmt: skip
 
 
 def dask() -> dict[str, float]:
@@ -180,8 +181,7 @@ def steps() -> list[dict[str, object]]:
                 trials = run_study(study, count, Path(folder) / f"{name}-{method}-{timestep}", pool, CORES)
                 errors = [column(trials, f"estimated_{axis}") - column(trials, f"true_{axis}") for axis in names]
                 moments = [column(trials, f"moment_{axis}") for axis in ("roll", "pitch", "yaw")]
-                failed = sum(row["status"] != "ok" for row in trials)
-                found[timestep] = (np.array(errors), np.array(moments), failed)
+                found[timestep] = (np.array(errors), np.array(moments), failed(trials))
             truth = np.array([column(trials, f"true_{axis}") for axis in ("Ixx", "Iyy", "Izz")])
             for coarse in STEPS[1:]:
                 reference = found[STEPS[1] if coarse == STEPS[2] else STEPS[0]]
@@ -238,13 +238,19 @@ def verdict(met: bool) -> str:
     return "met" if met else "**missed**"
 
 
+def made_at(found: dict[str, object]) -> str:
+    """Of which commits the parts are, and how loaded the machine was when they began."""
+    parts = (f"{name} at {made['commit']}, load {made['load']}" for name, made in found.get("made", {}).items())
+    return f"Made: {'; '.join(parts) or 'before pages said so'}."
+
+
 def report(found: dict[str, object]) -> str:
     lines = [
         "# Monte Carlo: speed, growth, steps",
         "",
         f"`make bench-monte-carlo`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, Python "
         f"{machine.python_version()}, {CORES} cores. Unitree A1, method `paper`, preset `realistic`, random payloads, unless "
-        "said otherwise.",
+        "said otherwise. " + made_at(found),
     ]
     if "throughput" in found:
         lines += [
@@ -318,9 +324,11 @@ def main() -> None:
         raise SystemExit(f"{unknown[0]!r} is no part; those are {', '.join(PARTS)}")
     for name in named or [name for name in PARTS if name not in found]:
         print(name, flush=True)
+        load = os.getloadavg()[0]
         found[name] = PARTS[name]()
+        found.setdefault("made", {})[name] = {"commit": commit(), "load": load}
         store.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        (RESULTS / "monte_carlo.md").write_text(report(found), encoding="utf-8")
+    (RESULTS / "monte_carlo.md").write_text(report(found), encoding="utf-8")
     print(report(found))
 
 

@@ -9,7 +9,11 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 
 from equipoise import Static
+from equipoise.study.rows import table_of
+from equipoise.study.runner import run_study
+from equipoise.study.store import read_rows
 from equipoise.study.study import Study
+from equipoise.study.trial import run_trial
 
 STATIC = Study(methods=(Static(),), seed=11)  # 0.1 s a trial
 TIMES = ("wall_time", "cpu_time", "estimation_time", "worker")
@@ -19,6 +23,21 @@ HERE = Path(__file__).parent
 def facts(rows):
     """Rows without what depends on the machine."""
     return [{name: value for name, value in row.items() if name not in TIMES} for row in rows]
+
+
+def trial_rows(study, trial, logs=None):
+    """`run_trial`, its rows as dictionaries."""
+    return run_trial(study, trial, logs).to_pylist()
+
+
+def study_rows(*arguments, **options):
+    """`run_study`, its rows as dictionaries."""
+    return run_study(*arguments, **options).to_pylist()
+
+
+def rows_in(folder):
+    """`read_rows`, as dictionaries."""
+    return read_rows(folder).to_pylist()
 
 
 class Inline(Executor):
@@ -43,10 +62,8 @@ def cheap_trial(study, trial, logs=None):
             if once is not None:
                 Path(once).touch()
             os.kill(os.getpid(), signal.SIGKILL)
-    return [
-        {"trial": trial, "method": method, "status": "ok", "message": "", "worker": os.getpid()}
-        for method in (used.name for used in study.methods)
-    ]
+    about = {"trial": trial, "status": "ok", "message": "", "worker": os.getpid()}
+    return table_of([{**about, "method": used.name} for used in study.methods])
 
 
 def start_study(folder, *flags, setup="pass"):

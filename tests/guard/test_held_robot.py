@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from guarded import Dog, MemoryLink, at_rest, hold, is_damped
+from guarded import PERIOD, Dog, MemoryLink, at_rest, hold, is_damped
 
-from equipoise import simulate
+from equipoise import nominal_stance, simulate
 from equipoise.alive import alive
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.errors import (
@@ -23,7 +23,7 @@ from equipoise.errors import (
 from equipoise.guard import held_robot
 from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
-from equipoise.platform.platform import Health, JointCommand
+from equipoise.platform.platform import Health, JointCommand, Trajectory
 
 pytestmark = pytest.mark.realtime
 BUSY = Limits(silence=5.0, stall=5.0)  # for a machine that has other things to do, too
@@ -246,3 +246,38 @@ def test_settings_errors_are_no_motion(guard, link):
     with pytest.raises(SettingsError):
         hold(guard, link, 0.1)
     assert link.released == 0
+
+
+def test_between_two_motions_the_robot_is_held_at_once_and_no_sample_is_lost(guard, link, a1):
+    """A few milliseconds of planning are no pause for the robot, nor for what it feels."""
+    standing = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 20, axis=0))
+    first = guard.play(standing)
+    sent = len(link.sent)
+    wait_until(lambda: len(link.sent) > sent + 2)
+    second = guard.play(standing)
+    together = np.concatenate([first.joints.time, second.joints.time])
+    assert len(together) > 42
+    assert np.diff(together) == pytest.approx(PERIOD)
+
+
+def test_a_pause_for_long_is_in_no_recording(guard, link, a1):
+    standing = Trajectory(np.repeat(nominal_stance(a1).joint_position[None], 20, axis=0))
+    first = guard.play(standing)
+    until = time.monotonic() + 2 * held_robot._PAUSE
+    wait_until(lambda: time.monotonic() > until)
+    second = guard.play(standing)
+    assert len(second.joints.time) < 30
+    assert second.joints.time[2] - first.joints.time[-1] > held_robot._PAUSE / 2
+
+
+def test_nobody_holds_a_robot_that_is_stepped(guard, link, a1):
+    """A feedback loop that follows on a motion sends its own commands, and no other."""
+    here = JointCommand(nominal_stance(a1).joint_position)
+    guard.play(Trajectory(np.repeat(here.position[None], 20, axis=0)))
+    guard.step(here)
+    counts = []
+    for _ in range(50):
+        sent = len(link.sent)
+        guard.step(here)
+        counts.append(len(link.sent) - sent)
+    assert np.median(counts) == 1

@@ -9,14 +9,12 @@ import time
 import warnings
 
 import pytest
-from studies import HERE, STATIC, Inline, alive, eventually, facts, start_study, wait_for
+from studies import HERE, STATIC, Inline, alive, eventually, facts, rows_in, start_study, study_rows, wait_for
 
 from equipoise.cli import main
 from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
 from equipoise.study import executors
 from equipoise.study.executors import dask_cluster
-from equipoise.study.runner import run_study
-from equipoise.study.store import read_rows
 
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -107,10 +105,10 @@ def test_a_scheduler_without_workers_a_worker_with_threads_and_a_worker_that_is_
     assert [
         line for line in said("".join(seen) + rest) if not line.startswith("warning: 2 workers with 3 threads")
     ] == []
-    rows = read_rows(tmp_path / "study")
+    rows = rows_in(tmp_path / "study")
     assert [row["trial"] for row in rows] == list(range(TRIALS))
     assert len({row["worker"] for row in rows}) == 2
-    assert facts(rows) == facts(run_study(STATIC, TRIALS, tmp_path / "here", Inline()))
+    assert facts(rows) == facts(study_rows(STATIC, TRIALS, tmp_path / "here", Inline()))
     assert all(path.suffix != ".json" for path in cluster.folder.rglob("*")), "workers write into their own folders"
 
 
@@ -133,7 +131,7 @@ def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(clu
         _, rest = process.communicate(timeout=60)
         assert process.returncode == code
         assert said(rest) == [sentence]
-        assert len(read_rows(folder)) >= 3
+        assert len(rows_in(folder)) >= 3
         assert not alive(process.pid)
 
 

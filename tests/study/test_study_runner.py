@@ -12,14 +12,25 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
 import pytest
-from studies import STATIC, TIMES, Inline, alive, cheap_trial, eventually, facts, start_study, wait_for
+from studies import (
+    STATIC,
+    Inline,
+    alive,
+    cheap_trial,
+    eventually,
+    facts,
+    rows_in,
+    start_study,
+    study_rows,
+    trial_rows,
+    wait_for,
+)
 
 from equipoise import ComSearchSettings, Paper, RunFolder, errors
 from equipoise.errors import OutputError, SettingsError, WorkerError
 from equipoise.study import runner, trial
 from equipoise.study.executors import ended_after
-from equipoise.study.runner import LOST, run_study
-from equipoise.study.store import read_rows
+from equipoise.study.runner import LOST
 from equipoise.study.study import Study
 from equipoise.study.trial import run_trial
 
@@ -29,7 +40,7 @@ POSIX = pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.fixture(scope="module")
 def reference():
     """Rows of the first six trials, made here in reversed order."""
-    return [row for number in reversed(range(6)) for row in run_trial(STATIC, number)][::-1]
+    return [row for number in reversed(range(6)) for row in trial_rows(STATIC, number)][::-1]
 
 
 @pytest.fixture
@@ -44,8 +55,8 @@ def numbers(rows):
 
 def test_one_worker_many_workers_and_none_give_the_same_rows(reference, tmp_path):
     assert {row["status"] for row in reference} == {"ok"}
-    rows = run_study(STATIC, 6, tmp_path / "study", workers=2)
-    assert facts(rows) == [{name: row.get(name) for name in rows[0] if name not in TIMES} for row in reference]
+    rows = study_rows(STATIC, 6, tmp_path / "study", workers=2)
+    assert facts(rows) == facts(reference)
     assert {row["worker"] for row in rows}.isdisjoint({os.getpid()})
     assert not multiprocessing.active_children()
 
@@ -53,25 +64,25 @@ def test_one_worker_many_workers_and_none_give_the_same_rows(reference, tmp_path
 def test_trials_in_threads_of_one_process_do_not_disturb_each_other(reference):
     """They share the robot's model and its scratch memory; a Dask worker has a thread for each core by default."""
     with ThreadPoolExecutor(4) as threads:
-        rows = [row for rows in threads.map(lambda number: run_trial(STATIC, number), range(6)) for row in rows]
+        rows = [row for rows in threads.map(lambda number: trial_rows(STATIC, number), range(6)) for row in rows]
     assert facts(rows) == facts(reference)
 
 
 def test_more_trials_extend_a_study(reference, tmp_path, monkeypatch):
-    run_study(STATIC, 3, tmp_path / "study", Inline())
+    study_rows(STATIC, 3, tmp_path / "study", Inline())
     ran = []
     monkeypatch.setattr(runner, "run_trial", lambda *call: ran.append(call[1]) or run_trial(*call))
-    rows = run_study(STATIC, 6, tmp_path / "study", Inline())
+    rows = study_rows(STATIC, 6, tmp_path / "study", Inline())
     assert ran == [3, 4, 5]
     assert [facts([row])[0]["estimated_com_x"] for row in rows] == [row["estimated_com_x"] for row in reference]
-    assert numbers(run_study(STATIC, 2, tmp_path / "study", Inline())) == [0, 1]
+    assert numbers(study_rows(STATIC, 2, tmp_path / "study", Inline())) == [0, 1]
     assert ran == [3, 4, 5]
 
 
 def test_progress_counts_what_was_there(cheap, tmp_path):
-    run_study(STATIC, 2, tmp_path / "study", Inline())
+    study_rows(STATIC, 2, tmp_path / "study", Inline())
     told = []
-    run_study(STATIC, 5, tmp_path / "study", Inline(), report=told.append)
+    study_rows(STATIC, 5, tmp_path / "study", Inline(), report=told.append)
     assert [(progress.done, progress.total) for progress in told] == [(3, 5), (4, 5), (5, 5)]
     assert all(progress.rate > 0 for progress in told)
     assert told[-1].remaining == 0
@@ -79,19 +90,21 @@ def test_progress_counts_what_was_there(cheap, tmp_path):
 
 def test_a_limit_that_leaves_no_time_is_refused(tmp_path):
     with pytest.raises(SettingsError, match="a limit of 0 s leaves a trial no time; give it minutes"):
-        run_study(STATIC, 1, tmp_path / "study", Inline(), limit=0.0)
+        study_rows(STATIC, 1, tmp_path / "study", Inline(), limit=0.0)
 
 
 @pytest.mark.parametrize(("trials", "workers"), [(0, 1), (-3, 1), (1, 0), (1, -2)])
 def test_no_trials_and_no_workers_are_refused(trials, workers, tmp_path):
     with pytest.raises(SettingsError, match="one"):
-        run_study(STATIC, trials, tmp_path / "study", workers=workers)
+        study_rows(STATIC, trials, tmp_path / "study", workers=workers)
     assert not (tmp_path / "study").exists()
 
 
 def test_what_is_wrong_with_every_trial_leaves_no_folder(tmp_path):
     with pytest.raises(SettingsError, match="leaves nothing to search"):
-        run_study(Study(methods=(Paper(com_search=ComSearchSettings(tolerance=0.9)),)), 1, tmp_path / "study", Inline())
+        study_rows(
+            Study(methods=(Paper(com_search=ComSearchSettings(tolerance=0.9)),)), 1, tmp_path / "study", Inline()
+        )
     assert not (tmp_path / "study").exists()
 
 
@@ -101,7 +114,7 @@ def test_what_is_wrong_with_every_trial_leaves_no_folder(tmp_path):
 def test_a_calibration_that_fails_is_a_row_and_keeps_its_recordings(tmp_path):
     coarse = Paper(com_search=ComSearchSettings(tolerance=0.02))
     study = Study(methods=(coarse,), payload="3,0.8,0,0.08")  # the CoM lies far beyond the bounds of the search
-    (row,) = run_study(study, 1, tmp_path / "study", Inline())
+    (row,) = study_rows(study, 1, tmp_path / "study", Inline())
     assert issubclass(getattr(errors, row["status"]), errors.MotionError)
     assert row["estimated_com_x"] is None
     assert row["true_com_x"] > 0.12
@@ -114,14 +127,14 @@ def test_a_calibration_that_fails_is_a_row_and_keeps_its_recordings(tmp_path):
 
 def test_the_log_of_a_trial_that_was_killed_before_its_row_was_written_is_replaced(tmp_path):
     study = dataclasses.replace(STATIC, payload="20,0.5,0,0.3")
-    first, second = (run_trial(study, 0, str(tmp_path / "failures")) for _ in range(2))
+    first, second = (trial_rows(study, 0, str(tmp_path / "failures")) for _ in range(2))
     assert first[0]["status"] == "FallError"
     assert second[0]["log"] == first[0]["log"] is not None
 
 
 def test_a_worker_that_does_not_see_the_folder_makes_none(tmp_path):
     study = dataclasses.replace(STATIC, payload="20,0.5,0,0.3")
-    (row,) = run_trial(study, 0, str(tmp_path / "elsewhere" / "failures"))
+    (row,) = trial_rows(study, 0, str(tmp_path / "elsewhere" / "failures"))
     assert (row["status"], row["log"]) == ("FallError", None)
     assert not (tmp_path / "elsewhere").exists()
 
@@ -132,7 +145,7 @@ def test_our_own_mistakes_are_rows_with_a_traceback(place, monkeypatch, tmp_path
         raise ZeroDivisionError("our mistake")
 
     monkeypatch.setattr(trial, place, mistaken)
-    rows = run_study(STATIC, 2, tmp_path / "study", Inline())
+    rows = study_rows(STATIC, 2, tmp_path / "study", Inline())
     assert [row["status"] for row in rows] == ["ZeroDivisionError"] * 2
     assert "Traceback" in rows[0]["message"]
     assert "our mistake" in rows[0]["message"]
@@ -150,7 +163,7 @@ def test_a_worker_that_is_killed_costs_no_trial(cheap, tmp_path):
             killed.append(multiprocessing.active_children()[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    rows = run_study(STATIC, 30, tmp_path / "study", workers=2, report=kill_one)
+    rows = study_rows(STATIC, 30, tmp_path / "study", workers=2, report=kill_one)
     assert numbers(rows) == list(range(30))
     assert {row["status"] for row in rows} == {"ok"}
     assert not multiprocessing.active_children()
@@ -160,7 +173,7 @@ def test_a_worker_that_is_killed_costs_no_trial(cheap, tmp_path):
 def test_a_trial_that_always_kills_its_worker_is_lost_alone(cheap, tmp_path, monkeypatch):
     monkeypatch.setenv("LETHAL_TRIAL", "2")
     told = []
-    rows = run_study(STATIC, 7, tmp_path / "study", workers=2, report=told.append)
+    rows = study_rows(STATIC, 7, tmp_path / "study", workers=2, report=told.append)
     assert {row["trial"]: row["status"] for row in rows} == {n: LOST if n == 2 else "ok" for n in range(7)}
     assert "died twice" in rows[2]["message"]
     assert (told[-1].done, told[-1].failed) == (7, 1)
@@ -170,14 +183,14 @@ def test_a_trial_that_always_kills_its_worker_is_lost_alone(cheap, tmp_path, mon
 def test_a_trial_whose_worker_dies_once_runs_again(cheap, tmp_path, monkeypatch):
     monkeypatch.setenv("LETHAL_TRIAL", "0")
     monkeypatch.setenv("LETHAL_ONCE", str(tmp_path / "died"))
-    rows = run_study(STATIC, 1, tmp_path / "study", workers=1)
+    rows = study_rows(STATIC, 1, tmp_path / "study", workers=1)
     assert [(row["trial"], row["status"]) for row in rows] == [(0, "ok")]
 
 
 @POSIX
 def test_a_trial_that_hangs_is_ended_and_lost_alone(cheap, tmp_path, monkeypatch):
     monkeypatch.setenv("HANGING_TRIAL", "1")
-    rows = run_study(STATIC, 3, tmp_path / "study", workers=1, limit=1.0)
+    rows = study_rows(STATIC, 3, tmp_path / "study", workers=1, limit=1.0)
     assert [row["status"] for row in rows] == ["ok", LOST, "ok"]
     assert rows[1]["message"] == "the process that ran it died twice: out of memory? Or it took longer than 1 s"
 
@@ -197,7 +210,7 @@ def test_workers_that_come_while_a_study_runs_are_used(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_trial", together)
     monkeypatch.setattr(runner, "_COUNTED", 0.0)
     with ThreadPoolExecutor(12) as threads:
-        rows = run_study(STATIC, 27, tmp_path / "study", threads, lambda: next(counts, 4))
+        rows = study_rows(STATIC, 27, tmp_path / "study", threads, lambda: next(counts, 4))
     assert {row["status"] for row in rows} == {"ok"}
 
 
@@ -216,7 +229,7 @@ class Brittle(Inline):
 def test_a_pool_that_breaks_between_two_looks_is_replaced(cheap, tmp_path, monkeypatch):
     pools = [Brittle(4, BrokenProcessPool("a child process terminated abruptly")), Inline()]
     monkeypatch.setattr(runner, "process_pool", lambda workers: pools.pop(0))
-    rows = run_study(STATIC, 9, tmp_path / "study", workers=1)
+    rows = study_rows(STATIC, 9, tmp_path / "study", workers=1)
     assert numbers(rows) == list(range(9))
     assert {row["status"] for row in rows} == {"ok"}
     assert pools == []
@@ -236,9 +249,9 @@ class Cancelling(Inline):
 
 def test_a_given_executor_that_is_gone_ends_the_study_and_keeps_what_arrived(cheap, tmp_path):
     with pytest.raises(WorkerError, match="what arrived is kept: start them again and repeat"):
-        run_study(STATIC, 9, tmp_path / "study", Cancelling())
-    assert numbers(read_rows(tmp_path / "study")) == [0, 1]
-    assert numbers(run_study(STATIC, 9, tmp_path / "study", Inline())) == list(range(9))
+        study_rows(STATIC, 9, tmp_path / "study", Cancelling())
+    assert numbers(rows_in(tmp_path / "study")) == [0, 1]
+    assert numbers(study_rows(STATIC, 9, tmp_path / "study", Inline())) == list(range(9))
 
 
 def test_workers_that_lack_the_package_end_the_study(tmp_path, monkeypatch):
@@ -247,8 +260,8 @@ def test_workers_that_lack_the_package_end_the_study(tmp_path, monkeypatch):
 
     monkeypatch.setattr(runner, "run_trial", lacking)
     with pytest.raises(WorkerError, match="lack a package: No module named 'equipoise'"):
-        run_study(STATIC, 9, tmp_path / "study", Inline())
-    assert read_rows(tmp_path / "study") == []
+        study_rows(STATIC, 9, tmp_path / "study", Inline())
+    assert rows_in(tmp_path / "study") == []
 
 
 def test_what_the_executor_alone_says_of_a_trial_is_its_row(tmp_path, monkeypatch):
@@ -256,7 +269,7 @@ def test_what_the_executor_alone_says_of_a_trial_is_its_row(tmp_path, monkeypatc
         raise RuntimeError("KilledWorker")
 
     monkeypatch.setattr(runner, "run_trial", killed)
-    rows = run_study(STATIC, 1, tmp_path / "study", Inline())
+    rows = study_rows(STATIC, 1, tmp_path / "study", Inline())
     assert [(row["status"], row["message"]) for row in rows] == [(LOST, "RuntimeError('KilledWorker')")]
 
 
@@ -271,7 +284,7 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path):
     assert done.returncode == 1
     assert "WorkerError: worker processes die as they begin" in done.stderr
     assert 'if __name__ == "__main__"' in done.stderr.splitlines()[-1]
-    assert read_rows(tmp_path / "study") == []
+    assert rows_in(tmp_path / "study") == []
 
 
 def test_a_disk_that_is_full_ends_the_study(cheap, tmp_path, monkeypatch):
@@ -280,7 +293,7 @@ def test_a_disk_that_is_full_ends_the_study(cheap, tmp_path, monkeypatch):
 
     monkeypatch.setattr(runner.TrialStore, "flush", full)
     with pytest.raises(OutputError, match="no space left"):
-        run_study(STATIC, 3, tmp_path / "study", workers=1)
+        study_rows(STATIC, 3, tmp_path / "study", workers=1)
     assert not multiprocessing.active_children()
 
 
@@ -296,9 +309,9 @@ def test_a_study_that_is_killed_loses_seconds_and_goes_on(reference, tmp_path):
     process.kill()
     process.communicate()
     assert eventually(lambda: not alive(process.pid)), "workers outlive the process that started them"
-    kept = numbers(read_rows(folder))
+    kept = numbers(rows_in(folder))
     assert len(kept) > 0
-    rows = run_study(STATIC, len(kept) + 1, folder, Inline())
+    rows = study_rows(STATIC, len(kept) + 1, folder, Inline())
     assert numbers(rows) == list(range(len(kept) + 1))
     count = min(len(rows), 6)
     assert [row["estimated_com_x"] for row in rows[:count]] == [row["estimated_com_x"] for row in reference[:count]]
@@ -314,7 +327,7 @@ def test_ctrl_c_ends_a_study_at_once_and_keeps_its_rows(tmp_path):
     lines = [line for line in rest.splitlines() if not line.startswith("[")]
     assert lines == ["interrupted"]
     assert output == ""
-    assert len(read_rows(tmp_path / "study")) >= 4
+    assert len(rows_in(tmp_path / "study")) >= 4
     assert eventually(lambda: not alive(process.pid))
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from equipoise.robot.inertial import COMPONENTS
-from equipoise.study.statistics import Rate, slopes, summarize, to_dict, varied_sources
+from equipoise.study import statistics
+from equipoise.study.rows import table_of
+from equipoise.study.statistics import Rate, to_dict
 from equipoise.study.study import SOURCES, Study
 from equipoise.study.summary import summary_markdown, summary_table
 
@@ -23,6 +25,18 @@ def row(trial, x=0.0, y=0.0, method="paper", deviation=None, **others):
         "estimated_com_x": TRUE["true_com_x"] + x, "estimated_com_y": TRUE["true_com_y"] + y,
         "deviation_com_x": deviation, "robot_time": 10.0 + trial, "cpu_time": 1.0, **others,
     }  # fmt: skip
+
+
+def summarize(rows):
+    return statistics.summarize(table_of(rows))
+
+
+def slopes(rows, method):
+    return statistics.slopes(table_of(rows), method)
+
+
+def varied_sources(rows):
+    return statistics.varied_sources(table_of(rows))
 
 
 def failed(trial, kind="BracketError", method="paper", message="tipped"):

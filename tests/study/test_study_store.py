@@ -13,7 +13,8 @@ from studies import STATIC
 from equipoise import Paper, Static
 from equipoise.errors import OutputError, RecordingError, SettingsError
 from equipoise.study import store as store_module
-from equipoise.study.store import COLUMNS, TrialStore, read_rows
+from equipoise.study.rows import COLUMNS, table_of
+from equipoise.study.store import TrialStore, read_rows
 from equipoise.study.trial import run_trial
 
 BOTH = dataclasses.replace(STATIC, methods=(Static(), Paper()))
@@ -21,7 +22,7 @@ NAMES = ("static", "paper")
 
 
 def rows(*trials, methods=("static",), **others):
-    return [{"trial": t, "method": m, "status": "ok", **others} for t in trials for m in methods]
+    return table_of([{"trial": t, "method": m, "status": "ok", **others} for t in trials for m in methods])
 
 
 def parts(store):
@@ -29,7 +30,7 @@ def parts(store):
 
 
 def numbers(folder):
-    return [row["trial"] for row in read_rows(folder)]
+    return read_rows(folder)["trial"].to_pylist()
 
 
 def test_rows_come_back_as_they_were(tmp_path):
@@ -37,9 +38,8 @@ def test_rows_come_back_as_they_were(tmp_path):
     made = run_trial(STATIC, 0)
     store.add(made)
     store.flush()
-    (found,) = store.rows()
-    assert set(made[0]) <= set(COLUMNS.names), "a column that the schema lacks is lost"
-    assert found == {name: made[0].get(name) for name in COLUMNS.names}
+    assert store.rows().equals(made)
+    assert made.schema == COLUMNS
     assert parquet.read_table(store.folder / "trials").num_rows == 1  # as other programs read it
 
 
@@ -47,7 +47,7 @@ def test_lists_texts_and_what_is_missing_come_back(tmp_path):
     store = TrialStore(tmp_path / "study", STATIC)
     store.add(rows(3, iteration_x=[0.1, 0.2], message="tipped\n«over»", trustworthy=False, lifts=7))
     store.flush()
-    (row,) = store.rows()
+    (row,) = store.rows().to_pylist()
     assert (row["iteration_x"], row["message"], row["trustworthy"], row["lifts"]) == (
         [0.1, 0.2], "tipped\n«over»", False, 7,
     )  # fmt: skip
@@ -61,7 +61,7 @@ def test_rows_are_in_order_each_once(tmp_path):
         store.flush()
     store.add(rows(2, methods=NAMES, message="again"))
     store.flush()
-    found = [(row["trial"], row["method"]) for row in store.rows()]
+    found = [(row["trial"], row["method"]) for row in store.rows().to_pylist()]
     assert found == [(trial, method) for trial in (2, 5, 9) for method in ("paper", "static")]
 
 

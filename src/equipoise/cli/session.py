@@ -170,6 +170,7 @@ class Session:
         from equipoise.guard.connection import open_guarded
 
         ending: dict[str, Any] = {}
+        folder.log.write_beside()
         guard = open_guarded(
             self.place.platform, self.robot, self.place.given, folder.log, folder.path / "watchdog.log"
         )

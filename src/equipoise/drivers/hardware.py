@@ -84,7 +84,8 @@ class LoopTiming:
         lateness: (n,) lateness of every command so far [s].
         overruns: number of commands more than a millisecond late.
         lost: number of deadlines that passed without a command; they are skipped, not caught up with.
-        paused: whether nothing is noted: the robot is only held, while this computer has other things to do.
+        paused: whether the robot is only held, while this computer has other things to do: such commands are counted apart.
+        held, held_late: numbers of commands that held the robot, and of those more than a millisecond late.
     """
 
     def __init__(self) -> None:
@@ -92,6 +93,7 @@ class LoopTiming:
         self._count = 0
         self.overruns = 0
         self.lost = 0
+        self.held = self.held_late = 0
         self.paused = False
 
     @property
@@ -101,6 +103,8 @@ class LoopTiming:
     def add(self, late: float, lost: int) -> None:
         """Note one command, and how often deadlines passed without one before."""
         if self.paused:
+            self.held += 1
+            self.held_late += late > _ON_TIME
             return
         self.lost += lost
         if self._count == len(self._lateness):
@@ -230,8 +234,8 @@ class HardwarePlatform:
             known = () if self._newest is None else (self._newest,)
             newest = max((*reversed(arrived), *known), key=lambda sample: sample.time)
             since = (arrived[-1].received or 0.0) - _KEPT_TIME
-            kept = (sample for sample in arrived if sample is not newest and (sample.received or 0.0) >= since)
-            self._newest = replace(newest, earlier=tuple(kept))
+            kept = tuple(sample for sample in arrived if sample is not newest and (sample.received or 0.0) >= since)
+            self._newest = replace(newest, earlier=kept) if kept or newest.earlier else newest
         elif self._newest is not None and self._newest.earlier:
             self._newest = replace(self._newest, earlier=())
         if self._newest is None:

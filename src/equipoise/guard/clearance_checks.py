@@ -21,15 +21,15 @@ class ClearanceChecks:
     """
 
     def __init__(self, robot: RobotModel, stance: Stance) -> None:
-        self._robot = robot
         self._clearance = Clearance(robot, stance.joint_position)
+        self._ahead = Clearance(robot, stance.joint_position)
         self.at_rest: tuple[Check, ...] = (self._begin,)
         self.in_motion: tuple[Check, ...] = (self._check_command,)
 
     def check_ahead(self, trajectory: Trajectory) -> None:
         """Refuse a whole motion before it begins (LimitError); where it begins the robot is already."""
-        ahead = Clearance(self._robot, trajectory.position[0])
-        _refuse(ahead.first_contact(trajectory.position))
+        self._ahead.begin(trajectory.position[0])
+        _refuse(self._ahead.first_contact(trajectory.position))
 
     def _begin(self, command: JointCommand, known: Known) -> None:
         self._clearance.begin(known.state.joint_position)

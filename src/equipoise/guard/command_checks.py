@@ -32,6 +32,7 @@ class CommandChecks:
         self, limits: Limits, robot: RobotModel, own_gains: tuple[float, float], control_period: float
     ) -> None:
         self._robot, self._period = robot, control_period
+        self._farthest = robot.velocity_limit * control_period  # [rad] between two commands
         kp, kd = own_gains
         joints = np.ones(len(robot.joint_names))
         velocity, torque = limits.speed * robot.velocity_limit, limits.torque * robot.effort_limit
@@ -50,21 +51,28 @@ class CommandChecks:
         here = known.state.joint_position
         before = here if known.sent.limp else known.sent.position  # limp joints are where somebody has moved them
         self.check_shape(target)
-        beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         # Of what is no number nothing is true: it is refused because it is not known to be within the limits.
+        if not ((target >= robot.lower_limit) & (target <= robot.upper_limit)).all():
+            self._check_beyond(target, here)
+        moved = np.abs(target - before)
+        if (moved > self._farthest).any() and not command.limp:
+            speed = moved / self._period
+            joint = int(np.argmax(speed / robot.velocity_limit))
+            raise LimitError(
+                f"joint {robot.joint_names[joint]!r} was sent a jump of {abs(target[joint] - before[joint]):.3f} rad, which "
+                f"is {speed[joint]:.0f} rad/s; its limit is {robot.velocity_limit[joint]:.1f} rad/s"
+            )
+
+    def _check_beyond(self, target: FloatArray, here: FloatArray) -> None:
+        """Of targets of which some are not within the joints' limits."""
+        robot = self._robot
+        beyond = np.maximum(np.minimum(robot.lower_limit, here) - target, target - np.maximum(robot.upper_limit, here))
         if not (beyond <= _ROUNDING).all():
             self._refuse_what_is_no_number("position", target)
             joint = int(np.argmax(beyond))
             raise LimitError(
                 f"joint {robot.joint_names[joint]!r} was sent to {target[joint]:.3f} rad; its limits are "
                 f"{robot.lower_limit[joint]:.3f} to {robot.upper_limit[joint]:.3f} rad"
-            )
-        speed = np.abs(target - before) / self._period
-        if (speed > robot.velocity_limit).any() and not command.limp:
-            joint = int(np.argmax(speed / robot.velocity_limit))
-            raise LimitError(
-                f"joint {robot.joint_names[joint]!r} was sent a jump of {abs(target[joint] - before[joint]):.3f} rad, which "
-                f"is {speed[joint]:.0f} rad/s; its limit is {robot.velocity_limit[joint]:.1f} rad/s"
             )
 
     def _check_ranges(self, command: JointCommand, known: Known) -> None:

@@ -126,9 +126,13 @@ class Guard:
             with self._ending_on_trouble(), self._interruptions.held():
                 self._check_going()
                 self._loop.look_ahead(trajectory)
-                self._begin(trajectory.command(0))
-                steps = self._steps = StepLog(self, self._present(), self._steps)
-                self._play(trajectory, stop, steps)
+                with self._held.moving():
+                    self._begin(trajectory.command(0))
+                    steps = self._steps = StepLog(self, self._present(), self._steps)
+                    self._play(trajectory, stop, steps)
+                # A robot on two feet does not wait for a disk.
+                lifted = feet_are_lifted(self._robot, self._stance, trajectory.position[steps.count - 1])
+                self._log.finish(wait=not lifted)
         except KeyboardInterrupt as interrupt:
             recorded = steps.recording(trajectory.events) if steps is not None and steps.count else None
             raise MotionInterrupted(recorded) from interrupt
@@ -201,9 +205,6 @@ class Guard:
             self._interruptions.check()
             if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
                 break
-        # A robot on two feet does not wait for a disk.
-        lifted = feet_are_lifted(self._robot, self._stance, trajectory.position[steps.count - 1])
-        self._log.finish(wait=not lifted)
 
     def _step(self, command: JointCommand) -> RobotState:
         with self._held.turn():
@@ -217,7 +218,7 @@ class Guard:
 
     def _present(self) -> RobotState:
         """The present state, and with it the last one of the motion before, which no recording has yet."""
-        return following(self._held.read(), self._steps)
+        return following(self._held.present(), self._steps)
 
     def _check_pace(self, state: RobotState) -> None:
         """Nothing is sent to a robot that has had to do without for too long: it may be somewhere else by now."""

@@ -1,7 +1,8 @@
 """A robot that stands where it was sent while nobody moves it, as long as the program that should is alive.
 
-A thread repeats the last command and looks at every sample as in a motion. What a limit stops then, and a program that gives
-no sign of life any more, ends the run from that thread: whoever moves the robot next is told.
+A thread repeats the last command and looks at every sample as in a motion: from the first deadline after a motion on, since
+the next one takes milliseconds to plan. What a limit stops then, and a program that gives no sign of life any more, ends the
+run from that thread: whoever moves the robot next is told.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import gc
 import threading
 import time
 from collections.abc import Callable, Generator
+from dataclasses import replace
 
 from equipoise.alive import alive, last_sign
 from equipoise.errors import HungError, OverrunError
@@ -18,7 +20,9 @@ from equipoise.guard.control_loop import ControlLoop
 from equipoise.guard.watchdog import Watchdog
 from equipoise.platform.platform import JointCommand, RobotState
 
-_IDLE = 5  # control periods without a step after which the last command is repeated
+_IDLE = 5  # control periods without a step after which the last command is repeated in a motion, too
+_PAUSE = 0.25  # [s] between two motions whose samples are the second's
+_FRESH = 2  # control periods in which a sample is the present
 _PATIENCE = 1.3  # [s] without a sign of life: with feet that come down and stiffness that fades, damped after 2.1 s
 _BEAT = 0.2  # [s] between signs of life to the watchdog
 _YIELD = 0.1e-3  # [s] in which somebody who wants to move the robot gets the lock
@@ -27,7 +31,8 @@ _YIELD = 0.1e-3  # [s] in which somebody who wants to move the robot gets the lo
 class HeldRobot:
     """Steps of a control loop, one thread at a time.
 
-    While it is moved, Python does not look for unused objects, which would take milliseconds; while it is held, it does.
+    While it is moved, Python does not look for unused objects, which would take milliseconds; while it is held for longer than
+    between two motions, it does.
 
     Args:
         loop: control loop that steps the robot.
@@ -43,11 +48,13 @@ class HeldRobot:
         self._loop, self._period, self._stall, self._end = loop, period, stall, end
         self.lock = threading.RLock()
         self._wanted = False
-        self._stepped = self._beaten = -float("inf")
+        self._resting = False  # a motion is over, and no other has begun
+        self._stepped = self._moved = self._beaten = -float("inf")
+        self._seen: tuple[RobotState, ...] = ()  # between two motions
         self._told = -float("inf")  # the newest sign of life that the watchdog knows of
         self._thinker = 0
         self._watchdog: Watchdog | None = None
-        self._over = threading.Event()
+        self._over, self._called = threading.Event(), threading.Event()
         self._collects = gc.isenabled()
         self._holder: threading.Thread | None = None
 
@@ -56,19 +63,45 @@ class HeldRobot:
         self._watchdog = watchdog
         if watchdog is not None:
             watchdog.moves()
+        if self._collects:
+            gc.freeze()  # a look at all that was imported takes 60 ms, in which nothing is sent
         self._holder = threading.Thread(target=self._hold, name="hold", daemon=True)
         self._holder.start()
 
     def stop(self) -> None:
         """Hold no more."""
         self._over.set()
+        self._called.set()
         if self._collects:
+            gc.unfreeze()
             gc.enable()
+
+    @contextlib.contextmanager
+    def moving(self) -> Generator[None]:
+        """A motion, from before its first sample on: whoever makes it sends every command. Then the robot is held at once.
+
+        Not if it raises: what comes next is the ending.
+        """
+        self._resting = False
+        yield
+        self._resting = True
+        self._called.set()
 
     def read(self) -> RobotState:
         """As the loop's."""
         with self.turn():
             return self._loop.read()
+
+    def present(self) -> RobotState:
+        """The state in which a motion begins, with the samples of a short pause before it.
+
+        One that has just come is not looked at again: the next would be waited for beyond the deadline.
+        """
+        with self.turn():
+            state = None if self._loop.known is None else self._loop.known.state
+            if state is None or state.received is None or time.monotonic() - state.received > _FRESH * self._period:
+                state = self._loop.read()
+            return replace(state, earlier=(*self._seen, *state.earlier)) if self._seen else state
 
     def step(self, command: JointCommand) -> RobotState:
         """As the loop's."""
@@ -76,7 +109,7 @@ class HeldRobot:
             try:
                 return self._loop.step(command)
             finally:
-                self._stepped = time.monotonic()
+                self._note()
 
     def push(self, command: JointCommand) -> RobotState:
         """As the loop's."""
@@ -84,7 +117,12 @@ class HeldRobot:
             try:
                 return self._loop.push(command)
             finally:
-                self._stepped = time.monotonic()
+                self._note()
+
+    def _note(self) -> None:
+        """Somebody has moved the robot."""
+        self._stepped = self._moved = time.monotonic()
+        self._resting, self._seen = False, ()
 
     @contextlib.contextmanager
     def turn(self) -> Generator[None]:
@@ -108,11 +146,15 @@ class HeldRobot:
 
     @property
     def _idle(self) -> bool:
-        return not self._wanted and time.monotonic() - self._stepped > _IDLE * self._period
+        return not self._wanted and (self._resting or time.monotonic() - self._stepped > _IDLE * self._period)
 
     def _hold(self) -> None:
         """Until the run is over: step where nobody does."""
-        while not self._over.wait(_YIELD if self._idle else _IDLE * self._period):
+        while not self._over.is_set():
+            self._called.wait(_YIELD if self._idle else _IDLE * self._period)
+            self._called.clear()
+            if not self._idle:  # who moves the robot never waits for this thread
+                continue
             with self.lock:
                 if self._over.is_set() or not self._idle:
                     continue
@@ -135,8 +177,10 @@ class HeldRobot:
                 "a loop that does not end, a disk or a terminal that does not answer? What computes for long calls "
                 "equipoise.alive.alive()"
             )
-        if self._collects:
+        short = now - self._moved < _PAUSE
+        if self._collects and not short:
             gc.enable()
         self._stepped = now  # not when it is done: this process may be stopped meanwhile
-        self._loop.hold()
+        state = self._loop.hold()
+        self._seen = (*self._seen, *state.earlier, replace(state, earlier=())) if short else ()
         self._pass_on()

@@ -43,6 +43,7 @@ class JointChecks:
         self._limits, self._robot, self._period, self._knows_gains = limits, robot, control_period, knows_gains
         self._missing_torque = limits.missing_torque * Scale.of(robot.mass, hip_height).torque
         self._kp, self._kd = robot.gains(hip_height)
+        self._fastest, self._strongest = limits.speed * robot.velocity_limit, limits.torque * robot.effort_limit
         joints = len(robot.joint_names)
         self._too_fast, self._too_strong, self._behind, self._too_hot = np.zeros((4, joints))
         self._short = np.zeros(joints)
@@ -76,7 +77,7 @@ class JointChecks:
         velocity, limit = known.state.joint_velocity, self._robot.velocity_limit
         if velocity is None:
             return
-        if (joint := self._lasting(self._too_fast, np.abs(velocity) / limit > self._limits.speed)) is not None:
+        if (joint := self._lasting(self._too_fast, np.abs(velocity) > self._fastest)) is not None:
             raise LimitError(
                 f"joint {self._robot.joint_names[joint]!r} turns at {velocity[joint]:.1f} rad/s; its limit is "
                 f"{limit[joint]:.1f} rad/s"
@@ -116,7 +117,7 @@ class JointChecks:
 
     def _check_strength(self, torque: FloatArray) -> None:
         limit = self._robot.effort_limit
-        if (joint := self._lasting(self._too_strong, np.abs(torque) > self._limits.torque * limit)) is not None:
+        if (joint := self._lasting(self._too_strong, np.abs(torque) > self._strongest)) is not None:
             raise LimitError(
                 f"joint {self._robot.joint_names[joint]!r} gives {torque[joint]:.1f} Nm; its limit is {limit[joint]:.1f} Nm"
             )

@@ -125,7 +125,11 @@ class SampleFilter:
         joints = (sample.joint_position, sample.joint_velocity, sample.joint_torque)
         imu = (sample.angular_velocity_in_imu, sample.acceleration_in_imu)
         # A sum of squares is finite if all numbers are; which one is not is looked for only then.
-        if math.isfinite(sum(float(values @ values) for values in (*joints, *imu) if values is not None)):
+        squares = 0.0
+        for values in (*joints, *imu):
+            if values is not None:
+                squares += values.dot(values)
+        if math.isfinite(squares):
             return
         for what, values in zip(("encoder", "velocity", "torque"), joints, strict=True):
             if values is not None and not np.isfinite(values).all():

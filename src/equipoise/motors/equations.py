@@ -27,6 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from equipoise.conventions import FloatArray
@@ -139,9 +140,10 @@ def averages(time: FloatArray, at: FloatArray, spacing: float) -> csr_array:
     """(m, n) matrix of the means of n samples about m times, weighted by a cubic B-spline of that knot spacing [s]."""
     first, last = np.searchsorted(time, at - 2 * spacing), np.searchsorted(time, at + 2 * spacing)
     rows = np.repeat(np.arange(len(at)), last - first)
-    columns = np.concatenate([np.arange(begin, end) for begin, end in zip(first, last, strict=True)])
+    counted = [np.arange(begin, end, dtype=np.intp) for begin, end in zip(first.tolist(), last.tolist(), strict=True)]
+    columns: NDArray[np.intp] = np.concatenate(counted)
     away = np.abs(time[columns] - at[rows]) / spacing
-    weights = np.where(away < 1, 2 / 3 - away**2 + away**3 / 2, (2 - away) ** 3 / 6)
+    weights = np.asarray(np.where(away < 1, 2 / 3 - away**2 + away**3 / 2, (2 - away) ** 3 / 6), dtype=float)
     weights /= np.bincount(rows, weights, len(at))[rows]
     return csr_array((weights, (rows, columns)), shape=(len(at), len(time)))
 

@@ -14,15 +14,15 @@ from matplotlib.figure import Figure
 
 from equipoise.conventions import FloatArray
 from equipoise.pictures.figure import BLACK, BLUE, GREEN, GREY, LIGHT_GREY, PURPLE, SMALL, TEXT, VERMILLION, new_figure
-from equipoise.study.statistics import LEVELS, WITHIN, MethodSummary, Slope, column, planar_errors
+from equipoise.study.rows import SUCCEEDED, Table, column, having, texts
+from equipoise.study.statistics import LEVELS, WITHIN, MethodSummary, Slope, planar_errors
 from equipoise.study.summary import rate_text, slope_numbers, source_label, source_unit
-from equipoise.study.trial import SUCCEEDED, Row
 
 _PALETTE = (BLUE, VERMILLION, GREEN, PURPLE)
 _BINS = 6  # of size, with as many trials each
 
 
-def draw_study(rows: Sequence[Row], summaries: Sequence[MethodSummary], title: str) -> Figure:
+def draw_study(rows: Table, summaries: Sequence[MethodSummary], title: str) -> Figure:
     """Planar CoM errors of all methods, and the coverage of their intervals where there are some."""
     covered = [summary for summary in summaries if any(error.coverage for error in summary.errors)]
     figure = new_figure(11 if covered else 7, 4.6)
@@ -35,11 +35,11 @@ def draw_study(rows: Sequence[Row], summaries: Sequence[MethodSummary], title: s
     return figure
 
 
-def _draw_distribution(axes: Axes, rows: Sequence[Row], summaries: Sequence[MethodSummary]) -> None:
+def _draw_distribution(axes: Axes, rows: Table, summaries: Sequence[MethodSummary]) -> None:
     """How many calibrations were at most so far off; those that failed never are."""
     largest, colours = 1000 * WITHIN * 1.4, _colours(rows)
     for summary in summaries:
-        errors = 1000 * planar_errors([row for row in rows if row["method"] == summary.method])
+        errors = 1000 * planar_errors(having(rows, "method", summary.method))
         found = np.sort(errors[np.isfinite(errors)])
         if not found.size:
             continue
@@ -60,9 +60,9 @@ def _draw_distribution(axes: Axes, rows: Sequence[Row], summaries: Sequence[Meth
     tidy(axes)
 
 
-def _colours(rows: Sequence[Row]) -> dict[str, str]:
+def _colours(rows: Table) -> dict[str, str]:
     """By method, in the order in which they appear."""
-    return dict(zip(dict.fromkeys(str(row["method"]) for row in rows), cycle(_PALETTE), strict=False))
+    return dict(zip(dict.fromkeys(texts(rows, "method")), cycle(_PALETTE), strict=False))
 
 
 def _draw_coverage(axes: Axes, summary: MethodSummary) -> None:
@@ -82,9 +82,9 @@ def _draw_coverage(axes: Axes, summary: MethodSummary) -> None:
     tidy(axes)
 
 
-def draw_slopes(rows: Sequence[Row], slopes: Sequence[Slope], method: str) -> Figure:
+def draw_slopes(rows: Table, slopes: Sequence[Slope], method: str) -> Figure:
     """The planar CoM error against the size of each source, with the line that the slope says."""
-    chosen = [row for row in rows if row["method"] == method and row["status"] == SUCCEEDED]
+    chosen = having(having(rows, "method", method), "status", SUCCEEDED)
     of_method = [slope for slope in slopes if slope.method == method]
     columns = min(4, len(of_method))
     lines = -(-len(of_method) // columns)

@@ -83,22 +83,35 @@ class Batch:
     bodies: Sequence[bytes]
 
 
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """How far a file has been written: what somebody else has to know who goes on with it.
+
+    Attributes:
+        size: bytes of all whole writes.
+        counts: messages written, by channel.
+        chunks: index of the chunks behind the first `known` ones.
+        known: number of chunks that are not in `chunks`.
+    """
+
+    size: int
+    counts: Mapping[int, int]
+    chunks: Sequence[ChunkIndex]
+    known: int
+
+
 class McapWriter:
     """Writes an MCAP file of the profile "ros2".
 
-    After an error the next write begins where the last whole one ended.
+    After an error the next write begins where the last whole one ended. Two processes may write one file, by the same open
+    descriptor and one at a time: who goes on tells itself how far the other came, by `progress` and `go_on_from`.
 
     Raises:
         OutputError: it cannot be written (no permission, disk full); also by the methods.
     """
 
     def __init__(self, path: Path, topics: Sequence[Topic]) -> None:
-        self.path = path
-        self.topics = tuple(topics)
-        self._channels = {topic.name: number for number, topic in enumerate(topics, 1)}
-        self._chunks: list[ChunkIndex] = []
-        self._counts = dict.fromkeys(self._channels.values(), 0)
-        self._size = 0
+        self._describe(path, topics)
         with self._failures_told():
             replaceable(path, "the recording ")
             self._file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed by `close`
@@ -111,6 +124,41 @@ class McapWriter:
         except OutputError:
             self._file.close()
             raise
+
+    @classmethod
+    def of_descriptor(cls, descriptor: int, path: Path, topics: Sequence[Topic], progress: Progress) -> McapWriter:
+        """A file that another process has opened and begun, to go on with."""
+        writer = cls.__new__(cls)
+        writer._describe(path, topics)
+        writer._file = open(descriptor, "wb", buffering=0)  # noqa: SIM115 - closed by `close`; nothing is cut off
+        writer.go_on_from(progress)
+        return writer
+
+    def _describe(self, path: Path, topics: Sequence[Topic]) -> None:
+        self.path = path
+        self.topics = tuple(topics)
+        self._channels = {topic.name: number for number, topic in enumerate(topics, 1)}
+        self._chunks: list[ChunkIndex] = []
+        self._counts = dict.fromkeys(self._channels.values(), 0)
+        self._size = 0
+
+    @property
+    def descriptor(self) -> int:
+        """Descriptor of the open file."""
+        return self._file.fileno()
+
+    def progress(self, known: int = 0) -> Progress:
+        """How far the file has been written, for somebody who knows the first chunks."""
+        return Progress(self._size, dict(self._counts), self._chunks[known:], known)
+
+    def go_on_from(self, progress: Progress) -> None:
+        """Go on behind what another process has written; whatever is beyond that is cut off by the next write."""
+        self._size, self._counts = progress.size, dict(progress.counts)
+        self._chunks[progress.known :] = progress.chunks
+
+    def abandon(self) -> None:
+        """Close without an index: another process has written it."""
+        self._file.close()
 
     @property
     def message_counts(self) -> dict[str, int]:

@@ -1,23 +1,11 @@
 """The log of a run: everything that was played, written as it happens, and which parts of it are recordings.
 
-An MCAP file that Foxglove, PlotJuggler and rosbag2's readers open:
-
-/joint_states    sensor_msgs/JointState
-/imu/data        sensor_msgs/Imu
-/joint_commands  sensor_msgs/JointState, positions only
-/events          std_msgs/String: what the experiment says about moments, as JSON
-/run_log         std_msgs/String: the log's own entries, as JSON:
-    play    a motion begins: its number, and how many commands it has
-    piece   samples of it follow: names of the joints, and which streams there are
-    kept    the plays that make up a recording, by number; when it begins and ends, and whether it broke off
-    aside   what was played since a recording was kept belongs to none
+What it holds is said in `log_messages`.
 """
 
 from __future__ import annotations
 
-import json
 import secrets
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,23 +14,10 @@ import numpy as np
 from equipoise.errors import OutputError
 from equipoise.recording.clock import nanoseconds
 from equipoise.recording.event import TRIAL
-from equipoise.recording.mcap_writer import Batch, McapWriter, Topic
-from equipoise.recording.messages import (
-    DEFINITIONS,
-    IMU,
-    JOINT_STATE,
-    STRING,
-    command_messages,
-    imu_messages,
-    joint_messages,
-    text_message,
-)
+from equipoise.recording.log_messages import LOG, TOPICS, Entries, write_messages
+from equipoise.recording.mcap_writer import McapWriter
 from equipoise.recording.recording import Recording
-
-FORMAT = "equipoise.log/1"
-JOINTS, INERTIAL, COMMANDS, EVENTS, LOG = "/joint_states", "/imu/data", "/joint_commands", "/events", "/run_log"
-# In the order of the file: wherever that is cut, a channel in it says whose file it is.
-_TYPES = {LOG: STRING, JOINTS: JOINT_STATE, INERTIAL: IMU, COMMANDS: JOINT_STATE, EVENTS: STRING}
+from equipoise.recording.writer_process import WriterProcess
 
 
 class RunLog:
@@ -50,18 +25,15 @@ class RunLog:
 
     A motion is announced by `begin` and written by `add`, whole or piece by piece; `keep` says that the motions since the last
     call are a recording. What `add` has returned from outlives the process. It is held in memory too until `keep` or
-    `set_aside` says what it is.
+    `set_aside` says what it is. This process encodes, compresses and writes, or, after `write_beside`, another one.
 
     Raises:
         OutputError: the file cannot be written; also by every method. What was written before can be read.
     """
 
     def __init__(self, path: Path) -> None:
-        topics = [
-            Topic(name, kind, DEFINITIONS[kind], {"offered_qos_profiles": "", "format": FORMAT})
-            for name, kind in _TYPES.items()
-        ]
-        self.file = McapWriter(path, topics)
+        self.file = McapWriter(path, TOPICS)
+        self._beside: WriterProcess | None = None
         self._number = -1  # of the present play
         self._begun: int | None = None  # commands of the present play, while no piece of it is written
         self._open: list[tuple[int, list[Recording]]] = []  # plays since a recording was kept
@@ -70,6 +42,13 @@ class RunLog:
     def empty(self) -> bool:
         """Whether no motion was written yet."""
         return self.file.message_counts[LOG] == 0
+
+    def write_beside(self) -> None:
+        """From now on a process of its own encodes, compresses and writes: here that would hold up who moves a robot.
+
+        It waits until that is ready, a second; before the robot moves.
+        """
+        self._beside = self._beside or WriterProcess(self.file)
 
     def begin(self, commands: int) -> None:
         """A motion of so many commands begins; the pieces that are added until the next one does are its."""
@@ -80,13 +59,11 @@ class RunLog:
         """Write what was just played: a whole motion, or the next piece of it."""
         if not self._open and self._begun is None:
             self.begin(0)
-        batches = _batches(piece)
         entries = [_piece_entry(piece)]
         if self._begun is not None:
             entries.insert(0, {"entry": "play", "number": self._number, "commands": self._begun})
-        start = min((int(batch.time[0]) for batch in batches if len(batch.time)), default=0)
         try:
-            self.file.write([_entries(start, entries), *batches])
+            self._write(entries, None, piece)
             if self._begun is not None:
                 self._open.append((self._number, []))
                 self._begun = None
@@ -105,17 +82,18 @@ class RunLog:
             plays = [self._number]
         time = recording.joints.time[[0, -1]] if recording.joints.time.size else np.zeros(2)
         about = {"start": time[0], "end": time[1], "broken": recording.broken, "about": _told(recording)}
-        end = int(nanoseconds(time)[1])
-        self.file.write([_entries(end, [{"entry": "kept", "plays": plays, **about}])])
+        self._write([{"entry": "kept", "plays": plays, **about}], int(nanoseconds(time)[1]))
         self._open = []
 
     def set_aside(self) -> None:
         """Say that what was played since a recording was kept belongs to none."""
-        self.file.write([_entries(self.file.time_range[1], [{"entry": "aside"}])])
+        self._write([{"entry": "aside"}], self.file.time_range[1])
         self._open = []
 
     def close(self) -> None:
         """Write the index at the end. May be called twice."""
+        if self._beside is not None:
+            self._beside.close()
         self.file.close()
 
     def __enter__(self) -> RunLog:
@@ -123,6 +101,10 @@ class RunLog:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def _write(self, entries: Entries, time: int | None, piece: Recording | None = None) -> None:
+        write = write_messages if self._beside is None else self._beside.write
+        write(self.file, entries, time, piece)
 
     def _plays_of(self, recording: Recording) -> list[int]:
         """Numbers of the last plays, if they are the recording."""
@@ -167,24 +149,3 @@ def _piece_entry(piece: Recording) -> dict[str, Any]:
         "torque": piece.joints.torque is not None,
         "commands": piece.commands is not None,
     }
-
-
-def _batches(piece: Recording) -> list[Batch]:
-    """A piece as messages; an event comes before the samples of its moment."""
-    names, joints, imu, commands = piece.joint_names, piece.joints, piece.imu, piece.commands
-    times = nanoseconds(np.array([event.time for event in piece.events]))
-    texts = [{"name": event.name, "data": event.data, "time": event.time} for event in piece.events]
-    batches = [
-        # In the order that they were noted in, whatever their times: those are in the texts.
-        Batch(EVENTS, np.maximum.accumulate(times), [text_message(json.dumps(text)) for text in texts]),
-        Batch(JOINTS, nanoseconds(joints.time), joint_messages(names, joints)),
-        Batch(INERTIAL, nanoseconds(imu.time), imu_messages(imu)),
-    ]
-    if commands is not None:
-        batches.append(Batch(COMMANDS, nanoseconds(commands.time), command_messages(names, commands)))
-    return batches
-
-
-def _entries(time: int, entries: Sequence[Mapping[str, Any]]) -> Batch:
-    messages = [text_message(json.dumps(entry)) for entry in entries]
-    return Batch(LOG, np.full(len(entries), time, dtype=np.int64), messages)

@@ -10,10 +10,10 @@ from typing import Any
 
 from equipoise.errors import RecordingError
 from equipoise.recording.event import TRIAL, Event
+from equipoise.recording.log_messages import COMMANDS, EVENTS, FORMAT, INERTIAL, JOINTS, LOG
 from equipoise.recording.mcap_reader import read_mcap
 from equipoise.recording.messages import read_imu, read_joints, read_text
 from equipoise.recording.recording import CommandStream, Recording
-from equipoise.recording.run_log import COMMANDS, EVENTS, FORMAT, INERTIAL, JOINTS, LOG
 
 
 @dataclass(frozen=True, eq=False)

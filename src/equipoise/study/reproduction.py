@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,10 +17,10 @@ from equipoise.paper.trial_runner import ComSearchSettings
 from equipoise.precise.method import Precise
 from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
 from equipoise.simulation.simulation import simulate
+from equipoise.study.rows import SUCCEEDED, Table, column, having
 from equipoise.study.runner import StudyProgress, run_study
-from equipoise.study.statistics import MethodSummary, column, lines_in_squares, planar_errors, summarize
+from equipoise.study.statistics import MethodSummary, lines_in_squares, planar_errors, summarize
 from equipoise.study.study import Study
-from equipoise.study.trial import SUCCEEDED, Row
 
 QUANTITIES = ("I_x", "I_y", "I_z", "p_x", "p_y")
 """Table I's columns: moments of base, hips and thighs about their own CoM [kg m2], planar CoM of the robot [m]."""
@@ -108,7 +108,7 @@ def reproduce(
     report("Table I", None)
     table = _table()
 
-    def run(study: Study, count: int, name: str, doing: str) -> list[Row]:
+    def run(study: Study, count: int, name: str, doing: str) -> Table:
         return run_study(study, count, folder / name, None, workers, lambda progress: report(doing, progress))
 
     study = Study(BUILT_IN_ROBOT, (Paper(),), seed=SEED)
@@ -149,19 +149,20 @@ def _table() -> tuple[TableRow, ...]:
 _TABLE_METHODS: tuple[Method, ...] = (Paper(), Precise())
 
 
-def _iterations(rows: Sequence[Row]) -> FloatArray:
+def _iterations(rows: Table) -> FloatArray:
     """Norms by halving; a search that ended early, on a balanced robot, stays where it ended."""
-    length = max((len(row["iteration_x"] or ()) for row in rows if row["status"] == SUCCEEDED), default=0)
-    norms = np.full((len(rows), length), np.nan)
-    for index, row in enumerate(rows):
+    searches = rows.select(["status", "iteration_x", "iteration_y", "true_com_x", "true_com_y"]).to_pylist()
+    length = max((len(row["iteration_x"] or ()) for row in searches if row["status"] == SUCCEEDED), default=0)
+    norms = np.full((rows.num_rows, length), np.nan)
+    for index, row in enumerate(searches):
         if row["status"] == SUCCEEDED:
             path = np.column_stack([row["iteration_x"], row["iteration_y"]]) - [row["true_com_x"], row["true_com_y"]]
             norms[index] = np.hypot(*path[np.minimum(np.arange(length), len(path) - 1)].T)
     return norms
 
 
-def _proportion(rows: Sequence[Row]) -> Proportion:
-    succeeded = [row for row in rows if row["status"] == SUCCEEDED]
+def _proportion(rows: Table) -> Proportion:
+    succeeded = having(rows, "status", SUCCEEDED)
     foot, joint = (column(succeeded, name) for name in ("foot_error_rms", "joint_zero_rms"))
     error = planar_errors(succeeded)
     floor, per_foot = lines_in_squares(foot[:, None], error)

@@ -13,9 +13,10 @@ from pathlib import Path
 
 from equipoise.errors import SettingsError, WorkerError
 from equipoise.study.executors import ctrl_c_held, ended_after, process_pool
+from equipoise.study.rows import Table, column, failed, table_of
 from equipoise.study.store import FAILURES, TrialStore
 from equipoise.study.study import Study
-from equipoise.study.trial import SUCCEEDED, Row, check_study, run_trial
+from equipoise.study.trial import check_study, run_trial
 from equipoise.threads import ONE_THREAD
 
 LOST = "WorkerLost"
@@ -54,7 +55,7 @@ def run_study(
     workers: int | Callable[[], int] | None = None,
     report: Callable[[StudyProgress], None] | None = None,
     limit: float = _LIMIT,
-) -> list[Row]:
+) -> Table:
     """Run what a folder lacks of a study's first `trials` trials; returns the rows of all of them.
 
     Args:
@@ -93,7 +94,8 @@ def run_study(
                 store.flush()  # first: a second Ctrl-C may cut the other short
             finally:
                 crew.dismiss()
-    return [row for row in store.rows() if row["trial"] < trials]
+    rows = store.rows()
+    return rows.filter(column(rows, "trial") < trials)
 
 
 def _cores() -> int:
@@ -111,10 +113,10 @@ class _Arrivals:
         self._total, self._missing, self._report = total, missing, report
         self._begin, self._finished, self._failed = time.monotonic(), 0, 0
 
-    def add(self, rows: list[Row]) -> None:
+    def add(self, rows: Table) -> None:
         self.store.add(rows)
         self._finished += 1
-        self._failed += sum(row["status"] != SUCCEEDED for row in rows)
+        self._failed += failed(rows)
         if self._report is not None:
             rate = self._finished / (time.monotonic() - self._begin)
             left = self._missing - self._finished
@@ -123,7 +125,7 @@ class _Arrivals:
 
 def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) -> None:
     logs = str((arrivals.store.folder / FAILURES).resolve())  # workers may be at home in other folders
-    flying: dict[Future[list[Row]], int] = {}
+    flying: dict[Future[Table], int] = {}
     suspects: set[int] = set()  # in flight when a worker died; they run alone until it is known which one it was
     while missing or flying:
         broken = False
@@ -164,8 +166,9 @@ def _run(study: Study, missing: deque[int], arrivals: _Arrivals, crew: _Crew) ->
                 missing.extendleft(sorted(died, reverse=True))
 
 
-def _lost(study: Study, trial: int, message: str) -> list[Row]:
-    return [{"trial": trial, "method": method.name, "status": LOST, "message": message} for method in study.methods]
+def _lost(study: Study, trial: int, message: str) -> Table:
+    about = {"trial": trial, "status": LOST, "message": message}
+    return table_of([{**about, "method": method.name} for method in study.methods])
 
 
 class _Crew:
@@ -188,7 +191,7 @@ class _Crew:
             self._counted, self._count = time.monotonic(), max(1, self._workers())
         return self._count
 
-    def submit(self, study: Study, trial: int, logs: str) -> Future[list[Row]]:
+    def submit(self, study: Study, trial: int, logs: str) -> Future[Table]:
         executor = self._given or self._own
         if executor is None:
             executor = self._own = process_pool(self._at_once())

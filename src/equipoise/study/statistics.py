@@ -16,8 +16,8 @@ import numpy as np
 from equipoise.conventions import AXES, FloatArray
 from equipoise.result.statistics import NORMAL
 from equipoise.robot.inertial import COMPONENTS
+from equipoise.study.rows import SUCCEEDED, Table, column, having, texts
 from equipoise.study.study import SOURCES
-from equipoise.study.trial import SUCCEEDED, Row
 
 WITHIN = 5e-3
 """The planar error that the paper claims, and that its balance needs [m]."""
@@ -123,26 +123,20 @@ class Slope:
     deviation: float
 
 
-def summarize(rows: Sequence[Row]) -> list[MethodSummary]:
+def summarize(rows: Table) -> list[MethodSummary]:
     """One summary for each method, in the order in which they appear."""
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    return [_summary(method, [row for row in rows if row["method"] == method]) for method in methods]
+    return [_summary(method, having(rows, "method", method)) for method in dict.fromkeys(texts(rows, "method"))]
 
 
-def column(rows: Sequence[Row], name: str) -> FloatArray:
-    """(n,) values of a column; nan where there is none."""
-    return np.array([np.nan if row.get(name) is None else row[name] for row in rows], dtype=float)
-
-
-def planar_errors(rows: Sequence[Row]) -> FloatArray:
+def planar_errors(rows: Table) -> FloatArray:
     """(n,) distance of the planar CoM from the truth [m]; nan where there is no estimate."""
     errors = [column(rows, f"estimated_{name}") - column(rows, f"true_{name}") for name in ("com_x", "com_y")]
     return np.hypot(*errors)
 
 
-def _summary(method: str, rows: list[Row]) -> MethodSummary:
-    succeeded = [row for row in rows if row["status"] == SUCCEEDED]
-    failures = Counter(str(row["status"]) for row in rows if row["status"] != SUCCEEDED)
+def _summary(method: str, rows: Table) -> MethodSummary:
+    succeeded = having(rows, "status", SUCCEEDED)
+    failures = Counter(status for status in texts(rows, "status") if status != SUCCEEDED)
     planar = planar_errors(rows)
     errors: list[ErrorStatistics] = []
     if np.isfinite(planar).any():
@@ -161,22 +155,23 @@ def _summary(method: str, rows: list[Row]) -> MethodSummary:
                 errors.append(_statistics(f"I {axis}, {body}", "%", relative, failures.total(), None))
     return MethodSummary(
         method,
-        len(rows),
+        rows.num_rows,
         dict(failures.most_common()),
-        {kind: _reason(next(row for row in rows if row["status"] == kind)) for kind, _ in failures.most_common()},
-        Rate(int(np.sum(planar <= WITHIN)), len(rows)),
+        {kind: _reason(having(rows, "status", kind)) for kind, _ in failures.most_common()},
+        Rate(int(np.sum(planar <= WITHIN)), rows.num_rows),
         tuple(errors),
         _median(column(succeeded, "robot_time")),
         _median(column(succeeded, "cpu_time")),
     )
 
 
-def _reason(row: Row) -> str:
-    """A failed trial's number and message; of a traceback its last line."""
-    return f"trial {row['trial']}: {(str(row.get('message') or '').splitlines() or ['no message'])[-1]}"
+def _reason(rows: Table) -> str:
+    """The number and message of the first of failed trials; of a traceback its last line."""
+    trial, message = rows["trial"][0].as_py(), rows["message"][0].as_py()
+    return f"trial {trial}: {((message or '').splitlines() or ['no message'])[-1]}"
 
 
-def _unit_of(component: str, rows: list[Row]) -> tuple[str, FloatArray | float]:
+def _unit_of(component: str, rows: Table) -> tuple[str, FloatArray | float]:
     """Millimetres, or percent: of itself, of a moment, or of Ixx for a product of inertia."""
     if component.startswith("com"):
         return "mm", 1000.0
@@ -211,22 +206,22 @@ def _median(values: FloatArray) -> float:
     return float(np.median(values)) if values.size else float("nan")
 
 
-def varied_sources(rows: Sequence[Row]) -> list[str]:
+def varied_sources(rows: Table) -> list[str]:
     """Columns of the error sources whose size differs between trials; the payload's mass too, if it is not alone."""
     varied = [f"size_{name}" for name in SOURCES if np.ptp(column(rows, f"size_{name}")) > 0]
     payload = column(rows, "payload_mass")
     return [*varied, "payload_mass"] if varied and np.ptp(payload) > 0 else varied
 
 
-def slopes(rows: Sequence[Row], method: str, resamples: int = 200) -> list[Slope]:
+def slopes(rows: Table, method: str, resamples: int = 200) -> list[Slope]:
     """What each varied source does to the planar CoM.
 
     Independent errors add in squares: the mean of error squared is a constant plus the sum of (slope x size) squared. The
     slopes come from least squares with none of them negative, their standard errors from a bootstrap over trials.
     """
-    chosen = [row for row in rows if row["method"] == method and row["status"] == SUCCEEDED]
-    sources = varied_sources(chosen) if chosen else []
-    if not sources or len(chosen) < _TRIALS_PER_SLOPE * len(sources):
+    chosen = having(having(rows, "method", method), "status", SUCCEEDED)
+    sources = varied_sources(chosen) if chosen.num_rows else []
+    if not sources or chosen.num_rows < _TRIALS_PER_SLOPE * len(sources):
         return []
     sizes = np.column_stack([column(chosen, source) for source in sources])
     errors = planar_errors(chosen)

@@ -18,45 +18,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from equipoise.conventions import AXES
-from equipoise.errors import MissingDependencyError, OutputError, RecordingError, SettingsError
-from equipoise.robot.inertial import COMPONENTS
-from equipoise.study.study import SOURCES, Study
-from equipoise.study.trial import Row
-from equipoise.user_file import write_file
+import pyarrow as arrow
+from pyarrow import parquet
 
-try:
-    import pyarrow as arrow
-    from pyarrow import parquet
-except ModuleNotFoundError as error:
-    raise MissingDependencyError(
-        "Monte Carlo studies are kept as Parquet: pip install 'equipoise[monte-carlo]'"
-    ) from error
+from equipoise.errors import OutputError, RecordingError, SettingsError
+from equipoise.study.rows import COLUMNS, Table, in_order
+from equipoise.study.study import Study
+from equipoise.user_file import write_file
 
 SCHEMA = "equipoise.study/1"
 _HEADER, _TRIALS, FAILURES = "study.json", "trials", "failures"
 _FLUSH_INTERVAL = 5.0  # [s] that a kill may cost
-_INTEGERS = ("trial", "lifts", "worker")
-_TEXTS = ("method", "status", "message", "log")
-_NUMBERS = (
-    *("robot_mass", "leg_length", "hip_height", "payload_mass", "payload_x", "payload_y", "payload_z"),
-    *(f"size_{name}" for name in SOURCES),
-    *("joint_zero_rms", "foot_error_rms", "imu_tilt_size"),
-    *(f"{kind}_{name}" for kind in ("true", "estimated", "deviation") for name in COMPONENTS),
-    *(f"{kind}_{axis}" for kind in ("true_stance_effective", "moment") for axis in AXES),
-    *("timestep", "simulated_time", "robot_time", "wall_time", "cpu_time", "estimation_time"),
-)
-_LISTS = ("iteration_x", "iteration_y")
-COLUMNS = arrow.schema(
-    [
-        *((name, arrow.int64()) for name in _INTEGERS),
-        *((name, arrow.string()) for name in _TEXTS),
-        ("trustworthy", arrow.bool_()),
-        *((name, arrow.float64()) for name in _NUMBERS),
-        *((name, arrow.list_(arrow.float64())) for name in _LISTS),
-    ]
-)
-"""SI units; angles in rad. `true_`, `estimated_`, `deviation_` (posterior standard deviation) are of the whole robot."""
 
 
 class TrialStore:
@@ -81,14 +53,14 @@ class TrialStore:
             (self.folder / _TRIALS).mkdir(exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot write into {str(self.folder)!r}: {error.strerror or error}") from error
-        self.done = {int(row["trial"]) for row in self.rows(("trial", "method"))}
-        self._waiting: list[Row] = []
+        self.done: set[int] = set(self.rows(("trial", "method"))["trial"].to_pylist())
+        self._waiting: list[Table] = []
         self._written = time.monotonic()
 
-    def add(self, rows: Sequence[Row]) -> None:
+    def add(self, rows: Table) -> None:
         """All rows of one trial; they reach the disk together."""
-        self._waiting += rows
-        self.done.update(row["trial"] for row in rows)
+        self._waiting.append(rows)
+        self.done.update(rows["trial"].to_pylist())
 
     def flush_if_due(self) -> None:
         """Write what waits, if the last time is seconds ago. Call it often."""
@@ -98,19 +70,19 @@ class TrialStore:
     def flush(self) -> None:
         """Write what waits; raises OutputError if that fails, and keeps the rows."""
         if self._waiting:
-            complete = [{name: row.get(name) for name in COLUMNS.names} for row in self._waiting]
+            rows = arrow.concat_tables(self._waiting)
             # Its first trial, the process and the moment make a name that no other part has.
-            name = f"part-{self._waiting[0]['trial']:08d}-{os.getpid()}-{time.time_ns():x}.parquet"
+            name = f"part-{rows['trial'][0].as_py():08d}-{os.getpid()}-{time.time_ns():x}.parquet"
             path, unfinished = self.folder / _TRIALS / name, self.folder / f".{name}"
             try:
-                parquet.write_table(arrow.Table.from_pylist(complete, COLUMNS), unfinished)
+                parquet.write_table(rows, unfinished)
                 os.replace(unfinished, path)
             except OSError as error:
                 raise OutputError(f"cannot write {str(path)!r}: {error.strerror or error}") from error
             self._waiting = []
         self._written = time.monotonic()
 
-    def rows(self, columns: Sequence[str] | None = None) -> list[Row]:
+    def rows(self, columns: Sequence[str] | None = None) -> Table:
         """What is on disk, in the order of the trials; each trial and method once."""
         return read_rows(self.folder, columns)
 
@@ -134,23 +106,26 @@ class TrialStore:
         write_file(header, json.dumps(table, indent=2) + "\n")
 
 
-def read_rows(folder: str | Path, columns: Sequence[str] | None = None) -> list[Row]:
+def read_rows(folder: str | Path, columns: Sequence[str] | None = None) -> Table:
     """Rows of a study's folder, in the order of the trials; each trial and method once.
+
+    Args:
+        folder: folder of the study.
+        columns: names of the columns to read, "trial" and "method" among them; None: all.
 
     Raises:
         RecordingError: the folder is no study, or a part of it cannot be read.
     """
     folder = Path(folder)
     _read_header(folder)
-    rows: dict[tuple[int, str], Row] = {}
+    schema = COLUMNS if columns is None else arrow.schema([COLUMNS.field(name) for name in columns])
+    tables = [schema.empty_table()]
     for path in sorted((folder / _TRIALS).glob("part-*.parquet")):
         try:
-            table = parquet.read_table(path, columns=None if columns is None else list(columns))
+            tables.append(parquet.read_table(path, columns=None if columns is None else list(columns)))
         except (OSError, ValueError) as error:  # ArrowInvalid is a ValueError
             raise RecordingError(f"{str(path)!r} is damaged ({error}); remove it and its trials run again") from error
-        for row in cast("list[Row]", table.to_pylist()):
-            rows.setdefault((row["trial"], row["method"]), row)
-    return [rows[key] for key in sorted(rows)]
+    return in_order(tables)
 
 
 def _read_header(folder: Path) -> dict[str, Any]:

@@ -25,10 +25,8 @@ from equipoise.robot.inertial import COMPONENTS, components
 from equipoise.robot.kinematics import foot_jacobians
 from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulation import Simulation, simulate
+from equipoise.study.rows import SUCCEEDED, Row, Table, table_of
 from equipoise.study.study import Draw, Study, draw, nominal_robot
-
-Row = dict[str, Any]
-SUCCEEDED = "ok"
 
 # Trials of a process share its robot models, whose scratch memory every call overwrites: one at a time, whoever asks.
 _ONE_AT_A_TIME = threading.Lock()
@@ -48,7 +46,7 @@ def check_study(study: Study) -> None:
         simulate(robot, timestep=study.timestep, contacts=study.contacts).platform.close()
 
 
-def run_trial(study: Study, trial: int, logs: str | None = None) -> list[Row]:
+def run_trial(study: Study, trial: int, logs: str | None = None) -> Table:
     """One row for each of the study's methods. A calibration that fails is a row too, never an exception.
 
     Args:
@@ -63,8 +61,9 @@ def run_trial(study: Study, trial: int, logs: str | None = None) -> list[Row]:
             drawn = draw(study, trial)
             facts = {"trial": trial, **_facts(drawn)}
         except Exception as error:  # a random robot that cannot stand, say
-            return [_failed({"trial": trial, "method": method.name}, error, None) for method in study.methods]
-        return [_calibrated(study, drawn, facts, method, logs) for method in study.methods]
+            nothing = [_failed({"trial": trial, "method": method.name}, error, None) for method in study.methods]
+            return table_of(nothing)
+        return table_of([_calibrated(study, drawn, facts, method, logs) for method in study.methods])
 
 
 def _calibrated(study: Study, drawn: Draw, facts: Row, method: Method, logs: str | None) -> Row:

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from equipoise.errors import RecordingError
+from equipoise.recording.log_messages import COMMANDS, EVENTS, FORMAT, INERTIAL, JOINTS, LOG
 from equipoise.recording.mcap_reader import McapTail
 from equipoise.recording.messages import read_text
 from equipoise.recording.recording import Recording
-from equipoise.recording.run_log import COMMANDS, EVENTS, FORMAT, INERTIAL, JOINTS, LOG
 from equipoise.recording.run_log_reader import LoggedPiece
 
 _SENSED = (JOINTS, INERTIAL, COMMANDS, EVENTS)
