@@ -100,7 +100,7 @@ def second_run(name: str, seed: int, case: tuple[str, float, bool]) -> dict[str,
     robot, (known, bare, factor) = load_robot(name), first_run(name, seed)
     joint = seed % len(robot.joint_names) if switched else None
     recordings: list[Recording] = []
-    row: dict[str, object] = {"robot": name, "seed": seed, "case": what}
+    row: dict[str, object] = {"commit": commit(), "robot": name, "seed": seed, "case": what}
     row["moved"] = None if joint is None else robot.joint_names[joint]
     with simulate(robot, "realistic", payload_of(robot, seed), seed, noise_seed=2 * seed) as simulation:
         truth = simulation.truth
@@ -167,7 +167,7 @@ def lines(rows: list[dict[str, object]]) -> Iterator[str]:
     for row in failed:
         yield f"- {row['robot']} {row['seed']}, {row['case']}: {row['failed']}"
     yield ""
-    yield f"Made at commit {commit()}."
+    yield f"Rows made at commit {', '.join(sorted({str(row['commit']) for row in rows}))}."
 
 
 def accuracy(name: str, case: str, rows: list[dict[str, object]], targets: tuple[float | None, ...]) -> str:
