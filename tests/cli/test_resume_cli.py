@@ -28,12 +28,16 @@ def whole(tmp_path_factory):
 @pytest.fixture
 def cut(whole, tmp_path):
     """A copy of the run as a kill half way leaves it."""
-    copy = tmp_path / "run"
+    return cut_at(0.5, whole, tmp_path / "run")
+
+
+def cut_at(part, whole, copy):
+    """A copy of a run as a kill leaves it when so much of its log is written."""
     shutil.copytree(whole, copy)
     for name in ("calibration.json", "metadata.yaml"):
         (copy / name).unlink()
     content = (copy / "recording.mcap").read_bytes()
-    (copy / "recording.mcap").write_bytes(content[: len(content) // 2])
+    (copy / "recording.mcap").write_bytes(content[: int(part * len(content))])
     return copy
 
 
@@ -79,6 +83,16 @@ def test_a_run_that_was_killed_goes_on_to_the_same_result(whole, tmp_path, capsy
 
 def printed_as_text(table):
     return json.dumps(table, indent=2) + "\n"
+
+
+@pytest.mark.parametrize("part", [0.5, 0.9])
+def test_a_run_that_was_killed_in_the_swing_of_its_motors_goes_on_to_the_same_result(tmp_path, part):
+    """Lying, its legs turned up; what was measured of the base before stays."""
+    whole, arguments = tmp_path / "whole", ["--what", "base,motors", "--method", "static", "--motor-time", "5s"]
+    assert main(["calibrate", *arguments, *ROBOT, "--no-pictures", "--quiet", "--out", str(whole)]) == 0
+    copy = cut_at(part, whole, tmp_path / "run")
+    assert main(["calibrate", "--resume", str(copy), "--no-pictures", "--quiet"]) == 0
+    assert result(copy) == result(whole)
 
 
 def test_a_run_of_an_older_version_goes_on(whole, cut):

@@ -16,3 +16,13 @@ def minimize_scalar(
     options: Mapping[str, float] | None = None,
 ) -> OptimizeResult: ...
 def nnls(A: NDArray[np.float64], b: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]: ...
+
+class LinearResult:
+    x: NDArray[np.float64]
+
+def lsq_linear(
+    A: NDArray[np.float64],
+    b: NDArray[np.float64],
+    bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
+    method: str = "trf",
+) -> LinearResult: ...

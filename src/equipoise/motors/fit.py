@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from equipoise.conventions import FloatArray
 from equipoise.motors.equations import THOUGHT_DELAY, MotorSamples
@@ -76,11 +77,22 @@ def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorF
         left = ((samples.torque - predicted) * weight).reshape(-1)
         normal = rows.T @ rows + np.diag(table.prior**-2)
         covariance = np.asarray(np.linalg.inv(normal), dtype=float)
-        x = x + covariance @ (rows.T @ left + (start - x) / table.prior**2)
+        x = _nearest(table, normal, x + covariance @ (rows.T @ left + (start - x) / table.prior**2))
         residual = samples.torque - _linearised(table, samples, x)[0]
     sigma = _size(residual, samples.slides)
     covariance = covariance * _repetition(residual / sigma, samples.slides)
     return _fit(table, samples, x, covariance, residual, sigma)
+
+
+def _nearest(table: _Table, normal: FloatArray, x: FloatArray) -> FloatArray:
+    """The likeliest unknowns of motors that could be: no friction and no rotor is less than none."""
+    least = np.full(x.size, -np.inf)
+    for name in ("coulomb", "viscous", "armature"):
+        least[table.of(name)] = 0.0
+    if (x >= least).all():
+        return x
+    root = np.asarray(np.linalg.cholesky(normal).T, dtype=float)
+    return lsq_linear(root, root @ x, (least, np.full(x.size, np.inf)), "bvls").x
 
 
 def _table(robot: RobotModel, samples: MotorSamples, scale: Scale) -> _Table:
