@@ -7,13 +7,16 @@ types them, with nothing said of threads.
 from __future__ import annotations
 
 import os
+import signal
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 
 from commit import commit
 
@@ -45,6 +48,17 @@ print(used.ru_utime + used.ru_stime, used.ru_maxrss)
 """
 REPEATS = 7
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+PARTS = {  # of a calibration, by files of which one is at work: the first that is counts
+    "physics": ("/mujoco/rollout.py",),
+    "planning lifts": ("/precise/planning/", "/precise/plan.py", "/precise/predict.py"),
+    "looking for collisions": ("/equipoise/clearance/",),
+    "estimating, half-way and at the end": (
+        "/precise/posterior", "/precise/gauss_newton.py", "/precise/residual_blocks.py", "/precise/measurements/",
+        "/precise/checks.py", "/precise/findings/", "/precise/reading.py", "/precise/screening.py",
+    ),
+    "sensing, gains, samples": ("/equipoise/simulation/",),
+    "paths of motions: inverse kinematics, torques": ("/equipoise/experiments/", "/precise/trials.py"),
+}  # fmt: skip
 OVER_ROLLOUT = {"paper": 1.15, "precise": 1.7}
 
 
@@ -180,6 +194,33 @@ def over_rollout(method: Method, noise: str, timestep: float | None = None) -> s
     )
 
 
+def where_it_goes() -> list[str]:
+    """Rows of the parts of a calibration by `precise`: what a look every millisecond of CPU time sees."""
+    robot, seen = load_robot("unitree_a1"), Counter[str]()
+
+    def look(_: int, frame: FrameType | None) -> None:
+        files: list[str] = []
+        while frame is not None:
+            files.append(frame.f_code.co_filename)
+            frame = frame.f_back
+        at_work = (part for part, of in PARTS.items() if any(one in file for one in of for file in files))
+        seen[next(at_work, "the rest")] += 1
+
+    def once() -> None:
+        with simulate(robot, "realistic", seed=7) as simulation:
+            calibrate(simulation.platform, robot, Precise())
+
+    once()
+    before = signal.signal(signal.SIGPROF, look)
+    signal.setitimer(signal.ITIMER_PROF, 1e-3, 1e-3)
+    try:
+        once()
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+    return [f"| {part} | {count / seen.total():.0%} |" for part, count in seen.most_common()]
+
+
 def thinking() -> list[str]:
     """Rows of what a calibration by `precise` thinks: estimate and plans, least of several."""
     robot = load_robot("unitree_a1")
@@ -252,6 +293,10 @@ def main() -> None:
         "|---|---|---|---|---|---|",
         over_rollout(Paper(), "realistic", 1e-3),
         *(over_rollout(Precise(), noise) for noise in ("ideal", "realistic", "stress")),
+        "",
+        "| of a calibration by `precise`, `realistic` | CPU time |",
+        "|---|---|",
+        *where_it_goes(),
         "",
         "| what `precise` thinks, interpreter and imports left out | CPU s | target | |",
         "|---|---|---|---|",
