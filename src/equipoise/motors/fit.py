@@ -80,8 +80,8 @@ def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorF
         x = _nearest(table, normal, x + covariance @ (rows.T @ left + (start - x) / table.prior**2))
         residual = samples.torque - _linearised(table, samples, x)[0]
     sigma = _size(residual, samples.slides)
-    covariance = covariance * _repetition(residual / sigma, samples.slides)
-    return _fit(table, samples, x, covariance, residual, sigma)
+    repetition = _repetition(residual / sigma, samples.slides)
+    return _fit(table, samples, x, repetition * covariance, sigma, _misfit(samples, residual, repetition))
 
 
 def _nearest(table: _Table, normal: FloatArray, x: FloatArray) -> FloatArray:
@@ -150,7 +150,7 @@ def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
 
 
 def _fit(
-    table: _Table, samples: MotorSamples, x: FloatArray, covariance: FloatArray, residual: FloatArray, sigma: FloatArray
+    table: _Table, samples: MotorSamples, x: FloatArray, covariance: FloatArray, sigma: FloatArray, misfit: FloatArray
 ) -> MotorFit:
     """Relative to the mean gain, which nothing but the legs' masses tells."""
     gain = 1 + x[table.of("gain")]
@@ -168,7 +168,6 @@ def _fit(
         viscous = flat[2 * joints : 3 * joints].mean(axis=0)
         shared = float(viscous @ covariance[:, -1])
         correlation = shared / float(np.sqrt(viscous @ covariance @ viscous * covariance[-1, -1]))
-    misfit = _misfit(samples, residual)
     found = flat @ covariance @ flat.T
     found[np.diag_indices_from(found)] += _unlike_law(samples, misfit).ravel()
     return MotorFit(np.array(values), found, delay, correlation, sigma, misfit)
@@ -188,12 +187,13 @@ def _unlike_law(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
     return variance
 
 
-def _misfit(samples: MotorSamples, residual: FloatArray, bins: int = 8) -> FloatArray:
-    """(nj,) rms of the residual's means in bins of speed or of load, whichever is more [Nm]: what the law leaves."""
+def _misfit(samples: MotorSamples, residual: FloatArray, repetition: float, bins: int = 8) -> FloatArray:
+    """(nj,) rms of the residual's means in bins of speed or of load, whichever is more, beyond what noise makes them [Nm]."""
     found = np.zeros(residual.shape[1])
     slowing, load = residual * np.sign(samples.sign), np.abs(samples.torque)
     for joint, used in enumerate(samples.slides.T > 0):
         for what, left in ((samples.velocity, residual), (load, slowing)):
             parts = np.array_split(left[used, joint][np.argsort(what[used, joint])], bins)
-            found[joint] = max(found[joint], np.sqrt(np.mean([part.mean() ** 2 for part in parts if len(part)])))
-    return found
+            squares = [part.mean() ** 2 - repetition * part.var() / len(part) for part in parts if len(part)]
+            found[joint] = max(found[joint], np.mean(squares))
+    return np.sqrt(found)
