@@ -62,7 +62,7 @@ def torques_by_law(recording: Recording, time_scale: float, delay: FloatArray) -
     law = law_torque(recording, steady, delay)
     law -= law.mean(axis=0)
     reported = joints.torque - joints.torque.mean(axis=0)
-    law *= (law * reported).sum(axis=0) / (law**2).sum(axis=0)
+    law *= (law * reported).sum(axis=0) / np.maximum((law**2).sum(axis=0), np.finfo(float).tiny)
     at = np.arange(joints.time[0] + 3 * spacing, joints.time[-1] - 3 * spacing, spacing)
     average = averages(joints.time, at, spacing)
     left, whole = (np.mean((average @ part) ** 2, axis=0) for part in (reported - law, reported))

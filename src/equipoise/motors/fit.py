@@ -22,9 +22,7 @@ _SPIN = 1.5e-3  # [kg m2] on an A1: an armature of 0.01 over gear ratios of six 
 _LAG_SHARE = 0.1  # of a control period: how well it is known when in it a command is taken and a torque sampled
 _DELAY = 3e-3  # [s], where it is only told by the motion
 _INSTANT = 0.03  # of a control period, by which a board may feel a joint's position earlier or later than it says
-_LIKE = (
-    3.0  # times a misfit that is seen: what of it is not, as simulated robots with friction that follows load have it
-)
+_LIKE = 3.0  # times a misfit that is seen is one that is not, where friction follows load
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,5 +193,5 @@ def _misfit(samples: MotorSamples, residual: FloatArray, repetition: float, bins
         for what, left in ((samples.velocity, residual), (load, slowing)):
             parts = np.array_split(left[used, joint][np.argsort(what[used, joint])], bins)
             squares = [part.mean() ** 2 - repetition * part.var() / len(part) for part in parts if len(part)]
-            found[joint] = max(found[joint], np.mean(squares))
+            found[joint] = max(found[joint], sum(squares) / bins)
     return np.sqrt(found)
