@@ -99,6 +99,5 @@ def nothing_to_read(path: Path, found: Found, joints: str | None, imu: str | Non
     missing = [what for what, topic in (("joint states", joints), ("IMU samples", imu)) if topic is None]
     return RecordingError(
         f"the bag {str(path)!r} holds no {' and no '.join(missing)}: it needs {JOINT_STATE} and {IMU}, or {LOW_STATE} or "
-        f"its like. It has "
-        f"{_listed(found)}"
+        f"its like. It has {_listed(found)}"
     )

@@ -1,4 +1,4 @@
-"""The delay of the position loop: how old the command is that a reported torque obeys.
+"""The law of a motor, and the delay of the position loop: how old the command is that a reported torque obeys.
 
 A motor's board makes tau = kp (q_cmd(t - d) - q) - kd v. Friction, gains and the legs are not in it: the d at which it fits
 best is the delay. The velocity that a board damps may be younger or older than the one that it reports; how much is found
@@ -10,14 +10,51 @@ from __future__ import annotations
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.motors.equations import SPACING, THOUGHT_DELAY, averages, command_at, law_torque, motor_trial
+from equipoise.errors import RecordingError
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
-from equipoise.recording.recording import Recording
+from equipoise.recording.recording import JointStream, Recording
+from equipoise.recording.trials import MotorTrial
 
+THOUGHT_DELAY = 4e-3  # d, where nothing tells it [s]
+_KNOT = 0.02  # of the velocities' spline, for accelerations [s] on an A1
 _ROUNDS = 4
-_UNLIKE = 0.05  # of the averaged torque: what may be left of it, beside noise, for the law's to be taken
 _EACH = 0.1e-3  # [s] by which a board may differ from the mean of all
+
+
+def motor_trial(recording: Recording) -> MotorTrial:
+    """The trial that a recording is of; raises RecordingError if it is of another kind."""
+    trial = recording.trial
+    if not isinstance(trial, MotorTrial) or not recording.complete or recording.commands is None:
+        raise RecordingError("the recording holds no complete swing of all joints")
+    return trial
+
+
+def command_at(recording: Recording, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, nj) position targets [rad] and their rates [rad/s] at (n,) times, linear between commands."""
+    assert recording.commands is not None
+    sent, targets = recording.commands.time, recording.commands.position
+    rates = np.gradient(targets, sent, axis=0)
+    columns = [np.column_stack([np.interp(time, sent, column) for column in part.T]) for part in (targets, rates)]
+    return columns[0], columns[1]
+
+
+def law_torque(
+    recording: Recording, joints: JointStream, velocity: FloatArray, delay: FloatArray | float
+) -> FloatArray:
+    """(n, nj) torques of the motors' own law at joint samples of a recording with known gains [Nm].
+
+    Args:
+        joints: the samples.
+        velocity: (n, nj) joint velocities that are damped [rad/s].
+        delay: age of the command that a motor obeys, or (nj,) ages [s].
+    """
+    trial = motor_trial(recording)
+    assert trial.kp is not None
+    assert trial.kd is not None
+    ages = np.broadcast_to(delay, joints.position.shape[1:])
+    target = np.column_stack([command_at(recording, joints.time - age)[0][:, j] for j, age in enumerate(ages)])
+    return np.asarray(trial.kp * (target - joints.position) - trial.kd * velocity, dtype=float)
 
 
 def position_loop_delays(recording: Recording, time_scale: float) -> tuple[FloatArray, FloatArray] | None:
@@ -31,7 +68,7 @@ def position_loop_delays(recording: Recording, time_scale: float) -> tuple[Float
         return None
     delay = np.full(joints.position.shape[1], THOUGHT_DELAY)
     feedback = -trial.kp * joints.position - trial.kd * joints.velocity
-    acceleration = fit_spline(joints.time, joints.velocity, SPACING * time_scale).spline.derivative()(joints.time)
+    acceleration = fit_spline(joints.time, joints.velocity, _KNOT * time_scale).spline.derivative()(joints.time)
     deviation = np.zeros_like(delay)
     for joint, torque in enumerate(joints.torque.T):
         for _ in range(_ROUNDS):
@@ -45,30 +82,6 @@ def position_loop_delays(recording: Recording, time_scale: float) -> tuple[Float
             delay[joint] += found[0]
             deviation[joint] = np.sqrt(inverse[0, 0]) * np.std(left - design @ found)
     return _alike(delay, deviation)
-
-
-def torques_by_law(recording: Recording, time_scale: float, delay: FloatArray) -> FloatArray:
-    """Torques of the motors' own law in the unit of the reported ones, which have their noise besides.
-
-    Args:
-        delay: (nj,) ages of the commands that motors obey, as of `position_loop_delays` [s].
-
-    Returns:
-        (n, nj) torques at the samples of the swing [Nm]; not a number where a motor reports something else.
-    """
-    steady = recording.phase(Phase.SWING)
-    joints, spacing = steady.joints, SPACING * time_scale
-    assert joints.torque is not None
-    law = law_torque(recording, steady, delay)
-    law -= law.mean(axis=0)
-    reported = joints.torque - joints.torque.mean(axis=0)
-    law *= (law * reported).sum(axis=0) / np.maximum((law**2).sum(axis=0), np.finfo(float).tiny)
-    at = np.arange(joints.time[0] + 3 * spacing, joints.time[-1] - 3 * spacing, spacing)
-    average = averages(joints.time, at, spacing)
-    left, whole = (np.mean((average @ part) ** 2, axis=0) for part in (reported - law, reported))
-    share = 151 / 315 * float(np.median(np.diff(joints.time))) / spacing  # of a sample's variance in an average
-    noise = share * np.var(np.diff(reported - law, axis=0), axis=0) / 2
-    return np.where(left - noise < _UNLIKE**2 * whole, law + joints.torque.mean(axis=0), np.nan)
 
 
 def _alike(delay: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:

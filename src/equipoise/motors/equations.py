@@ -32,21 +32,21 @@ from scipy.sparse import csr_array
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.motors.delay import THOUGHT_DELAY, command_at, law_torque, motor_trial, position_loop_delays
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import MotorTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import joint_axis
 
 SPACING = 0.02  # between the averages of all terms [s] on an A1
-THOUGHT_DELAY = 4e-3  # d, where nothing tells it [s]
 _KNOT = 0.01  # of the positions' spline [s] on an A1: accelerations are averaged after it
 _PER_KNOT = 4  # samples at least, of positions or of velocities
 _STICTION_SPEED = 0.01  # [rad/s]: sgn(v) = tanh(v / v_0)
 _SPEED_WEIGHT = 0.01  # noise of an encoder over that of its speed [s]
 _SLIDES = 0.95  # averaged |sgn(v)| from which on a joint slid all the time
 _FEWEST = 50  # averages
+_UNLIKE = 0.05  # of the averaged torque: what may be left of it, beside noise, for the law's to be taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,7 @@ class MotorSamples:
         period: control period [s].
         kp: position gain [Nm/rad]; 0: not known.
         reported: whether torques were.
+        delays: (nj,) delays of the position loop and their deviations [s]; None where torques do not tell them.
     """
 
     time: FloatArray
@@ -80,24 +81,14 @@ class MotorSamples:
     period: float
     kp: float
     reported: bool
+    delays: tuple[FloatArray, FloatArray] | None
 
 
-def motor_trial(recording: Recording) -> MotorTrial:
-    """The trial that a recording is of; raises RecordingError if it is of another kind."""
-    trial = recording.trial
-    if not isinstance(trial, MotorTrial) or not recording.complete or recording.commands is None:
-        raise RecordingError("the recording holds no complete swing of all joints")
-    return trial
-
-
-def motor_samples(
-    robot: RobotModel, recording: Recording, time_scale: float, by_law: FloatArray | None = None
-) -> MotorSamples:
+def motor_samples(robot: RobotModel, recording: Recording, time_scale: float) -> MotorSamples:
     """Averages of the steady part of a swing.
 
     Args:
         time_scale: factor on times, of the robot's scale; one on an A1.
-        by_law: (samples, nj) torques by the motors' own law, which reported ones obey [Nm]; not a number: as reported.
 
     Raises:
         RecordingError: it is too short, or has neither torques nor gains.
@@ -112,28 +103,46 @@ def motor_samples(
     knot = max(_KNOT * time_scale, _PER_KNOT * each)
     position = fit_spline(at, joints.position, knot, joints.velocity, _SPEED_WEIGHT).spline
     speed = position.derivative()
+    velocity, acceleration = speed(at), speed.derivative()(at)
+    average = averages(at, time, spacing)
     torque, rate = joints.torque, np.zeros_like(joints.position)
+    delays = position_loop_delays(recording, time_scale)
     if trial.kp is not None and trial.kd is not None:
         _, rate = command_at(recording, at - THOUGHT_DELAY)
         if torque is None:
-            torque = law_torque(recording, steady, THOUGHT_DELAY)
+            damped = velocity if joints.velocity is None else joints.velocity
+            torque = law_torque(recording, joints, damped, THOUGHT_DELAY)
     if torque is None:
         raise RecordingError("the recording has no joint torques, and no gains from which they would follow")
-    if by_law is not None:
-        torque = np.where(np.isnan(by_law), torque, by_law)
+    if delays is not None and joints.velocity is not None:
+        share = 151 / 315 * float(np.median(np.diff(at))) / spacing  # of a sample's variance in an average
+        torque = _by_law(torque, law_torque(recording, joints, joints.velocity, delays[0]), average, share)
     force = fit_spline(imu.time, imu.acceleration_in_imu, spacing).spline(np.clip(at, imu.time[0], imu.time[-1]))
     force_in_base = force @ np.array(robot.imu_in_base.rotation).T
-    velocity, acceleration = speed(at), speed.derivative()(at)
     regressor = _regressors(robot, position(at), velocity, acceleration, force_in_base)
-    average = averages(at, time, spacing)
     sign = average @ np.tanh(velocity / _STICTION_SPEED)
     regressor = _each(average, regressor)
     acceleration = average @ acceleration
     return MotorSamples(
         time, regressor, _spin(robot, regressor) - acceleration, average @ torque, sign, average @ velocity, acceleration,
         average @ rate, (np.abs(sign) > _SLIDES).astype(float), control_period(recording), trial.kp or 0.0,
-        joints.torque is not None,
+        joints.torque is not None, delays,
     )  # fmt: skip
+
+
+def _by_law(reported: FloatArray, law: FloatArray, average: csr_array, share: float) -> FloatArray:
+    """(n, nj) torques of the law, in the unit of the reported ones, of motors that obey it; as reported of the others [Nm].
+
+    Args:
+        average: matrix of the averages in which torques are to be alike.
+        share: part of the variance of a sample's noise that is in an average.
+    """
+    mean = reported.mean(axis=0)
+    reported, law = reported - mean, law - law.mean(axis=0)
+    law *= (law * reported).sum(axis=0) / np.maximum((law**2).sum(axis=0), np.finfo(float).tiny)
+    left, whole = (np.mean((average @ part) ** 2, axis=0) for part in (reported - law, reported))
+    noise = share * np.var(np.diff(reported - law, axis=0), axis=0) / 2
+    return mean + np.where(left - noise < _UNLIKE**2 * whole, law, reported)
 
 
 def averages(time: FloatArray, at: FloatArray, spacing: float) -> csr_array:
@@ -146,33 +155,6 @@ def averages(time: FloatArray, at: FloatArray, spacing: float) -> csr_array:
     weights = np.asarray(np.where(away < 1, 2 / 3 - away**2 + away**3 / 2, (2 - away) ** 3 / 6), dtype=float)
     weights /= np.bincount(rows, weights, len(at))[rows]
     return csr_array((weights, (rows, columns)), shape=(len(at), len(time)))
-
-
-def law_torque(recording: Recording, steady: Recording, delay: FloatArray | float) -> FloatArray:
-    """(n, nj) torques of the motors' own law at the samples of a part of a recording [Nm].
-
-    Args:
-        steady: the part.
-        delay: age of the command that a motor obeys, or (nj,) ages [s].
-    """
-    trial, joints = motor_trial(recording), steady.joints
-    assert trial.kp is not None
-    assert trial.kd is not None
-    velocity = joints.velocity
-    if velocity is None:
-        velocity = fit_spline(joints.time, joints.position, SPACING).spline.derivative()(joints.time)
-    ages = np.broadcast_to(delay, joints.position.shape[1:])
-    target = np.column_stack([command_at(recording, joints.time - age)[0][:, j] for j, age in enumerate(ages)])
-    return np.asarray(trial.kp * (target - joints.position) - trial.kd * velocity, dtype=float)
-
-
-def command_at(recording: Recording, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, nj) position targets [rad] and their rates [rad/s] at (n,) times, linear between commands."""
-    assert recording.commands is not None
-    sent, targets = recording.commands.time, recording.commands.position
-    rates = np.gradient(targets, sent, axis=0)
-    columns = [np.column_stack([np.interp(time, sent, column) for column in part.T]) for part in (targets, rates)]
-    return columns[0], columns[1]
 
 
 def control_period(recording: Recording) -> float:

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from equipoise.conventions import FloatArray
-from equipoise.motors.equations import THOUGHT_DELAY, MotorSamples
+from equipoise.motors.delay import THOUGHT_DELAY
+from equipoise.motors.equations import MotorSamples
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 

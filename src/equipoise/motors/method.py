@@ -15,7 +15,6 @@ from equipoise.experiments.progress import Progress
 from equipoise.experiments.swing import swing_legs, swing_time
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture
-from equipoise.motors.delay import position_loop_delays, torques_by_law
 from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import MotorFit, fit_motors
 from equipoise.recording.recording import Recording
@@ -96,9 +95,7 @@ class Motors(Method):
         swings = [r for r in recordings if isinstance(r.trial, MotorTrial) and r.complete]
         if not swings:
             raise RecordingError("the recordings hold no complete swing of all joints, which tells motors apart")
-        delays = position_loop_delays(swings[-1], stance.scale.time)
-        by_law = None if delays is None else torques_by_law(swings[-1], stance.scale.time, delays[0])
-        samples = motor_samples(robot, swings[-1], stance.scale.time, by_law)
+        samples = motor_samples(robot, swings[-1], stance.scale.time)
         fit = fit_motors(robot, samples, stance.scale)
         nominal = nominal_inertia(robot, stance.joint_position)
         return Calibration(
@@ -113,7 +110,7 @@ class Motors(Method):
             settings=self.to_dict(),
             warnings=_warnings(fit),
             evidence=Evidence(tuple(recordings)),
-            motors=_motors(robot, fit, delays),
+            motors=_motors(robot, fit, samples.delays),
         )
 
 

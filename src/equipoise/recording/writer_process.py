@@ -135,10 +135,7 @@ def main() -> int:
             os.write(sys.stdout.fileno(), pickle.dumps((file.progress(known), trouble)))
         try:
             request = pickle.load(sys.stdin.buffer)
-        except (
-            EOFError,
-            pickle.UnpicklingError,
-        ):  # the other side is done, or gone, perhaps in the middle of a request
+        except (EOFError, pickle.UnpicklingError):  # the other side is done, or gone in the middle of a request
             break
         known, trouble = len(file.progress().chunks), None
         try:
