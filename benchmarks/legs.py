@@ -2,7 +2,8 @@
 
 Simulated robots whose legs are not their files': 10 % off in mass in common and 5 % each, CoMs 4 mm in common to a kind and
 2 mm each, thighs and calves 1.5 mm, beside ordinary sensors (`realistic`) or all of `stress`; lengths scaled to the robot.
-120 s, a scale of 0.5 %. Rows are kept in legs.jsonl: it goes on where it was.
+120 s, a scale of 0.5 %; and ten seconds of the legs in the air besides (`--what base,legs,motors`). Rows are kept in
+legs.jsonl: it goes on where it was.
 """
 
 from __future__ import annotations
@@ -23,6 +24,11 @@ from commit import commit
 
 from equipoise import Calibration, Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
+from equipoise.method.method import Method
+from equipoise.method.together import Together
+from equipoise.motors.method import Motors
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 from equipoise.robot.tree import joint_axis
@@ -31,11 +37,14 @@ from equipoise.simulation.effects import REALISTIC, STRESS, SensorErrors
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "legs.jsonl"
 FIRST = 10_000  # seeds below are for development
-# World, whether feet swing, and how many runs of each robot.
+BASE, LEGS, MOTORS = "base", "base,legs", "base,legs,motors"  # as `--what` says it
+# World, what is looked for, and how many runs of each robot. Legs with motors and without are estimated from one run.
 RUNS = (
-    ("realistic", True, {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8}),
-    ("realistic", False, {"unitree_a1": 10}),
-    ("stress", True, {"unitree_a1": 10}),
+    ("realistic", LEGS, {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8}),
+    ("realistic", MOTORS, {"unitree_a1": 20, "go2": 20, "anymal_c": 8, "solo12": 8}),
+    ("realistic", BASE, {"unitree_a1": 10}),
+    ("stress", LEGS, {"unitree_a1": 10}),
+    ("stress", MOTORS, {"unitree_a1": 10}),
 )
 ASKED = {
     "realistic": ("0.30 0.20 0.80", "1.8 1.2 1.5", "3.5", "6", "0.3"),
@@ -56,24 +65,36 @@ def world(name: str, scale: Scale) -> SensorErrors:
     )  # fmt: skip
 
 
-def run(name: str, preset: str, swings: bool, seed: int) -> Row:
-    """Errors and deviations of the whole robot, and of each kind of link."""
+def run(name: str, preset: str, what: str, seed: int) -> list[Row]:
+    """Errors and deviations of the whole robot, and of each kind of link; of legs with motors and without."""
     robot = load_robot(name)
     stance = nominal_stance(robot)
-    row: Row = {"robot": name, "world": preset, "swings": swings, "seed": seed, "commit": commit()}
-    try:
-        with simulate(robot, world(preset, stance.scale), seed=seed) as simulation:
-            true = simulation.truth.composite.mass
-            mass = true * (1 + 0.005 * np.random.default_rng([seed, 77]).standard_normal())
-            cable = "none" if preset == "realistic" else "light"
-            settings = Precise(mass=mass, mass_sd=0.005 * mass, cable=cable, swings=swings)
-            result = calibrate(simulation.platform, robot, settings).with_truth(simulation.truth)
-            result = result.with_truth_of_parts(simulation.truth_of_parts)
-    except EquipoiseError as error:
-        return {**row, "failed": f"{type(error).__name__}: {error}"}
+    row: Row = {"robot": name, "world": preset, "seed": seed, "commit": commit()}
+    kept: list[Recording] = []
+    with simulate(robot, world(preset, stance.scale), seed=seed) as simulation:
+        true = simulation.truth.composite.mass
+        mass = true * (1 + 0.005 * np.random.default_rng([seed, 77]).standard_normal())
+        cable = "none" if preset == "realistic" else "light"
+        base = Precise(mass=mass, mass_sd=0.005 * mass, cable=cable, swings=what != BASE)
+        methods: dict[str, Method] = {BASE: base} if what == BASE else {LEGS: base, MOTORS: Together(base, Motors())}
+        try:
+            calibrate(simulation.platform, robot, methods[MOTORS if MOTORS in methods else BASE], kept.append)
+        except EquipoiseError as error:
+            return [{**row, "what": one, "failed": f"{type(error).__name__}: {error}"} for one in methods]
+        lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
+        found = {
+            one: method.estimate(robot, kept if one == MOTORS else lifts, stance)
+            .with_truth(simulation.truth)
+            .with_truth_of_parts(simulation.truth_of_parts)
+            for one, method in methods.items()
+        }
+    return [{**row, "what": one, **told(result, robot)} for one, result in found.items()]
+
+
+def told(result: Calibration, robot: RobotModel) -> Row:
+    """What is kept of a result."""
     body = list(result.composite)
     return {
-        **row,
         "failed_checks": [check.name for check in result.checks if not check.passed],
         "truth": [one.truth for one in body], "error": [one.error for one in body], "sd": [one.deviation for one in body],
         "links": links(result, robot),
@@ -119,28 +140,28 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield "# Legs, found in the same run as the base"
     yield ""
     yield (
-        "`make bench-legs`: `--what base,legs`, 120 s (an A1's; others longer by their clock), a scale of 0.5 %, seeds from "
-        "10,000. `realistic` with legs 10 % off in common and 5 % each in mass, CoMs 4 mm in common to a kind and 2 mm each, "
-        "thighs and calves 1.5 mm, and no cable; `stress` with all that it has. Root mean square errors. Thigh, calf: first "
-        "moment across the joint's axis, over its size, beside the model file's own error; of hips, and of what is along an "
+        "`make bench-legs`: 120 s (an A1's; others longer by their clock), with `motors` 10 s of legs in the air besides, a "
+        "scale of 0.5 %, seeds from 10,000. `realistic` with legs 10 % off in common and 5 % each in mass, CoMs "
+        "4 mm in common to a kind and 2 mm each, thighs and calves 1.5 mm, and no cable; `stress` with all that it has. "
+        "Root mean square errors. Thigh, calf: first moment across the joint's axis, over its size, beside the model file's own error; of hips, and of what is along an "
         "axis, hardly anything is told. Held: share of 95 % intervals with the truth in them, of the whole robot's ten "
         "numbers, and of all links'. sd/rms: mean standard deviation over the rms error, of the CoM and of the moments of "
         "inertia."
     )
     yield ""
     yield (
-        "| world | robot | runs | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh (file) [%] | calf (file) [%] | lengths [mm] "
-        "| held | links held | sd/rms | checks failed |"
+        "| world | `--what` | robot | runs | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh (file) [%] | calf (file) [%] "
+        "| lengths [mm] | held | links held | sd/rms | checks failed |"
     )
-    yield "|" + "---|" * 12
-    for preset, swings, counts in RUNS:
-        if swings:
+    yield "|" + "---|" * 13
+    for preset, what, counts in RUNS:
+        if what == LEGS:
             asked = ASKED[preset]
-            yield f"| *{preset}, asked* | | | {' | '.join(asked)} | 90 % | 90 % | 2 at most | |"
+            yield f"| *{preset}, asked* | | | | {' | '.join(asked)} | 90 % | 90 % | 2 at most | |"
         for name in counts:
-            of = [row for row in rows if (row["robot"], row["world"], row["swings"]) == (name, preset, swings)]
+            of = [row for row in rows if (row["robot"], row["world"], row["what"]) == (name, preset, what)]
             if of:
-                yield line(f"{preset}{'' if swings else ', no swings'}", name, of)
+                yield line(f"{preset} | {what}", name, of)
     yield ""
     yield f"Made at commit {commits}."
 
@@ -180,19 +201,21 @@ def figures(values: Any, form: str) -> str:
 def main() -> None:
     warnings.simplefilter("ignore")
     rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
-    done = {(row["robot"], row["world"], row["swings"], row["seed"]) for row in rows}
+    done = {(row["robot"], row["world"], row["what"], row["seed"]) for row in rows}
     parts = [
-        (seed / count, (name, preset, swings, FIRST + seed))
-        for preset, swings, counts in RUNS
+        (seed / count, (name, preset, what, FIRST + seed))
+        for preset, what, counts in RUNS
         for name, count in counts.items()
         for seed in range(count)
+        if what != LEGS
     ]
     for _, case in sorted(parts):  # half a benchmark is half of each part
         if case not in done:
-            rows.append(run(*case))
-            print(*case, rows[-1].get("failed", ""), flush=True)
-            with ROWS.open("a") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
+            for row in run(*case):
+                rows.append(row)
+                print(*case, row["what"], row.get("failed", ""), flush=True)
+                with ROWS.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
     (RESULTS / "legs.md").write_text("\n".join(table(rows)) + "\n")
 
 

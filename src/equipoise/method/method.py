@@ -15,7 +15,7 @@ from equipoise.experiments.progress import Progress
 from equipoise.method.reading import Reading
 from equipoise.method.rehearsal import Course, Forecast
 from equipoise.recording.recording import Recording
-from equipoise.result.calibration import Calibration
+from equipoise.result.calibration import Calibration, Evidence
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -117,6 +117,11 @@ class Method(ABC):
             deviation: standard deviation of that mass [kg].
         """
         del mass, deviation
+        return self
+
+    def informed(self: Self, evidence: Evidence) -> Self:
+        """The same method, told what another one of the same run has seen; itself if it does not use that."""
+        del evidence
         return self
 
     def having(self: Self, settings: Mapping[str, Any]) -> Self:

@@ -24,7 +24,9 @@ AND_MOTORS = "and_motors"
 
 @dataclass(frozen=True)
 class Together(Method):
-    """A method, and the motors after it. What it says of the base is the method's own, to the last bit.
+    """A method, and the motors after it.
+
+    What it says of the base is the method's own, to the last bit, unless legs are looked for: of these the swing says more.
 
     Attributes:
         base: method for the base.
@@ -55,7 +57,9 @@ class Together(Method):
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
         swings = [recording for recording in recordings if isinstance(recording.trial, MotorTrial)]
         rest = [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
-        found, beside = self.base.estimate(robot, rest, stance), self.motors.estimate(robot, swings, stance)
+        beside = self.motors.estimate(robot, swings, stance)
+        base = self.base if beside.evidence is None else self.base.informed(beside.evidence)
+        found = base.estimate(robot, rest, stance)
         return dataclasses.replace(
             found,
             motors=beside.motors,

@@ -23,7 +23,7 @@ _SPIN = 1.5e-3  # [kg m2] on an A1: an armature of 0.01 over gear ratios of six 
 _LAG_SHARE = 0.1  # of a control period: how well it is known when in it a command is taken and a torque sampled
 _DELAY = 3e-3  # [s], where it is only told by the motion
 _INSTANT = 0.03  # of a control period, by which a board may feel a joint's position earlier or later than it says
-_LIKE = 3.0  # times a misfit that is seen is one that is not, where friction follows load
+LIKE = 3.0  # times a misfit that is seen is one that is not, where friction follows load
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,9 @@ class MotorFit:
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
         noise: (nj,) standard deviation of what is left of the averaged torques [Nm].
         misfit: (nj,) how much of that repeats with a joint's speed or its load: the rms of its means in bins of either [Nm].
+        repetition: number of averages that say what one says.
+        gain: (nj,) true over reported torque by the fit, what all have in common with it, which nothing but legs tells.
+        carried: (n, nj) true torques by the fit, of legs, friction and rotors [Nm].
     """
 
     values: FloatArray
@@ -45,6 +48,9 @@ class MotorFit:
     delay_and_friction: float | None
     noise: FloatArray
     misfit: FloatArray
+    repetition: float
+    gain: FloatArray
+    carried: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +77,14 @@ def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorF
     covariance: FloatArray = np.diag(table.prior**2)
     for _ in range(_ROUNDS):
         predicted, design = _linearised(table, samples, x)
-        weight = samples.slides / _size(residual, samples.slides)
+        weight = samples.slides / size(residual, samples.slides)
         rows = (design * weight[..., None]).reshape(-1, x.size)
         left = ((samples.torque - predicted) * weight).reshape(-1)
         normal = rows.T @ rows + np.diag(table.prior**-2)
         covariance = np.asarray(np.linalg.inv(normal), dtype=float)
         x = _nearest(table, normal, x + covariance @ (rows.T @ left + (start - x) / table.prior**2))
         residual = samples.torque - _linearised(table, samples, x)[0]
-    sigma = _size(residual, samples.slides)
-    repetition = _repetition(residual / sigma, samples.slides)
-    return _fit(table, samples, x, repetition * covariance, sigma, _misfit(samples, residual, repetition))
+    return _fit(table, samples, x, covariance, residual)
 
 
 def _nearest(table: _Table, normal: FloatArray, x: FloatArray) -> FloatArray:
@@ -110,12 +114,18 @@ def _table(robot: RobotModel, samples: MotorSamples, scale: Scale) -> _Table:
                 of_kind[shared] = of_kind.get(shared, np.zeros_like(model)) + column
     columns += of_kind.values()
     prior += [_MASS_COMMON if axis == 0 else _COM_COMMON * scale.length for _, axis in of_kind]
-    sizes = {"gain": _GAIN, "coulomb": _COULOMB, "viscous": _VISCOUS, "armature": _ARMATURE, "offset": _OFFSET}
-    joints = samples.torque.shape[1]
+    sizes, joints = prior_deviations(samples, scale), samples.torque.shape[1]
     for name in PER_JOINT:
-        prior += [sizes[name] * (1.0 if name == "gain" else scale.torque)] * joints
-    prior += [_SPIN * scale.torque, _LAG_SHARE * samples.period if samples.reported else _DELAY]
+        prior += [sizes[name]] * joints
+    prior += [sizes["spin"], sizes["lag"]]
     return _Table(model, np.stack(columns, axis=-1), np.array(prior), joints)
+
+
+def prior_deviations(samples: MotorSamples, scale: Scale) -> dict[str, float]:
+    """What is believed beforehand of PER_JOINT, of the rotors' spin and of the lag."""
+    sizes = {"coulomb": _COULOMB, "viscous": _VISCOUS, "armature": _ARMATURE, "offset": _OFFSET, "spin": _SPIN}
+    lag = _LAG_SHARE * samples.period if samples.reported else _DELAY
+    return {"gain": _GAIN, **{name: own * scale.torque for name, own in sizes.items()}, "lag": lag}
 
 
 def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -136,7 +146,7 @@ def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[Fl
     return kappa * moved + x[table.of("offset")] + design[:, :, -1] * x[-1], design
 
 
-def _size(residual: FloatArray, used: FloatArray) -> FloatArray:
+def size(residual: FloatArray, used: FloatArray) -> FloatArray:
     """(nj,) root mean square of the rows that count."""
     return np.sqrt((residual**2 * used).sum(axis=0) / np.maximum(used.sum(axis=0), 1.0))
 
@@ -149,9 +159,17 @@ def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
 
 
 def _fit(
-    table: _Table, samples: MotorSamples, x: FloatArray, covariance: FloatArray, sigma: FloatArray, misfit: FloatArray
+    table: _Table, samples: MotorSamples, x: FloatArray, independent: FloatArray, residual: FloatArray
 ) -> MotorFit:
-    """Relative to the mean gain, which nothing but the legs' masses tells."""
+    """Relative to the mean gain, which nothing but the legs' masses tells.
+
+    Args:
+        independent: (u, u) covariance, did no average resemble its neighbours.
+        residual: (n, nj) what is left of the torques [Nm].
+    """
+    sigma = size(residual, samples.slides)
+    repetition = _repetition(residual / sigma, samples.slides)
+    covariance, misfit = repetition * independent, _misfit(samples, residual, repetition)
     gain = 1 + x[table.of("gain")]
     mean, joints = gain.mean(), table.joints
     values = [gain / mean - 1, *(x[table.of(name)] / mean for name in PER_JOINT[1:4])]
@@ -169,7 +187,8 @@ def _fit(
         correlation = shared / float(np.sqrt(viscous @ covariance @ viscous * covariance[-1, -1]))
     found = flat @ covariance @ flat.T
     found[np.diag_indices_from(found)] += _unlike_law(samples, misfit).ravel()
-    return MotorFit(np.array(values), found, delay, correlation, sigma, misfit)
+    carried = gain * (samples.torque - residual - x[table.of("offset")] - samples.kp * samples.command_rate * x[-1])
+    return MotorFit(np.array(values), found, delay, correlation, sigma, misfit, repetition, gain, carried)
 
 
 def _unlike_law(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
@@ -180,8 +199,8 @@ def _unlike_law(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
     """
     used = samples.slides
     terms = samples.torque, np.ones_like(used), samples.velocity, samples.acceleration
-    sizes = np.array([_size(term, used) for term in terms])
-    variance = (_LIKE * misfit / np.maximum(sizes, np.finfo(float).tiny)) ** 2
+    sizes = np.array([size(term, used) for term in terms])
+    variance = (LIKE * misfit / np.maximum(sizes, np.finfo(float).tiny)) ** 2
     variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
     return variance
 

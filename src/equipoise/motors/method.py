@@ -17,10 +17,12 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture
 from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import MotorFit, fit_motors
+from equipoise.motors.legs import legs_in_swing
+from equipoise.precise.measurements.leg_swing import SwingEvidence
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.result.body import Body
-from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
+from equipoise.result.calibration import Calibration, Trial, model_facts
 from equipoise.result.findings import Motor
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import verdict_of
@@ -109,7 +111,7 @@ class Motors(Method):
             trials=tuple(Trial(MotorTrial.kind, "all joints", None, None, None, None, r.duration) for r in swings),
             settings=self.to_dict(),
             warnings=_warnings(fit),
-            evidence=Evidence(tuple(recordings)),
+            evidence=SwingEvidence(tuple(recordings), legs_in_swing(robot, swings[-1], samples, fit, stance.scale)),
             motors=_motors(robot, fit, samples.delays),
         )
 

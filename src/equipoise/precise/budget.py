@@ -14,7 +14,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.posterior import Posterior, body_jacobian, body_prior_rows
-from equipoise.precise.residual_blocks import PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
+from equipoise.precise.residual_blocks import LegSwingBlock, PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
 from equipoise.result.uncertainty import UncertaintySource
 
 _SCALE, _TIME = "a scale (--mass)", "more robot time (--budget)"
@@ -64,6 +64,7 @@ _BLOCKS: tuple[tuple[type[ResidualBlock], str, str], ...] = (
     (TiltBlock, "noise of the lifts", _TIME),
     (PlantedBlock, "noise of moves over planted feet", "more robot time (--budget); a hard floor"),
     (TorqueBlock, "noise of joint torques", _SCALE),
+    (LegSwingBlock, "noise of legs that swing in the air", "a longer swing (--motor-time)"),
 )
 
 

@@ -25,6 +25,7 @@ from equipoise.precise.known.short_plan import forecast_after
 from equipoise.precise.known.short_routine import ShortRoutine
 from equipoise.precise.lift_design import lift_feet, lift_settings
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence, read_evidence
+from equipoise.precise.measurements.leg_swing import LegSwing, SwingEvidence
 from equipoise.precise.measurements.scale_reading import check_mass, check_mass_of
 from equipoise.precise.plan import Durations, Goals, Plan
 from equipoise.precise.planning.candidates import describe
@@ -46,7 +47,7 @@ from equipoise.recording.trials import (
     WalkTrial,
 )
 from equipoise.result.body import Body
-from equipoise.result.calibration import Calibration, Trial, model_facts
+from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
 from equipoise.robot.inertial import COMPONENTS, composite_parameters, nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
@@ -84,6 +85,7 @@ class Precise(Method):
             minute does (default budget 30 s on an A1) for the CoM; what changed since is named.
         swings: lifts in which the two lifted feet swing as well, which teach what the legs weigh, where their CoMs are and
             how long they are; the CoM's height and the inertia become surer with them.
+        leg_swing: what legs that swing in the air, the base lying, said of themselves in the same run; no setting.
     """
 
     name: ClassVar[str] = "precise"
@@ -106,6 +108,7 @@ class Precise(Method):
     priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
     known: KnownRun | None = field(default=None, metadata={"file": KnownRun.read, "metavar": "RUN"})
     swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
+    leg_swing: LegSwing | None = field(default=None, metadata={"flag": False}, compare=False)
 
     def __post_init__(self) -> None:
         if self.mass is not None:
@@ -176,8 +179,12 @@ class Precise(Method):
     def weighed(self, mass: float, deviation: float) -> Precise:
         return replace(self, mass=mass, mass_sd=deviation)
 
+    def informed(self, evidence: Evidence) -> Precise:
+        """Told of legs that swung in the air, if legs are looked for."""
+        return replace(self, leg_swing=evidence.legs) if self.swings and isinstance(evidence, SwingEvidence) else self
+
     def to_dict(self) -> dict[str, Any]:
-        own = {name: value for name, value in super().to_dict().items() if name != "known"}
+        own = {name: value for name, value in super().to_dict().items() if name not in ("known", "leg_swing")}
         return own if self.known is None else {**own, "known": self.known.reference}
 
     def attachments(self) -> Mapping[str, Mapping[str, Any]]:
@@ -245,6 +252,7 @@ class Precise(Method):
             screen(robot, recordings)
         with _Timed(timings, "read the recordings"):
             evidence = read_evidence(robot, stance, recordings)
+            evidence = evidence if self.leg_swing is None else evidence.with_swing(self.leg_swing)
         with _Timed(timings, "estimate"):
             posterior, changes = self._posterior(robot, stance, evidence, lifts_needed)
         with _Timed(timings, "check"):
@@ -285,7 +293,7 @@ class Precise(Method):
             checks=checks,
             sways={},
             support_lines={},
-            trials=tuple(_trial(motion, posterior) for motion in evidence.motions),
+            trials=tuple(_trial(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
             assumptions=self.assumptions,

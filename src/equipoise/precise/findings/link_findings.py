@@ -32,7 +32,12 @@ def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> 
     if unknowns.belief is not None:
         beliefs[unknowns.tabled, unknowns.tabled] = unknowns.belief.covariance
     rows = derivative * unknowns.scale
-    before, after = (np.sqrt(np.einsum("ij,jk,ik->i", rows, spread, rows)) for spread in (beliefs, covariance))
+    before, after = (np.einsum("ij,jk,ik->i", rows, spread, rows) for spread in (beliefs, covariance))
+    # What the CoMs of one kind of link have in common along their joints' axes is no unknown: as much of it is left as of a
+    # link's own.
+    along = _along_axes(unknowns, legs)
+    left = np.divide(after, before, out=np.ones_like(after), where=before > 0)
+    before, after = np.sqrt(before + along), np.sqrt(after + left * along)
     names = link_names(robot.full_pinocchio)
     joints = [name for leg in robot.legs.values() for name in leg.joint_names]
     told = zip(values.reshape(-1, 5), after.reshape(-1, 5), before.reshape(-1, 5), model.reshape(-1, 5), strict=True)
@@ -40,6 +45,15 @@ def link_findings(unknowns: Unknowns, x: FloatArray, covariance: FloatArray) -> 
         names[robot.full_pinocchio.getJointId(joint)]: Link(**_quantities(*numbers))
         for joint, numbers in zip(joints, told, strict=True)
     }
+
+
+def _along_axes(unknowns: Unknowns, legs: LegChains) -> FloatArray:
+    """(5 links,) variance of the moments by CoMs that all links of a kind have off along their joints' axes."""
+    variance = np.zeros((legs.links, 5))
+    if unknowns.estimates("link_com_common"):
+        deviation = legs.mass.reshape(-1, 1) * unknowns.scale[unknowns["link_com_common"]][0]
+        variance[:, 1:4] = (deviation * legs.axes.reshape(-1, 3, 3)[:, :, 2]) ** 2
+    return variance.ravel()
 
 
 def _quantities(values: FloatArray, after: FloatArray, before: FloatArray, model: FloatArray) -> dict[str, Quantity]:

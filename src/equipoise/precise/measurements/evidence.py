@@ -12,6 +12,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.precise.measurements.heading import angle_turned
 from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.leg_swing import LegSwing
 from equipoise.precise.measurements.lift_samples import LiftSamples, read_lift
 from equipoise.precise.measurements.planted_moves import PlantedMove, read_move
 from equipoise.precise.measurements.torque_balance import TorqueSamples
@@ -35,6 +36,7 @@ class MotionReading:
         left_out: reason why a lift could not be read, or None.
         duration: duration of the recording [s].
         steps: samples of a walk, of each time on two feet.
+        leg_swing: what legs that swing in the air say of themselves.
     """
 
     index: int
@@ -45,6 +47,7 @@ class MotionReading:
     left_out: str | None
     duration: float
     steps: tuple[LiftSamples, ...] = ()
+    leg_swing: LegSwing | None = None
 
     @property
     def on_two_feet(self) -> tuple[LiftSamples, ...]:
@@ -61,6 +64,11 @@ class RunEvidence:
     """
 
     motions: tuple[MotionReading, ...]
+
+    def with_swing(self, swing: LegSwing) -> RunEvidence:
+        """The same, and legs that swung in the air after it."""
+        last = MotionReading(len(self.motions), swing.trial, None, None, (), None, swing.duration, leg_swing=swing)
+        return RunEvidence((*self.motions, last))
 
 
 def read_evidence(robot: RobotModel, stance: Stance, recordings: Sequence[Recording]) -> RunEvidence:

@@ -1,0 +1,135 @@
+"""What the swing says of the legs' links, for an estimate that looks for them too.
+
+The motors' fit and that estimate share two kinds of unknowns: the links' inertial parameters and the gains. In both the
+swing's equation is all but linear near the fit, so that a linear system holds all that it says of them: the motors' other
+unknowns are solved for on the way, which leaves fewer rows (a square-root information filter's; Bierman 1977, chapter II).
+
+What the equation does not have is among these too, or a robot whose gears rattle and rub would get wrong legs:
+
+- friction that follows load, of each joint;
+- inertias of the links that do not follow from their masses;
+- whatever is seen to repeat with speed or load (`MotorFit.misfit`): three times as much may be in a gain, and in what a joint
+  feels of its own link's first moment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.motors.equations import MotorSamples
+from equipoise.motors.fit import LIKE, MotorFit, prior_deviations, size
+from equipoise.precise.measurements.leg_swing import LegSwing
+from equipoise.recording.recording import Recording
+from equipoise.recording.trials import MotorTrial
+from equipoise.robot.inertial import moment_parameters
+from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
+
+_LOAD = 0.05  # friction over the torque that a gear carries
+_OWN_INERTIA = 0.1  # of a link's about its CoM, beside what goes with its mass
+_ASKEW = 0.01  # of what a joint carries [rad]: by how much zeros and the IMU's mounting turn gravity against the legs
+_TENSOR = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])  # Pinocchio's order
+
+
+@dataclass
+class _Nuisances:
+    """Columns of unknowns that are solved for on the way, and what is believed of them."""
+
+    columns: list[FloatArray] = field(default_factory=list[FloatArray])
+    mean: list[float] = field(default_factory=list[float])
+    deviation: list[float] = field(default_factory=list[float])
+
+    def add(self, column: FloatArray, deviation: float, mean: float = 0.0) -> None:
+        """One unknown's (n, nj) column; none that is known."""
+        if deviation > 0:
+            self.columns.append(column)
+            self.mean.append(mean)
+            self.deviation.append(deviation)
+
+    def add_each(self, columns: FloatArray, deviation: FloatArray | float) -> None:
+        """One unknown of each joint, (n, nj) columns of the torque of that joint alone."""
+        for joint, sd in enumerate(np.broadcast_to(deviation, columns.shape[1]).tolist()):
+            self.add(_alone(columns, joint), sd)
+
+
+def legs_in_swing(
+    robot: RobotModel, recording: Recording, samples: MotorSamples, fit: MotorFit, scale: Scale
+) -> LegSwing | None:
+    """The swing's evidence on links and gains; None where torques are not reported, whose gains would be others."""
+    if not samples.reported:
+        return None
+    assert isinstance(recording.trial, MotorTrial)
+    per_gain, prior = 1 / fit.gain, prior_deviations(samples, scale)
+    links, own = (per_gain[:, None] * columns for columns in _link_columns(robot, samples))
+    by_gain = -(per_gain**2) * fit.carried
+    joints = np.arange(samples.torque.shape[1])
+    gains = np.zeros((*samples.torque.shape, len(joints)))
+    gains[:, joints, joints] = by_gain
+
+    beside = _Nuisances()
+    shapes = {
+        "coulomb": per_gain * samples.sign, "viscous": per_gain * samples.velocity,
+        "armature": per_gain * samples.acceleration, "offset": np.ones_like(samples.torque),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        beside.add_each(shape, prior[name])
+    beside.add_each(samples.sign * np.abs(samples.torque), _LOAD)
+    beside.add(per_gain * samples.spin, prior["spin"])
+    beside.add(samples.kp * samples.command_rate, prior["lag"], samples.period / 2)
+    for joint, column in zip(_joints(robot), np.moveaxis(own, -1, 0), strict=True):
+        felt = size(column, samples.slides)[joint]
+        beside.add(column, float(np.hypot(_OWN_INERTIA, LIKE * fit.misfit[joint] / felt)) if felt > 0 else 0.0)
+    unseen = LIKE * fit.misfit
+    askew = np.hypot(unseen, _ASKEW * size(fit.carried, samples.slides))
+    beside.add_each(by_gain, unseen / size(samples.torque, samples.slides))
+    moments = np.moveaxis(links[..., own.shape[-1] :], -1, 0).reshape(own.shape[-1], 3, *samples.torque.shape)
+    for joint, of_link in zip(_joints(robot), moments, strict=True):
+        for column in of_link:
+            felt = size(column, samples.slides)[joint]
+            beside.add(_alone(column, joint), float(askew[joint] / felt) if felt > 0 else 0.0)
+
+    target = samples.torque + by_gain * (fit.gain - 1)
+    found = _solved_for(beside, np.concatenate([links, gains, target[..., None]], axis=-1), samples, fit)
+    return LegSwing(found[:, :-1], found[:, -1], recording.trial, recording.duration)
+
+
+def _solved_for(beside: _Nuisances, system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:
+    """(r, k) rows of an (n, nj, k) system that say the same of its unknowns as all rows, the nuisances solved for."""
+    whole = np.concatenate([np.stack(beside.columns, axis=-1), system], axis=-1)
+    weight = samples.slides / fit.noise / np.sqrt(fit.repetition)
+    count = len(beside.mean)
+    believed = np.zeros((count, whole.shape[-1]))
+    believed[:, :count] = np.diag(1 / np.array(beside.deviation))
+    believed[:, -1] = np.array(beside.mean) / beside.deviation
+    rows = np.concatenate([believed, (whole * weight[..., None]).reshape(-1, whole.shape[-1])])
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
+    return triangle[count:-1, count:]  # the last row is what no unknown explains
+
+
+def _link_columns(robot: RobotModel, samples: MotorSamples) -> tuple[FloatArray, FloatArray]:
+    """(n, nj, 4 links) torques by the links' inertial parameters as of `momenta`, and (n, nj, links) by their own inertias."""
+    factors: list[FloatArray] = []
+    moments: list[FloatArray] = []
+    own: list[FloatArray] = []
+    for joint in (joint for leg in robot.legs.values() for joint in leg.joint_ids):
+        body, part = robot.pinocchio.inertias[joint], samples.regressor[:, :, 10 * (joint - 1) : 10 * joint]
+        factors.append(part @ body.toDynamicParameters())
+        # A CoM off by d, about which the inertia stays: parameters about the joint are linear in the moment m d.
+        moments += [part @ column for column in moment_parameters(body.lever).T]
+        own.append(part[:, :, 4:] @ body.inertia[_TENSOR])
+    return np.stack([*factors, *moments], axis=-1), np.stack(own, axis=-1)
+
+
+def _joints(robot: RobotModel) -> list[int]:
+    """Of each leg link, the index of the joint that moves it."""
+    return [int(joint) for leg in robot.legs.values() for joint in leg.joints]
+
+
+def _alone(columns: FloatArray, joint: int) -> FloatArray:
+    """(n, nj) the torques of one joint, others zero."""
+    alone = np.zeros_like(columns)
+    alone[:, joint] = columns[:, joint]
+    return alone

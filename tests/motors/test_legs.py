@@ -1,0 +1,78 @@
+"""What legs that swing in the air say of their links, against simulated legs that are not the file's."""
+
+import numpy as np
+import pytest
+
+from equipoise import Precise, calibrate, nominal_stance, simulate
+from equipoise.method.together import Together
+from equipoise.motors.equations import motor_samples
+from equipoise.motors.fit import fit_motors
+from equipoise.motors.legs import legs_in_swing
+from equipoise.motors.method import Motors
+from equipoise.recording.trials import MotorTrial
+from equipoise.robot.bodies import link_names
+
+HEAVY = {"leg_mass_common": 0.15, "leg_com_common": 4e-3, "cable": 0.0}
+
+
+@pytest.fixture(scope="module")
+def run(a1):
+    """The recordings of a short run for base, legs and motors, the truth, and the settings."""
+    kept = []
+    with simulate(a1, "realistic", seed=4, effects=HEAVY) as simulation:
+        mass = simulation.truth.composite.mass
+        both = Together(Precise(budget=45.0, mass=mass, cable="none", swings=True, sway=False), Motors(motor_time=5.0))
+        calibrate(simulation.platform, a1, both, keep=kept.append)
+        return kept, simulation.truth, simulation.truth_of_parts, both
+
+
+def test_true_legs_fit_and_the_files_do_not(a1, run):
+    kept, _, parts, _ = run
+    swing = next(one for one in kept if isinstance(one.trial, MotorTrial))
+    scale = nominal_stance(a1).scale
+    samples = motor_samples(a1, swing, scale.time)
+    said = legs_in_swing(a1, swing, samples, fit_motors(a1, samples, scale), scale)
+    names, factors, moments = link_names(a1.full_pinocchio), [], []
+    for joint in [joint for leg in a1.legs.values() for joint in leg.joint_names]:
+        true = parts["links"][names[a1.full_pinocchio.getJointId(joint)]]
+        body = a1.pinocchio.inertias[a1.pinocchio.getJointId(joint)]
+        factors.append(true["mass"] / body.mass)
+        moments.append([true[f"moment_{axis}"] for axis in "xyz"] - true["mass"] * body.lever)
+    by_the_file = np.concatenate([np.ones(len(factors)), np.zeros(3 * len(factors))])
+
+    def misfit(links):
+        """Root mean square residual, with the gains that fit best: they go with the links."""
+        rows, left = said.rows[:, len(links) :], said.target - said.rows[:, : len(links)] @ links
+        gains = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]) / 0.03**2, rows.T @ left)
+        return np.sqrt(np.mean((left - rows @ gains) ** 2))
+
+    true = misfit(np.concatenate([factors, np.ravel(moments)]))
+    assert true < 1.0
+    assert misfit(by_the_file) > 1.3 * true
+
+
+def test_legs_are_told_better_with_the_swing(a1, run):
+    kept, truth, parts, both = run
+    lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
+    alone, together = (
+        method.estimate(a1, recordings, nominal_stance(a1)).with_truth(truth).with_truth_of_parts(parts)
+        for method, recordings in ((both.base, lifts), (both, kept))
+    )
+    for leg in a1.legs:
+        less, more = alone.links[f"{leg}_calf"].moment_z, together.links[f"{leg}_calf"].moment_z
+        assert more.deviation < 0.5 * less.deviation
+        assert abs(more.error) < 3 * more.deviation
+    less, more = (next(one for one in of.composite if one.name == "com_z") for of in (alone, together))
+    assert more.deviation < 0.95 * less.deviation
+    assert abs(more.error) < 3 * more.deviation
+    assert [trial.kind for trial in together.trials].count(MotorTrial.kind) == 1
+    assert any("swing in the air" in source.name for source in together.budget)
+
+
+def test_who_does_not_look_for_legs_gets_the_base_of_before(a1, run):
+    kept, _, _, both = run
+    lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
+    base = both.base.having({"swings": False})
+    together = Together(base, both.motors).estimate(a1, kept, nominal_stance(a1))
+    alone = base.estimate(a1, lifts, nominal_stance(a1))
+    assert [one.value for one in together.composite] == [one.value for one in alone.composite]
