@@ -143,10 +143,10 @@ def table(rows: list[Row]) -> Iterator[str]:
         "`make bench-legs`: 120 s (an A1's; others longer by their clock), with `motors` 10 s of legs in the air besides, a "
         "scale of 0.5 %, seeds from 10,000. `realistic` with legs 10 % off in common and 5 % each in mass, CoMs "
         "4 mm in common to a kind and 2 mm each, thighs and calves 1.5 mm, and no cable; `stress` with all that it has. "
-        "Root mean square errors. Thigh, calf: first moment across the joint's axis, over its size, beside the model file's own error; of hips, and of what is along an "
-        "axis, hardly anything is told. Held: share of 95 % intervals with the truth in them, of the whole robot's ten "
-        "numbers, and of all links'. sd/rms: mean standard deviation over the rms error, of the CoM and of the moments of "
-        "inertia."
+        "Root mean square errors. Thigh, calf: first moment across the joint's axis, over its size, beside the model file's "
+        "own error; of hips, and of what is along an axis, hardly anything is told. Held: share of 95 % intervals with the "
+        "truth in them, of the whole robot's ten numbers, and of all links'. sd/rms: mean standard deviation over the rms "
+        "error, of the CoM and of the moments of inertia."
     )
     yield ""
     yield (

@@ -65,9 +65,7 @@ def legs_in_swing(
     per_gain, prior = 1 / fit.gain, prior_deviations(samples, scale)
     links, own = (per_gain[:, None] * columns for columns in _link_columns(robot, samples))
     by_gain = -(per_gain**2) * fit.carried
-    joints = np.arange(samples.torque.shape[1])
-    gains = np.zeros((*samples.torque.shape, len(joints)))
-    gains[:, joints, joints] = by_gain
+    gains = np.stack([_alone(by_gain, joint) for joint in range(by_gain.shape[1])], axis=-1)
 
     beside = _Nuisances()
     shapes = {
