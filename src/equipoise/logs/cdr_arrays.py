@@ -60,10 +60,9 @@ def read_messages(types: Mapping[str, Any], message_type: str, runs: Sequence[ND
         while len(rows):
             walk = _Walk(types, data[0].tobytes())
             walk.message(message_type)
-            differing = (data ^ data[0]) & walk.mask(
-                length
-            )  # whole rows: over short slices NumPy takes five times as long
-            alike = ~differing.any(axis=1) if differing.any() else np.ones(len(rows), dtype=bool)
+            differing = data ^ data[0]
+            differing &= walk.mask(length)  # whole rows: over short slices NumPy takes five times as long
+            alike = ~differing.any(axis=1) if differing.max(initial=0) else np.ones(len(rows), dtype=bool)
             chosen = data if alike.all() else np.ascontiguousarray(data[alike])
             records = chosen.view(walk.record(length))[:, 0]
             numbers = {name: records[name] for name in walk.names}

@@ -114,4 +114,3 @@ class FootPaths:
         first, last = max(runs, key=lambda run: run[1] - run[0])
         start, end = float(self.time[first]), float(self.time[last + window - 1])
         return (start, end) if end - start >= shortest else None
-
