@@ -7,7 +7,7 @@ from mcap.writer import CompressionType, Writer
 
 from equipoise.logs.bag_streams import GatheredTopic
 from equipoise.logs.message_types import JOINT_STATE, known_types
-from equipoise.recording.mcap_reader import message_batches
+from equipoise.recording.mcap_reader import message_runs
 
 TYPES = store()
 
@@ -26,7 +26,7 @@ def gathered(batches):
     """A topic of batches of (times, bodies), each long enough to be read by itself."""
     topic = GatheredTopic("/joint_states", JOINT_STATE, known_types())
     for times, bodies in batches:
-        topic.take(times, bodies)
+        topic.take(np.array(times), np.array([np.frombuffer(body, np.uint8) for body in bodies]))
     return topic.stream()
 
 
@@ -68,7 +68,7 @@ def test_a_topic_has_more_messages_than_room(batches, monkeypatch):
 
 @pytest.mark.parametrize("chunked", [True, False])
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
-def test_batches_of_a_file_hold_its_messages(tmp_path, chunked, compression):
+def test_runs_of_a_file_hold_its_messages(tmp_path, chunked, compression):
     path, written = tmp_path / "log.mcap", []
     with open(path, "wb") as file:
         writer = Writer(file, chunk_size=5000, compression=compression, use_chunking=chunked)
@@ -83,9 +83,8 @@ def test_batches_of_a_file_hold_its_messages(tmp_path, chunked, compression):
             writer.add_message(channels[key], EPOCH + k, written[-1][2], EPOCH + k)
         writer.finish()
     read = [
-        (key, time, body)
-        for batch in message_batches(path)
-        for key, (times, bodies) in batch.items()
-        for time, body in zip(times, bodies, strict=True)
+        ((run.topic, run.type), time, bytes(body))
+        for run in message_runs(path)
+        for time, body in zip(run.received, run.bodies, strict=True)
     ]
     assert sorted(read, key=lambda each: each[1]) == written

@@ -50,18 +50,20 @@ class GatheredTopic:
 
     def __init__(self, topic: str, message_type: str, types: Mapping[str, Any]) -> None:
         self.topic, self.type, self._types = topic, message_type, types
-        self._received: list[int] = []
-        self._bodies: list[bytes] = []
+        self._received: list[IntArray] = []
+        self._bodies: list[NDArray[np.uint8]] = []
+        self._waiting = 0  # messages that are not in the tables yet
         self._names: tuple[str, ...] = ()
         self._frame: str | None = None
         self._tables: dict[str, _Table] = {}
         self._count = 0  # of messages in the tables
 
-    def take(self, received: Sequence[int], bodies: Sequence[bytes]) -> None:
-        """More messages."""
-        self._received += received
-        self._bodies += bodies
-        if len(self._bodies) >= _BATCH:
+    def take(self, received: IntArray, bodies: NDArray[np.uint8]) -> None:
+        """More messages: (n,) times of receipt [ns], and (n, length) bytes."""
+        self._received.append(received)
+        self._bodies.append(bodies)
+        self._waiting += len(bodies)
+        if self._waiting >= _BATCH:
             self._read()
 
     def stream(self) -> BagStream:
@@ -82,8 +84,9 @@ class GatheredTopic:
     def _read(self) -> None:
         """Numbers of the messages that were taken last."""
         groups = read_messages(self._types, self.type, self._bodies)
-        part = _TAKE[self.type](self.topic, self.type, np.array(self._received, dtype=np.int64), groups)
-        self._received, self._bodies = [], []
+        received = np.concatenate(self._received) if self._received else _NONE
+        part = _TAKE[self.type](self.topic, self.type, received, groups)
+        self._received, self._bodies, self._waiting = [], [], 0
         self._frame = part.frame if self._frame is None else self._frame
         new: dict[str, NDArray[Any]] = {name: getattr(part.clock, name) for name in ("received", "header", "ticks")}
         new |= {name: rows for name in ("imu", "quat_wxyz") if (rows := getattr(part, name)) is not None}
@@ -158,7 +161,7 @@ def _joint_states(topic: str, message_type: str, received: IntArray, groups: Seq
         where = of.rows[:, None], np.array([columns[name] for name in names], dtype=np.intp)
         for quantity, table in tables.items():
             if of.numbers[quantity].shape[1] == len(names):
-                table[where] = of.numbers[quantity]
+                table[where if len(groups) > 1 else (slice(None), where[1])] = of.numbers[quantity]
     velocity, torque = (None if np.isnan(tables[name]).all() else tables[name] for name in _JOINT_QUANTITIES[1:])
     clock = Stamps(topic, received, _headers(groups, len(received)), _NONE)
     return BagStream(message_type, clock, RawJoints(np.empty(0), tuple(columns), tables["position"], velocity, torque))

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError
 
 try:
@@ -28,7 +30,7 @@ from equipoise.logs.log import RawImu, RawJoints, RawLog
 from equipoise.logs.message_types import MOTOR_NAMES, STATES, known_types, store_of
 from equipoise.logs.stamps import common_times
 from equipoise.logs.topics import Topics, choose_topics, nothing_to_read
-from equipoise.recording.mcap_reader import message_batches
+from equipoise.recording.mcap_reader import Run, message_runs
 from equipoise.robot.model import RobotModel
 
 Reader = Ros1Reader | Ros2Reader
@@ -91,37 +93,37 @@ def _gather(reader: Reader, gathered: Mapping[str, GatheredTopic], types: dict[s
     own = _own_types(connections)
     # A bag of ROS 1 defines ROS's own types as well, otherwise than ROS 2, as which its messages are read.
     types |= own if isinstance(reader, Ros2Reader) else {name: own[name] for name in own.keys() - types.keys()}
-    for (topic, message_type), (received, bodies) in _batches(reader, connections, types):
-        if topic in gathered and message_type == gathered[topic].type:
-            gathered[topic].take(received, bodies)
+    for run in _runs(reader, connections, types):
+        if run.topic in gathered and run.type == gathered[run.topic].type:
+            gathered[run.topic].take(run.received, run.bodies)
 
 
-def _batches(
-    reader: Reader, connections: Sequence[Connection], types: Mapping[str, Any]
-) -> Iterator[tuple[tuple[str, str], tuple[Sequence[int], Sequence[bytes]]]]:
-    """Topic and type, times of receipt and bodies of messages that go together."""
+def _runs(reader: Reader, connections: Sequence[Connection], types: Mapping[str, Any]) -> Iterator[Run]:
+    """Messages that go together."""
     if isinstance(reader, Ros1Reader):
-        yield from _ros1_batches(reader, connections, types)
+        yield from _ros1_runs(reader, connections, types)
         return
     storage: Any = reader.storage
     files = [part for part in getattr(storage, "storages", [storage]) if isinstance(part, McapReader)]
     if files and not reader.compression_mode:
         for file in files:
-            for batch in message_batches(Path(str(file.path))):
-                yield from batch.items()
+            yield from message_runs(Path(str(file.path)))
     elif connections:
         for connection, received, body in reader.messages(connections=connections):
-            yield (connection.topic, connection.msgtype or ""), ([received], [body])
+            yield _run_of(connection, received, body)
 
 
-def _ros1_batches(
-    reader: Ros1Reader, connections: Sequence[Connection], types: Mapping[str, Any]
-) -> Iterator[tuple[tuple[str, str], tuple[Sequence[int], Sequence[bytes]]]]:
-    """As `_batches`, the messages written as ROS 2 writes them."""
+def _ros1_runs(reader: Ros1Reader, connections: Sequence[Connection], types: Mapping[str, Any]) -> Iterator[Run]:
+    """As `_runs`, the messages written as ROS 2 writes them."""
     store = store_of(types)
     for connection, received, body in reader.messages(connections=connections) if connections else ():
-        message_type = connection.msgtype or ""
-        yield (connection.topic, message_type), ([received], [bytes(store.ros1_to_cdr(body, message_type))])
+        yield _run_of(connection, received, bytes(store.ros1_to_cdr(body, connection.msgtype or "")))
+
+
+def _run_of(connection: Connection, received: int, body: bytes) -> Run:
+    """One message by itself."""
+    bodies = np.frombuffer(body, dtype=np.uint8)[None]
+    return Run(connection.topic, connection.msgtype or "", np.array([received], dtype=np.int64), bodies)
 
 
 def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:

@@ -31,6 +31,8 @@ class Piece:
 def split_at_gaps(recording: Recording) -> list[Piece]:
     """The parts between gaps of either stream, in order; the recording itself if there is none."""
     gaps = sorted(_gaps(recording))
+    if not gaps and min(recording.joints.time.size, recording.imu.time.size) > 1:
+        return [Piece(recording)]
     pieces: list[Piece] = []
     start, before, missing = -np.inf, None, ""
     for gap_start, gap_end, stream in gaps:

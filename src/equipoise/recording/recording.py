@@ -252,11 +252,14 @@ class Recording:
 
 
 def _validated_time(stream: Any, kind: str) -> int:
-    time = np.array(stream.time, dtype=float)
+    time = _own(stream.time)
     if time.ndim != 1:
         raise RecordingError(f"{kind} times have shape {time.shape}; they are one row of numbers")
     wrong = ~(np.abs(time) < LONGEST)
-    time[~wrong] = rounded(time[~wrong])
+    on_grid = rounded(time[~wrong])
+    if not np.array_equal(on_grid, time[~wrong]):  # those of a part are, and are shared
+        time = np.array(time)
+        time[~wrong] = on_grid
     wrong[1:] |= time[1:] <= time[:-1]
     if wrong.any():
         first = int(np.argmax(wrong))

@@ -61,16 +61,18 @@ class FootPaths:
         attitude = attitudes(time, angular_velocity_in_base)
         to_rest = attitude.as_matrix()
         up = attitude.inv().apply(rest.up)
-        foot, foot_angular_velocity = _feet(
-            legs, position, np.gradient(position, time, axis=0), angular_velocity_in_base
-        )
-        rolling = cross(foot_angular_velocity, legs.foot_radius[:, None] * up[:, None])
-        velocity = np.einsum("nij,nlj->nli", to_rest, rolling)
-        rolled = np.cumsum((velocity[1:] + velocity[:-1]) / 2 * np.diff(time)[:, None, None], axis=0)
         feet = legs.feet(rest.joint_position[None])[0]
-        way = np.einsum("nij,nlj->nli", to_rest, foot) - feet
-        way[1:] -= rolled
-        return cls(time, way, way @ rest.up, (foot - feet) @ rest.up, np.linalg.norm(attitude.as_rotvec(), axis=1))
+        moving = np.gradient(position, time, axis=0)
+        way, rolling = np.empty((len(time), 4, 3)), np.empty((len(time), 4, 3))
+        drawn_up = np.empty((len(time), 4))
+        for some in at_once(len(time)):
+            motion = legs.motion(position[some], moving[some], angular_velocity_in_base[some])
+            rolls = cross(motion.foot_angular_velocity, legs.foot_radius[:, None] * up[some, None])
+            rolling[some] = np.einsum("nij,nlj->nli", to_rest[some], rolls)
+            way[some] = np.einsum("nij,nlj->nli", to_rest[some], motion.foot) - feet
+            drawn_up[some] = (motion.foot - feet) @ rest.up
+        way[1:] -= np.cumsum((rolling[1:] + rolling[:-1]) / 2 * np.diff(time)[:, None, None], axis=0)
+        return cls(time, way, way @ rest.up, drawn_up, np.linalg.norm(attitude.as_rotvec(), axis=1))
 
     def slid(self, feet: tuple[str, ...] = LEG_NAMES) -> FloatArray:
         """(n,) by how much the farthest of some feet has moved against their mean [m]."""
@@ -112,14 +114,3 @@ class FootPaths:
         first, last = max(runs, key=lambda run: run[1] - run[0])
         start, end = float(self.time[first]), float(self.time[last + window - 1])
         return (start, end) if end - start >= shortest else None
-
-
-def _feet(
-    legs: LegChains, position: FloatArray, velocity: FloatArray, angular_velocity_in_base: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """(n, 4, 3) centres of the feet and their angular velocities, in base axes."""
-    foot, turning = np.empty((len(position), 4, 3)), np.empty((len(position), 4, 3))
-    for part in at_once(len(position)):
-        motion = legs.motion(position[part], velocity[part], angular_velocity_in_base[part])
-        foot[part], turning[part] = motion.foot, motion.foot_angular_velocity
-    return foot, turning

@@ -84,9 +84,9 @@ class TorqueSamples:
             return None
         time = np.arange(start, end, _STEP * time_scale)
         knot = _KNOT * time_scale
-        of_joints = fit_spline(joints.time, np.hstack([joints.position, joints.torque]), knot).spline
+        of_joints = fit_spline(joints.time, [joints.position, joints.torque], knot).spline
         turning = imu.angular_velocity_in_imu - gyro_bias
-        of_imu = fit_spline(imu.time, np.hstack([turning, imu.acceleration_in_imu]), knot).spline
+        of_imu = fit_spline(imu.time, [turning, imu.acceleration_in_imu], knot).spline
         (position, torque), (angular_velocity, acceleration) = (np.hsplit(of(time), 2) for of in (of_joints, of_imu))
         (velocity, _), (angular_acceleration, _) = (np.hsplit(of.derivative()(time), 2) for of in (of_joints, of_imu))
         return cls(
@@ -152,14 +152,9 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
     free = np.swapaxes(full[:, :, 12:], 1, 2)  # what contact forces cannot reach
     rows = free @ regressor
-    joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
-    own = [rows[:, :, 10 * (joint - 1) : 10 * joint] for joint in joints]
-    bodies = [robot.pinocchio.inertias[joint] for joint in joints]
-    links = [part @ body.toDynamicParameters()[:, None] for part, body in zip(own, bodies, strict=True)]
-    beside = [part @ moment_parameters(body.lever) for part, body in zip(own, bodies, strict=True)]
     return TorqueRows(
         rows[:, :, :10],
-        np.concatenate([*links, *beside], axis=-1),
+        _of_links(robot, rows),
         free[:, :, 6:],
         samples.joint_torque,
         np.tanh(samples.joint_velocity / _STICTION_SPEED),
@@ -167,6 +162,16 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
         samples.joint_acceleration,
         free[:, :, :6],
     )
+
+
+def _of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
+    """(n, r, 4 links) `TorqueRows.links` of (n, r, 10 bodies) rows of the regressor."""
+    joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
+    bodies = [(slice(10 * (joint - 1), 10 * joint), robot.pinocchio.inertias[joint]) for joint in joints]
+    links = [rows[:, :, own] @ body.toDynamicParameters()[:, None] for own, body in bodies]
+    flat = rows.reshape(-1, rows.shape[2])  # of all samples at once: one by one it takes five times as long
+    beside = [flat[:, own] @ moment_parameters(body.lever) for own, body in bodies]
+    return np.concatenate([*links, *(part.reshape(*rows.shape[:2], -1) for part in beside)], axis=-1)
 
 
 def _regressors_and_twists(
@@ -181,12 +186,13 @@ def _regressors_and_twists(
     model.gravity.linear = np.zeros(3)
     data = model.createData()
     count, size = velocity.shape
-    regressors, twists = np.empty((count, size, 10 * (model.njoints - 1))), np.empty((count, 6, size))
-    for index in range(count):
-        q = robot.configuration(position[index])
-        regressors[index] = pin.computeJointTorqueRegressor(model, data, q, velocity[index], acceleration[index])
-        twists[index] = pin.computeJointJacobians(model, data, q)
-    return regressors, twists
+    # Columns first, as Pinocchio has them: what is copied as it lies is copied fast.
+    regressors, twists = np.empty((count, 10 * (model.njoints - 1), size)), np.empty((count, size, 6))
+    configuration = np.hstack([np.tile(robot.configuration(position[0])[:7], (count, 1)), position])
+    for q, v, a, regressor, twist in zip(configuration, velocity, acceleration, regressors, twists, strict=True):
+        regressor.T[:] = pin.computeJointTorqueRegressor(model, data, q, v, a)
+        twist.T[:] = pin.computeJointJacobians(model, data, q)
+    return np.swapaxes(regressors, 1, 2), np.swapaxes(twists, 1, 2)
 
 
 def _contact_jacobians(

@@ -19,6 +19,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 
 _numbers = itertools.count()
+_NONE = np.empty(0)
 
 Pull = Callable[[FloatArray], FloatArray]
 """From the gradient by a result to that by one of what it was computed from."""
@@ -165,7 +166,7 @@ def _value(of: Traced | FloatArray | float) -> FloatArray:
 
 
 def _origin(of: Traced | FloatArray | float) -> Traced | FloatArray:
-    return of if isinstance(of, Traced) else np.empty(0)
+    return of if isinstance(of, Traced) else _NONE
 
 
 def _like(gradient: FloatArray, value: FloatArray) -> FloatArray:
