@@ -7,14 +7,13 @@ feet carry on average while the robot walks, a quarter of its weight each.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from equipoise.conventions import FloatArray
+from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.track import Integral, Track
 from equipoise.recording.runs import true_runs
@@ -23,14 +22,15 @@ from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.statics import torques_of_legs
 
-# Of what a foot carries on average: by joint torques, feet that are up in simulated trots carry 0.2, and 0.6 at worst, as
-# legs are swung; those that stand 0.8 at least. Feet that only seem to be up carry 0.8 to 1.5.
+# Of what a foot carries on average. Feet that are up in simulated trots carry 0.3 by joint torques, as legs are swung, and in
+# a real Go1's 0.5 at most by sensors; those that stand 0.8 at least. Feet that only seem to be up carry 0.8 to 1.5.
 _CARRIES, _IDLE = 0.7, 0.3
 _UNLOADED = 0.02  # of the time a foot's sensor reads less than this: it is up then
 _DEAD = 0.25  # of what the other feet's sensors read: not to be believed
+_CARRIED = (0.4, 2.5)  # of the model's mass by joint torques, as screening.py has it: else they are none
 _LOOKED_AT = 1000  # samples of a walk that its mean is of, at most
 
-AnyStep = TypeVar("AnyStep", TwoFeet, ThreeFeet)
+Step = TwoFeet | ThreeFeet
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +61,11 @@ class FootLoads:
     load: FloatArray
 
     @classmethod
-    def by_sensors(cls, track: Track, sensed: FootForces, steps: Sequence[TwoFeet] | Sequence[ThreeFeet]) -> FootLoads:
+    def by_sensors(cls, track: Track, sensed: FootForces, steps: Sequence[Step]) -> FootLoads:
         """By sensors of the feet, over each one's own mean from the first step to the last.
 
         Args:
-            steps: times on two feet or three, in order.
+            steps: times on two feet and three.
         """
         edges = np.append(track.time - track.step / 2, track.time[-1] + track.step / 2)
         force = Integral(sensed.time, sensed.force).means(edges)
@@ -75,19 +75,21 @@ class FootLoads:
         return cls("foot forces", track.time, force / usual)
 
     @classmethod
-    def by_torques(cls, robot: RobotModel, track: Track, steps: Sequence[TwoFeet] | Sequence[ThreeFeet]) -> FootLoads:
-        """By joint torques less what carries the legs, in the steps.
+    def by_torques(cls, robot: RobotModel, track: Track, steps: Sequence[Step]) -> FootLoads | None:
+        """By joint torques less what carries the legs, in the steps; None if they carry no such robot.
 
         Args:
             track: samples with joint torques.
-            steps: times on two feet or three, in order.
+            steps: times on two feet and three.
         """
         walking, parts = _walking(track, steps), [track.indices(step.start, step.end) for step in steps]
         looked_at = np.unique(np.concatenate([_spread(part, part.stop - part.start) for part in parts]))
-        weight = 4 * _vertical_forces(robot, track, _spread(walking, _LOOKED_AT)).mean()
-        return cls("joint torques", track.time[looked_at], 4 * _vertical_forces(robot, track, looked_at) / weight)
+        usual = _vertical_forces(robot, track, _spread(walking, _LOOKED_AT)).mean()
+        if not _CARRIED[0] < 4 * usual / (GRAVITY * robot.mass) < _CARRIED[1]:
+            return None
+        return cls("joint torques", track.time[looked_at], _vertical_forces(robot, track, looked_at) / usual)
 
-    def contradicts(self, step: TwoFeet | ThreeFeet) -> bool:
+    def contradicts(self, step: Step) -> bool:
         """Whether a foot that is up carries all in all, or one that stands does not."""
         # The median: feet that land do it hard, and what is near a step's ends is left out of it anyway.
         load, stands = np.median(self._in(step)[1], axis=0), np.isin(LEG_NAMES, step.standing)
@@ -105,7 +107,7 @@ class FootLoads:
         part = replace(step, start=float(time[first]), end=float(time[last - 1]))
         return part if part.end - part.start >= shortest else None
 
-    def _in(self, step: TwoFeet | ThreeFeet) -> tuple[FloatArray, FloatArray]:
+    def _in(self, step: Step) -> tuple[FloatArray, FloatArray]:
         """Times and loads of a step."""
         inside = (self.time >= step.start) & (self.time <= step.end)
         return self.time[inside], self.load[inside]
@@ -126,43 +128,41 @@ class Contacts:
         self._seen, self._contradicted = Counter[str](), Counter[str]()
         self._doubted = 0
 
-    def on_two(self, track: Track, steps: Sequence[TwoFeet]) -> list[TwoFeet]:
-        """Steps of a track, in order, less those that loads contradict.
+    def confirmed(
+        self, track: Track, on_two: Sequence[TwoFeet], on_three: Sequence[ThreeFeet], shortest: float
+    ) -> tuple[list[TwoFeet], list[ThreeFeet]]:
+        """Steps of a track less those that loads contradict.
 
-        None is cut: what is left would tell no more than it does.
-        """
-        kept = list(steps)
-        for loads in self._loads(track, kept):
-            kept = self._counted(loads, kept, [None if loads.contradicts(step) else step for step in kept])
-        return kept
-
-    def on_three(self, track: Track, steps: Sequence[ThreeFeet], shortest: float) -> list[ThreeFeet]:
-        """The same on three feet, as far as the foot that is up carries nothing: on uneven floors one may seem to be up.
+        Those on three feet are cut to when the foot that is up carries nothing: on uneven floors one may seem to be up.
+        Those on two are not: it makes them tell no more.
 
         Args:
-            shortest: shortest duration of a step [s].
+            on_two, on_three: steps, in order.
+            shortest: shortest duration of a step on three feet [s].
         """
-        kept = list(steps)
-        for loads in self._loads(track, kept):
-            cut = [loads.cut(step, shortest) for step in kept]
-            kept = self._counted(loads, kept, [None if one is None or loads.contradicts(one) else one for one in cut])
-        return kept
-
-    def _loads(self, track: Track, steps: Sequence[TwoFeet] | Sequence[ThreeFeet]) -> Iterator[FootLoads]:
-        """What the feet carry in the steps, by all that says it."""
-        if steps and track.joint_torque is not None:
-            yield FootLoads.by_torques(self._robot, track, steps)
-        if steps and self._foot_forces is not None:
-            loads = FootLoads.by_sensors(track, self._foot_forces, steps)
-            if sum(map(loads.contradicts, steps)) > len(steps) / 2:
-                self._doubted += len(steps)
+        two, three = list(on_two), list(on_three)
+        if track.joint_torque is not None and (two or three):
+            by_torques = FootLoads.by_torques(self._robot, track, [*two, *three])
+            if by_torques is not None:
+                two, three = self._less(by_torques, two, three, shortest)
+        if self._foot_forces is not None and (two or three):
+            by_sensors = FootLoads.by_sensors(track, self._foot_forces, [*two, *three])
+            if 2 * sum(map(by_sensors.contradicts, [*two, *three])) > len(two) + len(three):
+                self._doubted += len(two) + len(three)
             else:
-                yield loads
+                two, three = self._less(by_sensors, two, three, shortest)
+        return two, three
 
-    def _counted(self, loads: FootLoads, seen: list[AnyStep], confirmed: list[AnyStep | None]) -> list[AnyStep]:
-        kept = [step for step in confirmed if step is not None]
-        self._seen[loads.source] += len(seen)
-        self._contradicted[loads.source] += len(seen) - len(kept)
+    def _less(
+        self, loads: FootLoads, two: list[TwoFeet], three: list[ThreeFeet], shortest: float
+    ) -> tuple[list[TwoFeet], list[ThreeFeet]]:
+        cut = [part for step in three if (part := loads.cut(step, shortest)) is not None]
+        kept = (
+            [step for step in two if not loads.contradicts(step)],
+            [step for step in cut if not loads.contradicts(step)],
+        )
+        self._seen[loads.source] += len(two) + len(three)
+        self._contradicted[loads.source] += len(two) + len(three) - len(kept[0]) - len(kept[1])
         return kept
 
     def findings(self) -> list[LogFinding]:
@@ -185,9 +185,9 @@ class Contacts:
         return found
 
 
-def _walking(track: Track, steps: Sequence[TwoFeet] | Sequence[ThreeFeet]) -> slice:
+def _walking(track: Track, steps: Sequence[Step]) -> slice:
     """Of a track, from the first step to the last."""
-    return track.indices(steps[0].start, max(step.end for step in steps))
+    return track.indices(min(step.start for step in steps), max(step.end for step in steps))
 
 
 def _spread(part: slice, count: int) -> NDArray[np.intp]:

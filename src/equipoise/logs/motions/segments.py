@@ -45,6 +45,7 @@ from equipoise.recording.trials import (
 )
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.robot.statics import carried_mass
 
 Kind = Literal["rest", "move", "nudge", "sway", "lift", "walk", "crawl", "steps", "slip", "motion", "gap"]
 
@@ -173,15 +174,12 @@ class _PieceReader:
         return WalkingFeet.of(self.legs, self.stance, self.track)
 
     @cached_property
-    def _walks(self) -> list[TwoFeet]:
-        return [] if self._walking is None else self.contacts.on_two(self.track, self._walking.on_two())
-
-    @cached_property
-    def _crawls(self) -> list[ThreeFeet]:
+    def _steps(self) -> tuple[list[TwoFeet], list[ThreeFeet]]:
+        """Times on two feet and on three."""
         if self._walking is None:
-            return []
+            return [], []
         shortest = SHORTEST_ON_THREE * self.stance.scale.time
-        return self.contacts.on_three(self.track, self._walking.on_three(), shortest)
+        return self.contacts.confirmed(self.track, self._walking.on_two(), self._walking.on_three(), shortest)
 
     def segments(self) -> list[LogSegment]:
         """Rests and what lies between them, in order."""
@@ -192,14 +190,14 @@ class _PieceReader:
         """The walks in a segment that is of no use otherwise, and what is left of it around them."""
         if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
-        steps = [one for one in self._walks if segment.start <= one.start and one.end <= segment.end]
+        steps = [one for one in self._steps[0] if segment.start <= one.start and one.end <= segment.end]
         return self._around([self._walk(walk) for walk in walks(steps, self.stance)], segment)
 
     def _crawled(self, segment: LogSegment) -> list[LogSegment]:
         """The same of times on three feet, in what is no walk."""
         if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
-        steps = [one for one in self._crawls if segment.start <= one.start and one.end <= segment.end]
+        steps = [one for one in self._steps[1] if segment.start <= one.start and one.end <= segment.end]
         return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
 
     def _around(self, motions: Sequence[LogSegment], segment: LogSegment) -> list[LogSegment]:
@@ -239,6 +237,8 @@ class _PieceReader:
         parts = [self.track.indices(step.start, step.end) for step in steps]
         position = np.concatenate([self.track.joint_position[part] for part in parts]).mean(axis=0)
         torque = np.concatenate([self.track.joint_torque[part] for part in parts]).mean(axis=0)
+        if carried_mass(self.robot, position, torque) < 0:  # where the robot rests this is screened for
+            return "the joint torques pull the robot down: have they the wrong sign?"
         return why_not_carried(self.robot, position, torque)
 
     def _of_walk(self, start: float, end: float, trial: RecordedTrial) -> Recording:
