@@ -74,7 +74,7 @@ CASES = (
     Case("dart", "realistic", "unitree_a1", 60, 4),
     Case("pybullet", "realistic", "unitree_a1", 20, 4, "crawl"),
     Case("dart", "stress", "unitree_a1", 20, 4, "crawl"),
-    *(Case("mujoco", noise, "unitree_a1", 20, 6, "crawl") for noise in ("realistic", "stress")),
+    *(Case("mujoco", noise, "unitree_a1", 20, 4, "crawl") for noise in ("realistic", "stress")),
     Case("dart", "realistic", "go2", 20, 2, "crawl"),
 )  # fmt: skip
 
