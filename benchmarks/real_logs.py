@@ -13,6 +13,7 @@ import argparse
 import os
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -53,7 +54,8 @@ ELSEWHERE = (
 def read(checkout: Path, robot: RobotModel) -> Log:
     """The log, its columns named as `equipoise estimate` proposes them."""
     positions = {f"position.{name}": f"JointPos{name.removesuffix('_joint')}" for name in robot.joint_names}
-    return read_log(checkout / GO1, robot, columns=Columns({**COLUMNS, **positions}))
+    forces = {f"foot_force.{leg}": f"{leg}_Force" for leg in robot.legs}
+    return read_log(checkout / GO1, robot, columns=Columns({**COLUMNS, **positions, **forces}))
 
 
 def lines(robot: RobotModel, log: Log) -> Iterator[str]:
@@ -103,7 +105,7 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
 
 
 def part(log: Log, start: float, end: float) -> Log:
-    return Log(log.recording.between(start, end), log.joint_map, log.about, log.findings)
+    return replace(log, recording=log.recording.between(start, end))
 
 
 def row(what: str, found: LogEstimate) -> str:

@@ -17,7 +17,9 @@ from equipoise.recording.recording import Recording
 LEGGED = {  # the parts that matter of what an A1 or a Go1 says by ROS 1, and another recorder's stamp
     "unitree_legged_msgs/msg/IMU": "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nint8 temperature",
     "unitree_legged_msgs/msg/MotorState": "uint8 mode\nfloat32 q\nfloat32 dq\nfloat32 ddq\nfloat32 tauEst\nuint32[2] reserve",
-    "unitree_legged_msgs/msg/LowState": "uint8[2] head\nIMU imu\nMotorState[20] motorState\nuint32 tick\nuint32 crc",
+    "unitree_legged_msgs/msg/LowState": (
+        "uint8[2] head\nIMU imu\nMotorState[20] motorState\nint16[4] footForce\nuint32 tick\nuint32 crc"
+    ),
     "unitree_legged_msgs/msg/HighState": "time stamp\nIMU imu\nMotorState[20] motorState\nfloat32 bodyHeight",
 }
 LEGGED_OF_OLD = {**LEGGED, "unitree_legged_msgs/msg/HighState": "uint8 levelFlag\nIMU imu\nfloat32 bodyHeight"}
@@ -136,14 +138,15 @@ class Bag:
         self.add(topic, kind, stamps if received is None else received, messages)
         return self
 
-    def low_states(self, robot, log, received=None, ticks=True, topic="/lowstate"):
-        """Joints and IMU as LowState: one message a joint sample."""
+    def low_states(self, robot, log, received=None, ticks=True, topic="/lowstate", foot_force=None):
+        """Joints and IMU as LowState: one message a joint sample. Foot forces are in the order of its motors' legs."""
         kind, types = "unitree_go/msg/LowState", self.store.types
         order = [robot.legs[leg].joints[place] for leg in MOTOR_LEGS for place in range(3)]
         joints, imu = log.joints, log.imu
         assert np.array_equal(joints.time, imu.time)
         torque = np.zeros_like(joints.position) if joints.torque is None else joints.torque
         stamps = nanoseconds(joints.time)
+        foot_force = np.zeros((len(stamps), 4)) if foot_force is None else foot_force
 
         def motor(k, joint):
             q, dq, tau = (0.0, 0.0, 0.0) if joint is None else (
@@ -166,7 +169,7 @@ class Bag:
                     accelerometer=imu.acceleration_in_imu[k].astype(np.float32), rpy=np.zeros(3, np.float32), temperature=40,
                 ),
                 motor_state=[motor(k, joint) for joint in [*order, *[None] * 8]],
-                bms_state=battery, foot_force=np.zeros(4, np.int16), foot_force_est=np.zeros(4, np.int16),
+                bms_state=battery, foot_force=foot_force[k].astype(np.int16), foot_force_est=np.zeros(4, np.int16),
                 tick=(stamp - stamps[0]) // 10**6 + 1 if ticks else 0, wireless_remote=np.zeros(40, np.uint8),
                 bit_flag=0, adc_reel=0.0, temperature_ntc1=0, temperature_ntc2=0, power_v=28.0, power_a=1.0,
                 fan_frequency=np.zeros(4, np.uint16), reserve=0, crc=0,
@@ -176,7 +179,7 @@ class Bag:
         self.add(topic, kind, stamps if received is None else received, messages)
         return self
 
-    def legged_states(self, robot, log, kind="LowState", definitions=LEGGED):
+    def legged_states(self, robot, log, kind="LowState", definitions=LEGGED, foot_force=None):
         """Joints and IMU as an A1 or a Go1 says them, in a bag of ROS 1; times of receipt are those of the samples."""
         self.store.register(
             {n: d for name, text in definitions.items() for n, d in get_types_from_msg(text, name).items()}
@@ -185,6 +188,7 @@ class Bag:
         motor, sensors = types["unitree_legged_msgs/msg/MotorState"], types["unitree_legged_msgs/msg/IMU"]
         order = [robot.legs[leg].joints[place] for leg in MOTOR_LEGS for place in range(3)]
         joints, imu, stamps = log.joints, log.imu, nanoseconds(log.joints.time)
+        foot_force = np.zeros((len(stamps), 4)) if foot_force is None else foot_force
         spare = motor(mode=0, q=0.0, dq=0.0, ddq=0.0, tauEst=0.0, reserve=np.zeros(2, np.uint32))
         states = []
         for k, stamp in enumerate(stamps):
@@ -198,6 +202,7 @@ class Bag:
                     accelerometer=imu.acceleration_in_imu[k].astype(np.float32), temperature=40,
                 ),
                 "stamp": types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9),
+                "footForce": foot_force[k].astype(np.int16),
                 "head": np.zeros(2, np.uint8), "tick": 1 + 1000 * k, "crc": 0, "bodyHeight": 0.3, "levelFlag": 0,
             }  # fmt: skip
             state = types[name]

@@ -179,14 +179,18 @@ def wandering(momentum):
     return float(np.std(momentum))
 
 
-def contact_jacobian(robot, q, down=None):
-    """(12, 6 + nj) of the points where the feet touch, as frames of the legs there; by default on a floor of their own."""
+def contact_jacobian(robot, q, down=None, lifted=None):
+    """(12, 6 + nj) of the points where the feet touch, as frames of the legs there; by default on a floor of their own.
+
+    A lifted leg, by name, touches nothing: its rows are zero.
+    """
     model = robot.pinocchio.copy()
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     centres = np.array([data.oMf[leg.foot_frame_id].translation for leg in robot.legs.values()])
     if down is None:
-        normal = np.linalg.eigh(np.cov(centres.T))[1][:, 0]
+        on_floor = centres[[name != lifted for name in robot.legs]]
+        normal = np.linalg.svd(on_floor - on_floor.mean(axis=0))[2][2]
         down = normal * np.sign(normal @ centres.mean(axis=0))  # the base is above its feet
     frames = []
     for leg in robot.legs.values():
@@ -197,11 +201,15 @@ def contact_jacobian(robot, q, down=None):
     data = model.createData()
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
-    return np.concatenate([pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3] for frame in frames])
+    found = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3] for frame in frames]
+    return np.concatenate([(name != lifted) * one for name, one in zip(robot.legs, found, strict=True)])
 
 
-def moving_robot(robot, seed, still=False):
-    """Samples of a robot that moves anyhow on feet that carry it with random forces, and the links' torques."""
+def moving_robot(robot, seed, still=False, lifted=None):
+    """Samples of a robot that moves anyhow on feet that carry it with random forces, and the links' torques.
+
+    A lifted leg, by name, carries nothing.
+    """
     generator, joints = np.random.default_rng(seed), len(robot.joint_names)
     mounting, arm = np.array(robot.imu_in_base.rotation), np.array(robot.imu_in_base.translation)
     model = robot.pinocchio.copy()
@@ -220,11 +228,12 @@ def moving_robot(robot, seed, still=False):
             np.concatenate(parts) for parts in ((np.zeros(3), turning, velocity), (felt, turning_rate, acceleration))
         )
         needed = pin.rnea(model, data, q, v, a)
-        jacobian = contact_jacobian(robot, q)
+        jacobian = contact_jacobian(robot, q, lifted=lifted)
         force = 30 * generator.standard_normal(12)
         force += np.linalg.pinv(jacobian.T[:6]) @ (needed[:6] - jacobian.T[:6] @ force)  # the feet carry the base
         torque = needed - jacobian.T @ force
         assert np.abs(torque[:6]).max() < 1e-9
         rows.append((position, velocity, acceleration, torque[6:], turning, turning_rate, at_imu))
     columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return TorqueSamples(*columns[:4], *(column @ mounting for column in columns[4:]), np.full(SAMPLES, 2e-3))
+    return TorqueSamples(*columns[:4], *(column @ mounting for column in columns[4:]), np.full(SAMPLES, 2e-3),
+                         np.tile([leg != lifted for leg in robot.legs], (SAMPLES, 1)))  # fmt: skip

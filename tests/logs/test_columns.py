@@ -191,7 +191,8 @@ def test_what_is_proposed_for_a_strange_table_reads_it_as_it_is(a1, leaning, tmp
         ("motor_state[3].q", "position", "3"), ("motor_state[3].tau_est", "torque", "3"),
         ("motor_state[3].temperature", None, None), ("left_front_hip_roll_pos", "position", "left_front_hip_roll"),
         ("/joint_states/LF_HAA/effort", "torque", "lf_haa"), ("qd_3", "velocity", "3"), ("ddq_3", None, None),
-        ("target_q_FL_calf", "command", "fl_calf"), ("FR_Force", None, None), ("FL_knee_vel_cmd", None, None),
+        ("target_q_FL_calf", "command", "fl_calf"), ("FR_Force", "foot_force", "FR"), ("RL_foot_force_x", None, None),
+            ("FL_knee_vel_cmd", None, None),
     ],
 )  # fmt: skip
 def test_names_that_people_give_columns(name, kind, part):

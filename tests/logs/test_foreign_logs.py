@@ -299,6 +299,17 @@ def test_states_without_motors_are_refused(a1, log, tmp_path):
         read_log(path, a1)
 
 
+@pytest.mark.parametrize("written", ["low_states", "legged_states"])
+def test_foot_forces_of_states_are_read_in_the_order_of_the_legs(a1, log, tmp_path, written):
+    of_motors = np.column_stack([1000 * leg + np.arange(COUNT) for leg in range(4)])
+    bag = Bag(tmp_path / "bag", "mcap" if written == "low_states" else "ros1")
+    forces = read_log(getattr(bag, written)(a1, log, foot_force=of_motors).write(), a1).foot_forces
+    np.testing.assert_array_equal(forces.force, of_motors[:, [1, 0, 3, 2]])  # FR FL RR RL
+    np.testing.assert_allclose(np.diff(forces.time), 1 / RATE, rtol=1e-2)
+    silent = Bag(tmp_path / "silent", "mcap" if written == "low_states" else "ros1")
+    assert read_log(getattr(silent, written)(a1, log).write(), a1).foot_forces is None
+
+
 def test_low_states_of_a_robot_with_other_legs_are_refused(two_jointed, a1, log, tmp_path):
     path = Bag(tmp_path / "bag").low_states(a1, log).write()
     with pytest.raises(RecordingError, match="three motors a leg"):
@@ -359,6 +370,18 @@ def test_rows_may_leave_cells_empty(a1, log, tmp_path):
     assert np.isnan(columns[f"position.{a1.joint_names[0]}"]).any()
     for path in (write_csv(tmp_path / "log.csv", columns), write_parquet(tmp_path / "log.parquet", columns)):
         same(read_log(path, a1).recording, other)
+
+
+def test_foot_forces_of_a_table_may_have_gaps(a1, log, tmp_path):
+    columns = columns_of(log)
+    forces = {f"foot_force.{leg}": leg_number + np.arange(COUNT) % 7.0 for leg_number, leg in enumerate(a1.legs)}
+    forces["foot_force.RL"] = np.where(np.arange(COUNT) % 3, forces["foot_force.RL"], np.nan)
+    read = read_log(write_csv(tmp_path / "log.csv", {**columns, **forces}), a1)
+    known = np.arange(COUNT) % 3 > 0
+    np.testing.assert_array_equal(read.foot_forces.force, np.column_stack([*forces.values()])[known])
+    np.testing.assert_allclose(read.foot_forces.time, read.recording.joints.time[known], atol=1e-9)
+    same(read.recording, log)
+    assert read_log(write_csv(tmp_path / "none.csv", columns), a1).foot_forces is None
 
 
 def test_parquets_own_time_stamps_are_whole_numbers_until_the_first_is_taken_off(a1, log, tmp_path):

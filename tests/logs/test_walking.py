@@ -60,6 +60,29 @@ def test_the_steps_of_a_trot_are_on_both_diagonals_in_turn(a1, stance, trotted):
     assert all(0.09 < step.end - step.start < 0.3 for step in steps)
 
 
+def steps_in(a1, stance, recording):
+    walks = [one.recording.trial for one in find_segments(a1, stance, recording) if one.kind == "walk"]
+    return [step for walk in walks for step in walk.steps]
+
+
+def test_torques_leave_the_steps_of_a_trot_as_they_are(a1, stance, trotted):
+    joints = replace(trotted.log.joints, torque=None)
+    assert steps_in(a1, stance, trotted.log) == steps_in(a1, stance, replace(trotted.log, joints=joints))
+
+
+def test_a_foot_that_seems_up_and_carries_is_a_step_less(a1, stance, trotted):
+    """The torques of FL in one swing are made those of its stance."""
+    steps, joints = steps_in(a1, stance, trotted.log), trotted.log.joints
+    dragged = next(step for step in steps[10:] if step.pair == "FR_RL")
+    stood = next(step for step in steps if step.pair == "FL_RR")
+    own, torque = list(a1.legs["FL"].joints), np.array(joints.torque)
+    standing = torque[(joints.time > stood.start) & (joints.time < stood.end)][:, own].mean(axis=0)
+    for joint, carried in zip(own, standing, strict=True):
+        torque[(joints.time > dragged.start - 0.02) & (joints.time < dragged.end + 0.02), joint] = carried
+    dragging = replace(trotted.log, joints=replace(joints, torque=torque))
+    assert steps_in(a1, stance, dragging) == [step for step in steps if step != dragged]
+
+
 def test_a_walk_tells_the_centre_of_mass(trotted, found):
     true, whole = components(trotted.truth), found.result.composite
     assert found.result.trustworthy, [check for check in found.result.checks if not check.passed]

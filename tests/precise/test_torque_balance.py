@@ -70,6 +70,24 @@ def test_a_change_of_the_feets_forces_is_not_seen(robot):
         np.testing.assert_allclose(full @ full.T, np.eye(len(full)), atol=1e-12)
 
 
+@pytest.mark.parametrize("lifted", ["FL", "RR"])
+def test_on_three_feet_the_balance_holds_whatever_swings_the_fourth(robot, lifted):
+    samples = moving_robot(robot, 11, lifted=lifted)
+    rows = torque_rows(robot, samples, nothing_wrong(robot))
+    assert np.abs(balance(robot, rows, samples.joint_torque)).max() < 1e-8
+    own = robot.legs[lifted].joints
+    swung = samples.joint_torque.copy()
+    swung[:, own] += 5.0
+    assert np.abs(balance(robot, rows, swung)).max() < 1e-8
+    for joint in set(range(len(robot.joint_names))) - set(own):
+        assert np.abs(rows.torque[:, :, joint]).max() > 0.05
+
+
+def test_samples_on_three_feet_and_on_four_go_together(a1):
+    both = TorqueSamples.joined([moving_robot(a1, 8), moving_robot(a1, 9, lifted="FR")])
+    assert np.abs(balance(a1, torque_rows(a1, both, nothing_wrong(a1)), both.joint_torque)).max() < 1e-8
+
+
 def test_friction_and_armature_take_from_the_motors_torque(robot):
     """tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a, with the module's v_0 of 0.03 rad/s."""
     samples = moving_robot(robot, 4)

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
+from equipoise.drivers.unitree.motors import MOTOR_LEGS
 from equipoise.errors import RecordingError
 from equipoise.logs.cdr_arrays import Messages, read_messages
 from equipoise.logs.log import RawJoints
 from equipoise.logs.message_types import COMMANDS, IMU, JOINT_STATE, MOTOR_NAMES, STATES
 from equipoise.logs.stamps import IntArray, Stamps
+from equipoise.robot.model import LEG_NAMES
 
 _BATCH, _ROOM = 4096, 1 << 20  # messages
 _NONE = np.empty(0, dtype=np.int64)
@@ -34,6 +36,7 @@ class BagStream:
         joints: joint columns; their times are not known before the clocks of all topics are.
         imu: (n, 6) angular velocity and specific force [rad/s], [m/s2].
         quat_wxyz: (n, 4) orientation of the IMU in the room; not a number where a message says that it has none.
+        foot_force: (n, 4) what the sensors of the feet FL FR RL RR say, in counts.
         frame: frame that an IMU names.
     """
 
@@ -43,6 +46,7 @@ class BagStream:
     imu: FloatArray | None = None
     quat_wxyz: FloatArray | None = None
     frame: str = ""
+    foot_force: FloatArray | None = None
 
 
 class GatheredTopic:
@@ -79,7 +83,8 @@ class GatheredTopic:
         joints = None
         if "position" in whole:
             joints = RawJoints(np.empty(0), self._names, whole["position"], whole.get("velocity"), whole.get("torque"))
-        return BagStream(self.type, clock, joints, whole.get("imu"), whole.get("quat_wxyz"), self._frame or "")
+        imu, orientation, force = (whole.get(name) for name in ("imu", "quat_wxyz", "foot_force"))
+        return BagStream(self.type, clock, joints, imu, orientation, self._frame or "", force)
 
     def _read(self) -> None:
         """Numbers of the messages that were taken last."""
@@ -89,7 +94,7 @@ class GatheredTopic:
         self._received, self._bodies, self._waiting = [], [], 0
         self._frame = part.frame if self._frame is None else self._frame
         new: dict[str, NDArray[Any]] = {name: getattr(part.clock, name) for name in ("received", "header", "ticks")}
-        new |= {name: rows for name in ("imu", "quat_wxyz") if (rows := getattr(part, name)) is not None}
+        new |= {name: rows for name in ("imu", "quat_wxyz", "foot_force") if (rows := getattr(part, name)) is not None}
         if part.joints is not None:
             new |= self._by_name(part.joints)
         for name, rows in new.items():
@@ -195,7 +200,10 @@ def _whole_states(topic: str, message_type: str, received: IntArray, groups: Seq
     stamps = _stamps(of, "stamp") if "stamp.sec" in of.numbers else _NONE  # as some recorders add them
     ticks = of.numbers["tick"].astype(np.int64) if "tick" in of.numbers else _NONE
     joints = RawJoints(np.empty(0), MOTOR_NAMES, position, velocity, torque)
-    return BagStream(message_type, Stamps(topic, received, stamps, ticks), joints, imu)
+    force = of.numbers.get(called.foot_force)
+    if force is not None:
+        force = force[:, [MOTOR_LEGS.index(leg) for leg in LEG_NAMES]].astype(float)
+    return BagStream(message_type, Stamps(topic, received, stamps, ticks), joints, imu, foot_force=force)
 
 
 def _commands(topic: str, message_type: str, received: IntArray, groups: Sequence[Messages]) -> BagStream:

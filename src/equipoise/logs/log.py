@@ -16,6 +16,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.logs.finding import LogFinding
 from equipoise.logs.joint_names import JointMap, map_joints
+from equipoise.logs.motions.loads import FootForces
 from equipoise.logs.orientation import angular_velocity_of
 from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording, read_only
 from equipoise.robot.model import RobotModel
@@ -36,6 +37,7 @@ class RawJoints:
         names: (k,) names of the columns.
         position: (n, k) joint positions [rad].
         velocity, torque: (n, k) joint velocities and torques, or None [rad/s], [Nm].
+        foot_force: (n, 4) what the sensors of the feet FL FR RL RR say, in any unit, or None.
     """
 
     time: FloatArray
@@ -43,6 +45,7 @@ class RawJoints:
     position: FloatArray
     velocity: FloatArray | None = None
     torque: FloatArray | None = None
+    foot_force: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +94,14 @@ class Log:
         joint_map: map from the robot's joints to the log's.
         about: topics, columns and stamps that the streams are from.
         findings: findings of reader and conversion.
+        foot_forces: what the sensors of the feet say, or None.
     """
 
     recording: Recording
     joint_map: JointMap
     about: Mapping[str, str]
     findings: tuple[LogFinding, ...]
+    foot_forces: FootForces | None = None
 
 
 def assemble(
@@ -127,7 +132,7 @@ def assemble(
     _check_rate("IMU", imu.time)
     recording = Recording(robot.joint_names, joints, imu, commands)
     about = {**raw.about, "rates": f"joints {rate(joints.time):.0f} Hz, IMU {rate(imu.time):.0f} Hz"}
-    return Log(recording, joint_map, about, tuple(findings))
+    return Log(recording, joint_map, about, tuple(findings), _foot_forces(raw.joints, origin))
 
 
 def rate(time: FloatArray) -> float:
@@ -156,6 +161,18 @@ def _joint_stream(
         None if velocity is None else _taken(velocity, kept),
         None if torque is None else _taken(torque, kept),
     )
+
+
+def _foot_forces(raw: RawJoints, origin: float) -> FootForces | None:
+    """What the sensors of the feet say; None where there are none, or none that ever changes."""
+    if raw.foot_force is None:
+        return None
+    latest = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(raw.time[:-1], nan=-np.inf)]))
+    kept = np.isfinite(raw.time) & (raw.time > latest) & np.isfinite(raw.foot_force).all(axis=1)
+    force = np.asarray(raw.foot_force[kept], dtype=float)
+    if len(force) < 2 or not np.ptp(force, axis=0).any():
+        return None
+    return FootForces(raw.time[kept] - origin, force)
 
 
 def _taken(values: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp] | None = None) -> FloatArray:

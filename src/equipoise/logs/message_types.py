@@ -25,12 +25,13 @@ class StateFields:
     motors: str
     torque: str
     imu: str
+    foot_force: str
 
 
-_LEGGED = StateFields("motorState", "tauEst", "imu")  # A1, Go1, Aliengo by ROS 1
-_LEGGED_ROS2 = StateFields("motor_state", "tau_est", "imu")
+_LEGGED = StateFields("motorState", "tauEst", "imu", "footForce")  # A1, Go1, Aliengo by ROS 1
+_LEGGED_ROS2 = StateFields("motor_state", "tau_est", "imu", "foot_force")
 STATES: Mapping[str, StateFields] = {
-    LOW_STATE: StateFields("motor_state", "tau_est", "imu_state"),
+    LOW_STATE: StateFields("motor_state", "tau_est", "imu_state", "foot_force"),
     "unitree_legged_msgs/msg/LowState": _LEGGED,
     "unitree_legged_msgs/msg/HighState": _LEGGED,  # of robots that walk by their maker's controller
     "ros2_unitree_legged_msgs/msg/LowState": _LEGGED_ROS2,

@@ -17,7 +17,7 @@ from equipoise.precise.method import Precise
 from equipoise.precise.screening import screen_log
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, PostureTrial, WalkTrial
+from equipoise.recording.trials import CrawlTrial, LiftTrial, PostureTrial, WalkTrial
 from equipoise.result.calibration import Calibration
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -78,7 +78,7 @@ def estimate_log(robot: RobotModel, log: Log, method: Precise | None = None) -> 
     findings = list(log.findings)
     recording = _on_one_clock(robot, stance, log.recording, findings)
     findings += _rates(recording, stance)
-    segments = find_segments(robot, stance, recording)
+    segments = find_segments(robot, stance, recording, log.foot_forces, findings)
     report = LogReport(log, tuple(segments), tuple(findings))
     recordings = usable(segments)
     if not recordings:
@@ -160,6 +160,7 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
     used = [segment for segment in report.segments if segment.used and segment.recording is not None]
     trials = [segment.recording.trial for segment in used if segment.recording is not None]
     diagonals = {trial.diagonal for trial in trials if isinstance(trial, LiftTrial)}
+    crawls = any(isinstance(trial, CrawlTrial) for trial in trials)
     pairs = {step.pair for trial in trials if isinstance(trial, WalkTrial) for step in trial.steps}
     said: list[str] = []
     if pairs and not diagonals:
@@ -171,6 +172,11 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
             said.append(
                 f"Its steps are all on {pairs.pop()}: along the line of these feet the centre of mass is not told."
             )
+    elif not diagonals and crawls:
+        said.append(
+            "The robot crawls, on three feet at least: the height of the centre of mass and the inertia are not told, and x "
+            "and y only as well as joint torques tell them. A trot, or lifts of two diagonal feet, would."
+        )
     elif not diagonals:
         said.append(
             "There is no lift of two diagonal feet after a rest: the height of the centre of mass and the inertia cannot be "
@@ -203,11 +209,12 @@ def _not_told(result: Calibration, report: LogReport, method: Precise) -> list[s
 
 
 def _nothing_usable(report: LogReport) -> LogError:
-    reasons = dict.fromkeys(f"{segment.what}: {segment.why_not}" for segment in report.segments if segment.why_not)
+    by_reason = {segment.why_not: segment.what for segment in reversed(report.segments) if segment.why_not}
+    reasons = dict.fromkeys(f"{what}: {why_not}" for why_not, what in reversed(by_reason.items()))
     return LogError(
         f"nothing in the log can be used. It holds {'; '.join(list(reasons)[:4]) or 'rests alone'}. What can be used are "
         "rests on four feet with joint torques, lifts of two diagonal feet or moves over planted feet after them, and walks "
-        "that stand on two feet now and then, as a trot does",
+        "that stand on two feet now and then, as a trot does, or with joint torques on three, as a crawl does",
         report,
         {"log": report.to_dict()},
     )

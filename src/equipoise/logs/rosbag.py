@@ -152,7 +152,7 @@ def _raw_log(
     if joints is None or imu is None:
         raise RecordingError(f"{joint_topic} holds no joints, or {imu_topic} no IMU samples")
     return RawLog(
-        joints,
+        replace(joints, foot_force=streams[joint_topic].foot_force),
         RawImu(times[imu_topic], imu[:, :3], imu[:, 3:], streams[imu_topic].quat_wxyz),
         None if command_topic is None else _timed(streams[command_topic].joints, times[command_topic]),
         about,

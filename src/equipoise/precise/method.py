@@ -39,6 +39,7 @@ from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import (
     CommandedLift,
+    CrawlTrial,
     DesignedLift,
     LiftTrial,
     PostureTrial,
@@ -348,7 +349,7 @@ def _about(trial: RecordedTrial | None) -> str:
     if trial is None:
         return ""
     words = [trial.diagonal] if isinstance(trial, LiftTrial) else []
-    if isinstance(trial, WalkTrial):
+    if isinstance(trial, WalkTrial | CrawlTrial):
         words.append(f"{len(trial.steps)} steps")
     if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
         words.append(trial.meanwhile)

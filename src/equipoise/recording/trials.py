@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from equipoise.conventions import AXES, SWINGS, Axis, Swing
 from equipoise.errors import RecordingError
 from equipoise.recording.phases import Phase
-from equipoise.robot.model import DIAGONALS, PAIRS
+from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS
 from equipoise.robot.posture import BodyPosture
 
 
@@ -22,7 +22,7 @@ class RecordedTrial:
     """What all trials have.
 
     Attributes:
-        kind: kind of trial, "lift", "posture", "sway", "stand", "walk", "turn" or "motors".
+        kind: kind of trial, "lift", "posture", "sway", "stand", "walk", "crawl", "turn" or "motors".
         starts_with: name of the phase with which the robot does what the trial is for; before it, it may be refused.
         complete_with: name of the phase that begins once the trial has shown what it is for.
         found_at: time in a log in which the trial was found, None if we commanded it [s].
@@ -197,6 +197,11 @@ class TwoFeet:
         if self.pair not in PAIRS:
             raise ValueError(f"no two feet are called {self.pair!r}")
 
+    @property
+    def standing(self) -> tuple[str, ...]:
+        """Names of the legs whose feet stand."""
+        return PAIRS[self.pair]
+
 
 @dataclass(frozen=True, kw_only=True)
 class WalkTrial(RecordedTrial):
@@ -220,6 +225,51 @@ class WalkTrial(RecordedTrial):
 
     def _own_data(self) -> dict[str, Any]:
         return {"steps": [[step.pair, step.start, step.end] for step in self.steps], "heading": self.heading}
+
+
+@dataclass(frozen=True)
+class ThreeFeet:
+    """A time in which a robot that walks stands on three feet.
+
+    Attributes:
+        lifted: name of the leg whose foot is up.
+        start, end: times at which it begins and ends [s].
+    """
+
+    lifted: str
+    start: float
+    end: float
+
+    def __post_init__(self) -> None:
+        if self.lifted not in LEG_NAMES:
+            raise ValueError(f"no leg is called {self.lifted!r}")
+
+    @property
+    def standing(self) -> tuple[str, ...]:
+        """Names of the legs whose feet stand."""
+        return tuple(leg for leg in LEG_NAMES if leg != self.lifted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrawlTrial(RecordedTrial):
+    """The robot walks one foot after the other; found in a log.
+
+    Attributes:
+        steps: times on three feet.
+    """
+
+    kind: ClassVar[str] = "crawl"
+    starts_with: ClassVar[str] = Phase.WALK
+    complete_with: ClassVar[str] = Phase.END
+    steps: tuple[ThreeFeet, ...]
+
+    @property
+    def duration(self) -> float:
+        """From the first step's begin to the last one's end; the recording holds some time around it [s]."""
+        return self.steps[-1].end - self.steps[0].start if self.steps else 0.0
+
+    def _own_data(self) -> dict[str, Any]:
+        return {"steps": [[step.lifted, step.start, step.end] for step in self.steps]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,6 +321,9 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
             case WalkTrial.kind:
                 steps = tuple(TwoFeet(str(pair), float(start), float(end)) for pair, start, end in data["steps"])
                 return WalkTrial(steps=steps, heading=float(data["heading"]), found_at=found_at)
+            case CrawlTrial.kind:
+                on_three = tuple(ThreeFeet(str(leg), float(start), float(end)) for leg, start, end in data["steps"])
+                return CrawlTrial(steps=on_three, found_at=found_at)
             case TurnTrial.kind:
                 return TurnTrial(found_at=found_at)
             case MotorTrial.kind:

@@ -138,7 +138,7 @@ def _print_precise(console: Console, result: Calibration) -> None:
         console.print("Worth fixing: " + escape("; ".join(notable)) + ".")
     lifts = [trial for trial in result.trials if trial.kind == "lift"]
     time = sum(trial.duration for trial in result.trials)
-    walked = not lifts and any(trial.kind == "walk" for trial in result.trials)
+    walked = not lifts and any(trial.kind in ("walk", "crawl") for trial in result.trials)
     done, told = "Steps" if walked else f"{len(lifts)} lifts", checks_sentence(result)
     console.print(f"{done} in {len(result.trials)} motions, {time:.0f} s of robot time; {told}.")
 

@@ -19,6 +19,7 @@ _COUNTED = {
     "move": "move over planted feet",
     "sway": "sway over planted feet",
     "walk": "step of a walk",
+    "crawl": "step of a crawl",
     "rest": "rest",
 }
 
@@ -88,7 +89,8 @@ def _row(segments: Sequence[LogSegment], what: str, why_not: str | None) -> tupl
 def _counted(segments: Sequence[LogSegment]) -> str:
     """As "3 lifts, 1 move over planted feet, 58 steps of a walk"."""
     counts = Counter(segment.kind for segment in segments)
-    counts["walk"] = sum(segment.steps for segment in segments)
+    for kind in ("walk", "crawl"):
+        counts[kind] = sum(segment.steps for segment in segments if segment.kind == kind)
     words: list[str] = []
     for kind, word in _COUNTED.items():
         if count := counts.get(kind):

@@ -57,7 +57,7 @@ def open_run(path: Path) -> Showing:
 def open_log(path: Path, robot: RobotModel, log: Log) -> Showing:
     """A log that is not ours, with the trials that are found in it."""
     try:
-        parts = usable(find_segments(robot, nominal_stance(robot), log.recording))
+        parts = usable(find_segments(robot, nominal_stance(robot), log.recording, log.foot_forces))
     except EquipoiseError:  # sensors that no estimate believes can be looked at all the same
         parts = []
     events = tuple(sorted((event for part in parts for event in part.events), key=lambda event: event.time))

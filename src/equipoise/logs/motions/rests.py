@@ -80,7 +80,7 @@ def find_rests(robot: RobotModel, stance: Stance, track: Track) -> list[LoggedRe
         folded = _folded(stance, feet, normal[0])
         why_not = "the legs are folded: it lies, or hangs" if folded else _why_not_level(stance, feet, normal[0], up)
         if why_not is None and torque is not None:
-            why_not = _why_not_carried(robot, position, torque)
+            why_not = why_not_carried(robot, position, torque)
         start, end = float(track.time[first] - track.step / 2), float(track.time[last - 1] + track.step / 2)
         rests.append(
             LoggedRest(
@@ -140,7 +140,8 @@ def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: Flo
     return None
 
 
-def _why_not_carried(robot: RobotModel, position: FloatArray, torque: FloatArray) -> str | None:
+def why_not_carried(robot: RobotModel, position: FloatArray, torque: FloatArray) -> str | None:
+    """Why (nj,) joint torques [Nm] at (nj,) joint positions [rad] are not those of a robot that stands, or None."""
     carried = carried_mass(robot, position, torque)
     if abs(carried) < _CARRIED * robot.mass:  # a wrong sign is another matter, and screened for
         return f"the joint torques carry only {carried:.1f} kg: it hangs, or lies"

@@ -1,10 +1,10 @@
-"""What a long recording without events holds: rests, moves and sways over planted feet, lifts of two diagonal feet, walks.
+"""What a long recording without events holds: rests, moves and sways over planted feet, lifts of two feet, walks and crawls.
 
 Every piece of it ends up in a `LogSegment`: what it is, and whether it can be used or why not. What can be used comes with a
 `Recording` that says what it is in the words that the estimators know, as if we had commanded it ourselves.
 
-No contact sensors: encoders and gyroscope say where the feet go (foot_paths.py), encoders and accelerometer where the robot
-stands still (rests.py).
+Encoders and gyroscope say where the feet go (foot_paths.py), encoders and accelerometer where the robot stands still
+(rests.py); joint torques and sensors of the feet, where there are any, must not contradict the steps (loads.py).
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from typing import Literal
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.logs.finding import LogFinding
 from equipoise.logs.motions.diagonal_stances import SHORTEST_STANCE, diagonal_stances, why_no_lift
 from equipoise.logs.motions.foot_paths import FootPaths
+from equipoise.logs.motions.loads import Contacts, FootForces
 from equipoise.logs.motions.oscillation import Oscillation, find_oscillation
-from equipoise.logs.motions.rests import LoggedRest, find_rests
+from equipoise.logs.motions.rests import LoggedRest, find_rests, why_not_carried
 from equipoise.logs.motions.track import Track
-from equipoise.logs.motions.walking import find_steps, walks
+from equipoise.logs.motions.walking import SHORTEST_ON_THREE, WalkingFeet, crawls, walks
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
 from equipoise.precise.screening import screen
@@ -30,11 +32,22 @@ from equipoise.recording.event import PHASE, TRIAL, Event
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, StandTrial, SwayTrial, TwoFeet, WalkTrial
+from equipoise.recording.trials import (
+    CrawlTrial,
+    LiftTrial,
+    PostureTrial,
+    RecordedTrial,
+    StandTrial,
+    SwayTrial,
+    ThreeFeet,
+    TwoFeet,
+    WalkTrial,
+)
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.robot.statics import carried_mass
 
-Kind = Literal["rest", "move", "nudge", "sway", "lift", "walk", "steps", "slip", "motion", "gap"]
+Kind = Literal["rest", "move", "nudge", "sway", "lift", "walk", "crawl", "steps", "slip", "motion", "gap"]
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _OFF_FLOOR = 6e-3  # [m] above the feet that stand: plainly off the floor
@@ -49,6 +62,8 @@ _SETTLING, _LEAVING = 0.3, 0.12
 _LANDED = 0.2  # [s] after a lift that are kept with it
 _UNTOLD = 0.5  # [s] around a walk that are not worth a word
 _SHORTEST_SWAY = 1.5  # [s] of planted motion that torques are worth reading of
+_OF_STEPS = ("steps", "slip", "motion")
+"""Kinds of segments in which the robot may walk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +92,23 @@ class LogSegment:
 
     @property
     def steps(self) -> int:
-        """Number of times on two feet of a walk."""
+        """Number of times on two feet of a walk, on three of a crawl."""
         trial = None if self.recording is None else self.recording.trial
-        return len(trial.steps) if isinstance(trial, WalkTrial) else 0
+        return len(trial.steps) if isinstance(trial, WalkTrial | CrawlTrial) else 0
 
 
-def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> list[LogSegment]:
+def find_segments(
+    robot: RobotModel,
+    stance: Stance,
+    recording: Recording,
+    foot_forces: FootForces | None = None,
+    findings: list[LogFinding] | None = None,
+) -> list[LogSegment]:
     """All segments of a recording, in order of time.
+
+    Args:
+        foot_forces: what the sensors of its feet say, if it has any.
+        findings: what was noticed of contacts is appended here.
 
     Raises:
         RecordingError: a sensor that cannot be believed, as `screen` finds it in the rests.
@@ -96,13 +121,16 @@ def find_segments(robot: RobotModel, stance: Stance, recording: Recording) -> li
     _screen_rests(robot, recording, all_rests)
     bias = _gyro_bias(stance, tracks, all_rests)
     segments: list[LogSegment] = []
+    contacts = Contacts(robot, foot_forces)
     for piece, track, of_piece in zip(pieces, tracks, rests, strict=True):
         if piece.gap is not None and segments:
             start, end = piece.gap
             what = f"no {piece.missing} samples for {end - start:.2f} s"
             segments.append(LogSegment(start, end, "gap", what, "nothing was recorded"))
-        reader = _PieceReader(robot, stance, piece.recording, track.without_bias(bias), of_piece)
+        reader = _PieceReader(robot, stance, piece.recording, track.without_bias(bias), of_piece, contacts)
         segments += reader.segments()
+    if findings is not None:
+        findings += contacts.findings()
     return segments
 
 
@@ -134,32 +162,53 @@ class _PieceReader:
     """Reads one piece without gaps."""
 
     def __init__(
-        self, robot: RobotModel, stance: Stance, recording: Recording, track: Track, rests: list[LoggedRest]
-    ) -> None:
+        self, robot: RobotModel, stance: Stance, recording: Recording, track: Track, rests: list[LoggedRest],
+        contacts: Contacts,
+    ) -> None:  # fmt: skip
         self.robot, self.stance, self.recording, self.track, self.rests = robot, stance, recording, track, rests
-        self.legs = LegChains(robot)
+        self.legs, self.contacts = LegChains(robot), contacts
         self._weighed: set[int] = set()  # rests by index whose torques a motion has: none counts twice
 
     @cached_property
-    def _steps(self) -> tuple[list[TwoFeet], FloatArray]:
-        return find_steps(self.legs, self.stance, self.track)
+    def _walking(self) -> WalkingFeet | None:
+        return WalkingFeet.of(self.legs, self.stance, self.track)
+
+    @cached_property
+    def _steps(self) -> tuple[list[TwoFeet], list[ThreeFeet]]:
+        """Times on two feet and on three."""
+        if self._walking is None:
+            return [], []
+        shortest = SHORTEST_ON_THREE * self.stance.scale.time
+        return self.contacts.confirmed(self.track, self._walking.on_two(), self._walking.on_three(), shortest)
 
     def segments(self) -> list[LogSegment]:
         """Rests and what lies between them, in order."""
-        return [piece for segment in self._between_rests() for piece in self._walked(segment)]
+        walked = [piece for segment in self._between_rests() for piece in self._walked(segment)]
+        return [piece for segment in walked for piece in self._crawled(segment)]
 
     def _walked(self, segment: LogSegment) -> list[LogSegment]:
         """The walks in a segment that is of no use otherwise, and what is left of it around them."""
-        if segment.used or segment.kind not in ("steps", "slip", "motion"):
+        if segment.used or segment.kind not in _OF_STEPS:
             return [segment]
         steps = [one for one in self._steps[0] if segment.start <= one.start and one.end <= segment.end]
+        return self._around([self._walk(walk) for walk in walks(steps, self.stance)], segment)
+
+    def _crawled(self, segment: LogSegment) -> list[LogSegment]:
+        """The same of times on three feet, in what is no walk."""
+        if segment.used or segment.kind not in _OF_STEPS:
+            return [segment]
+        steps = [one for one in self._steps[1] if segment.start <= one.start and one.end <= segment.end]
+        return self._around([self._crawl(crawl) for crawl in crawls(steps, self.stance)], segment)
+
+    def _around(self, motions: Sequence[LogSegment], segment: LogSegment) -> list[LogSegment]:
+        """Motions in a segment, and what is left of it around them; what is short goes with the motion beside it."""
         pieces, start, untold = list[LogSegment](), segment.start, _UNTOLD * self.stance.scale.time
-        for walk in walks(steps, self.stance):
-            if walk[0].start > start + untold:
-                pieces.append(replace(segment, start=start, end=walk[0].start))
-                start = walk[0].start
-            pieces.append(replace(self._walk(walk), start=start))
-            start = walk[-1].end
+        for motion in motions:
+            if motion.start > start + untold:
+                pieces.append(replace(segment, start=start, end=motion.start))
+                start = motion.start
+            pieces.append(replace(motion, start=start))
+            start = motion.end
         if not pieces:
             return [segment]
         if segment.end > start + untold:
@@ -167,13 +216,34 @@ class _PieceReader:
         return [*pieces[:-1], replace(pieces[-1], end=segment.end)]
 
     def _walk(self, steps: list[TwoFeet]) -> LogSegment:
-        context = CONTEXT * self.stance.scale.time
+        assert self._walking is not None  # where the steps are from
         start, end = steps[0].start, steps[-1].end
-        heading = float(np.interp(start, self.track.time, self._steps[1]))
+        heading = float(np.interp(start, self.track.time, self._walking.turned))
         trial = WalkTrial(steps=tuple(steps), heading=heading, found_at=start)
-        phases = [(Phase.WALK, start), (Phase.END, end)]
-        recording = _marked(self.recording, phases, start - context, end + context, trial)
-        return LogSegment(start, end, "walk", f"walk, {len(steps)} times on two feet", None, recording)
+        what = f"walk, {len(steps)} times on two feet"
+        return LogSegment(start, end, "walk", what, None, self._of_walk(start, end, trial))
+
+    def _crawl(self, steps: list[ThreeFeet]) -> LogSegment:
+        start, end = steps[0].start, steps[-1].end
+        why_not = self._why_not_told(steps)
+        what = f"crawl, {len(steps)} times on three feet" if why_not is None else "crawl, its steps on three feet"
+        trial = CrawlTrial(steps=tuple(steps), found_at=start)
+        return LogSegment(start, end, "crawl", what, why_not, None if why_not else self._of_walk(start, end, trial))
+
+    def _why_not_told(self, steps: Sequence[ThreeFeet]) -> str | None:
+        """Why times on three feet tell nothing, or None."""
+        if self.track.joint_torque is None:
+            return "no joint torques: a robot on three feet tells nothing without them"
+        parts = [self.track.indices(step.start, step.end) for step in steps]
+        position = np.concatenate([self.track.joint_position[part] for part in parts]).mean(axis=0)
+        torque = np.concatenate([self.track.joint_torque[part] for part in parts]).mean(axis=0)
+        if carried_mass(self.robot, position, torque) < 0:  # where the robot rests this is screened for
+            return "the joint torques pull the robot down: have they the wrong sign?"
+        return why_not_carried(self.robot, position, torque)
+
+    def _of_walk(self, start: float, end: float, trial: RecordedTrial) -> Recording:
+        context = CONTEXT * self.stance.scale.time
+        return _marked(self.recording, [(Phase.WALK, start), (Phase.END, end)], start - context, end + context, trial)
 
     def _between_rests(self) -> list[LogSegment]:
         start, end = self.recording.joints.time[0], self.recording.joints.time[-1]

@@ -1,36 +1,45 @@
-"""Where a robot walks: the times in which it stands on two feet, and pieces of a log that hold some of them.
+"""Where a robot walks: the times in which it stands on two feet or on three, and pieces of a log that hold some of them.
 
-No contact sensors are needed. Two feet stand where neither moves against the other but by rolling, and the other two are
-plainly higher; what the floor does to feet as they come and go is left to what is trimmed off either end.
+No contact sensors are needed. Feet stand where none moves against the others but by rolling, and those that are off the floor
+are plainly higher; what the floor does to feet as they come and go is left to what is trimmed off either end.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.logs.motions.track import Track, at_once
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.walking import CONTEXT, up_between_steps
 from equipoise.recording.runs import true_runs
-from equipoise.recording.trials import TwoFeet
+from equipoise.recording.trials import ThreeFeet, TwoFeet
 from equipoise.robot.model import LEG_NAMES, PAIRS
 from equipoise.robot.stance import Stance
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 5e-3  # [m] above the standing feet: off the floor, though joint zeros and the attitude are not known
 _SLIP = 0.25  # [m/s] of two standing feet against each other: soft feet that roll show 0.1
+_STAYS = 0.1  # [m/s] of a foot against standing ones, all the time: it stands too
 _UNEVEN = 0.03  # [m] of one standing foot above the other
 _FALLING, _LANDING = 5.0, 20.0  # [m/s2]: no foot is on the floor; one meets it hard
+_LOWEST = 0.4  # hips over their height at the nominal stance, as rests.py has it
 _SHORTEST = 0.09  # [s]
 _FEWEST = 4  # steps: fewer are no walk, but a lift that failed or a stumble
 _RARE = 0.25  # of the times that a robot stands on its usual two feet
 _PIECE = 2.0  # [s] that are one motion to the estimate
 _PAUSE = 1.0  # [s] without a step that ends a walk
+SHORTEST_ON_THREE = 0.25
+"""[s] on an A1: longer than the feet of a trot are up, one of which may land late."""
+
+_Step = TypeVar("_Step", TwoFeet, ThreeFeet)
 
 
 def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[TwoFeet], FloatArray]:
@@ -39,38 +48,133 @@ def find_steps(legs: LegChains, stance: Stance, track: Track) -> tuple[list[TwoF
     Args:
         track: samples with the gyroscope's bias taken off.
     """
-    time, scale = track.time, stance.scale
-    if len(time) * track.step < 2 * CONTEXT * scale.time:
-        return [], np.zeros(len(time))
-    up, turned = up_between_steps(
-        time, track.angular_velocity_in_base, track.acceleration_in_base, CONTEXT / 2 * scale.time
-    )
-    height, velocity = _feet(legs, track, up)
-    felt = np.linalg.norm(track.acceleration_in_base, axis=1)
-    carried = (felt > _FALLING) & (felt < _LANDING)
-    found: list[TwoFeet] = []
-    for pair, standing in PAIRS.items():
-        one, other = (LEG_NAMES.index(leg) for leg in standing)
-        lifted = [leg not in standing for leg in LEG_NAMES]
-        lowest = height[:, lifted].min(axis=1) - height[:, [one, other]].mean(axis=1)
-        slip = np.linalg.norm(velocity[:, one] - velocity[:, other], axis=1)
-        on_two = carried & (lowest > _CLEAR * scale.length) & (slip < _SLIP * scale.length / scale.time)
-        on_two &= np.abs(height[:, one] - height[:, other]) < _UNEVEN * scale.length
-        spans = [(float(time[first]), float(time[last - 1])) for first, last in true_runs(on_two)]
-        found += [TwoFeet(pair, a, b) for a, b in spans if b - a >= _SHORTEST * scale.time]
-    return sorted(found, key=lambda step: step.start), turned
+    walking = WalkingFeet.of(legs, stance, track)
+    return ([], np.zeros(len(track.time))) if walking is None else (walking.on_two(), walking.turned)
+
+
+@dataclass(frozen=True, eq=False)
+class WalkingFeet:
+    """Where the feet are and go, in n steps of a track.
+
+    Attributes:
+        stance: nominal stance of the robot.
+        time: (n,) times of the steps' middles [s].
+        turned: (n,) angle by which the robot has turned to its left since the first [rad].
+        foot: (n, 4, 3) centres of the feet, in the base frame [m].
+        height: (n, 4) heights of the soles against gravity, from the base's origin [m].
+        velocity: (n, 4, 3) velocities that rolling does not explain, in base axes, all with the same unknown one of the
+            base [m/s].
+        carried: (n,) whether the accelerometer feels neither a fall nor a blow.
+    """
+
+    stance: Stance
+    time: FloatArray
+    turned: FloatArray
+    foot: FloatArray
+    height: FloatArray
+    velocity: FloatArray
+    carried: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, legs: LegChains, stance: Stance, track: Track) -> WalkingFeet | None:
+        """Of a track with the gyroscope's bias taken off; None if it is too short to say where up is."""
+        time, clock = track.time, stance.scale.time
+        if len(time) * track.step < 2 * CONTEXT * clock:
+            return None
+        up, turned = up_between_steps(
+            time, track.angular_velocity_in_base, track.acceleration_in_base, CONTEXT / 2 * clock
+        )
+        foot, height, velocity = _feet(legs, track, up)
+        felt = np.linalg.norm(track.acceleration_in_base, axis=1)
+        return cls(stance, time, turned, foot, height, velocity, (felt > _FALLING) & (felt < _LANDING))
+
+    def on_two(self) -> list[TwoFeet]:
+        """All times on two feet, in order."""
+        found: list[TwoFeet] = []
+        for pair, standing in PAIRS.items():
+            feet = [LEG_NAMES.index(leg) for leg in standing]
+            spans = [span for span in self._standing(feet, _SHORTEST) if not self._stand_too(feet, *span)]
+            found += [TwoFeet(pair, start, end) for start, end in spans]
+        return sorted(found, key=lambda step: step.start)
+
+    def on_three(self) -> list[ThreeFeet]:
+        """All times on three feet, in order; of a robot that lies none.
+
+        What is felt says well enough on average where up is; for a moment the plane of the feet that stand says it better.
+        """
+        found: list[ThreeFeet] = []
+        nominal = float(self.stance.feet_in_base[:, 2].mean())
+        for lifted, leg in enumerate(LEG_NAMES):
+            standing = [foot for foot in range(4) if foot != lifted]
+            hips = self.stance.hip_height + nominal - self.height[:, standing].mean(axis=1)
+            where = hips > _LOWEST * self.stance.hip_height
+            where &= _above_plane(self.foot[:, lifted], self.foot[:, standing]) > _CLEAR * self.stance.scale.length
+            found += [ThreeFeet(leg, a, b) for a, b in self._standing(standing, SHORTEST_ON_THREE, where)]
+        return sorted(found, key=lambda step: step.start)
+
+    def _stand_too(self, feet: list[int], start: float, end: float) -> bool:
+        """Whether feet that seem to be up, as the robot speeds up, stand with the others from one time to another [s].
+
+        Args:
+            feet: indices of the two feet that stand.
+        """
+        part = slice(*np.searchsorted(self.time, [start, end], side="left"))
+        lifted = [foot for foot in range(4) if foot not in feet]
+        against = self.velocity[part][:, lifted] - self.velocity[part][:, feet].mean(axis=1, keepdims=True)
+        fastest = np.linalg.norm(against, axis=2).max(axis=0)
+        moves = fastest > _STAYS * self.stance.scale.length / self.stance.scale.time
+        if moves.any():
+            return not moves.all()
+        raised = [
+            np.abs(_above_plane(self.foot[part, one], self.foot[part][:, [*feet, other]]))
+            for one, other in (lifted, lifted[::-1])
+        ]
+        return bool(np.max(raised) < _CLEAR * self.stance.scale.length)
+
+    def _standing(
+        self, feet: list[int], shortest: float, where: NDArray[np.bool_] | None = None
+    ) -> list[tuple[float, float]]:
+        """Times [s] in which some feet stand, by index, and the others are off the floor.
+
+        Args:
+            shortest: shortest duration that counts, on an A1 [s].
+            where: (n,) whether the times are looked at at all; None: all are.
+        """
+        scale, height, time = self.stance.scale, self.height, self.time
+        lifted = [foot for foot in range(4) if foot not in feet]
+        lowest = height[:, lifted].min(axis=1) - height[:, feet].mean(axis=1)
+        standing = self.carried & (lowest > _CLEAR * scale.length)
+        for one, other in combinations(feet, 2):
+            slip = np.linalg.norm(self.velocity[:, one] - self.velocity[:, other], axis=1)
+            standing &= slip < _SLIP * scale.length / scale.time
+            standing &= np.abs(height[:, one] - height[:, other]) < _UNEVEN * scale.length
+        if where is not None:
+            standing &= where
+        spans = [(float(time[first]), float(time[last - 1])) for first, last in true_runs(standing)]
+        return [(start, end) for start, end in spans if end - start >= shortest * scale.time]
 
 
 def walks(steps: Sequence[TwoFeet], stance: Stance) -> list[list[TwoFeet]]:
     """Steps that follow each other, in pieces that are one motion to the estimate; what is no walk is left out."""
     clock = stance.scale.time
-    bouts: list[list[TwoFeet]] = [[*steps[:1]]]
+    gaits = [_without_rare(bout) for bout in _bouts(steps, _PAUSE * clock)]
+    return [piece for gait in gaits if len(gait) >= _FEWEST for piece in _pieces(gait, _PIECE * clock)]
+
+
+def crawls(steps: Sequence[ThreeFeet], stance: Stance) -> list[list[ThreeFeet]]:
+    """As `walks`, of times on three feet: one is enough."""
+    bouts, duration = _bouts(steps, _PAUSE * stance.scale.time), _PIECE * stance.scale.time
+    return [piece for bout in bouts if bout for piece in _pieces(bout, duration)]
+
+
+def _bouts(steps: Sequence[_Step], pause: float) -> list[list[_Step]]:
+    """Steps that follow each other within a time [s]."""
+    bouts: list[list[_Step]] = [[*steps[:1]]]
     for before, step in pairwise(steps):
-        if step.start - before.end > _PAUSE * clock:
+        if step.start - before.end > pause:
             bouts.append([])
         bouts[-1].append(step)
-    gaits = [_without_rare(bout) for bout in bouts]
-    return [piece for gait in gaits if len(gait) >= _FEWEST for piece in _pieces(gait, _PIECE * clock)]
+    return bouts
 
 
 def _without_rare(bout: Sequence[TwoFeet]) -> list[TwoFeet]:
@@ -79,7 +183,7 @@ def _without_rare(bout: Sequence[TwoFeet]) -> list[TwoFeet]:
     return [step for step in bout if counts[step.pair] >= _RARE * max(counts.values())]
 
 
-def _pieces(bout: Sequence[TwoFeet], duration: float) -> list[list[TwoFeet]]:
+def _pieces(bout: Sequence[_Step], duration: float) -> list[list[_Step]]:
     """Of about equal duration."""
     start, end = bout[0].start, bout[-1].end
     count = max(1, round((end - start) / duration))
@@ -88,16 +192,26 @@ def _pieces(bout: Sequence[TwoFeet], duration: float) -> list[list[TwoFeet]]:
     return [piece for piece in cut if piece]
 
 
-def _feet(legs: LegChains, track: Track, up: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 4) heights of the feet's soles, against gravity [m], and (n, 4, 3) velocities that rolling does not explain [m/s].
+def _above_plane(foot: FloatArray, standing: FloatArray) -> FloatArray:
+    """(n,) heights of (n, 3) feet above the planes of (n, 3, 3) others, which the base is above [m]."""
+    first = standing[:, 0]
+    normal = cross(standing[:, 1] - first, standing[:, 2] - first)
+    normal = normal * (np.sign(-np.einsum("ni,ni->n", normal, first)) / np.linalg.norm(normal, axis=1))[:, None]
+    return np.asarray(np.einsum("ni,ni->n", foot - first, normal), dtype=float)
+
+
+def _feet(legs: LegChains, track: Track, up: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n, 4, 3) centres of the feet [m], (n, 4) heights of their soles against gravity [m], and (n, 4, 3) velocities that
+    rolling does not explain [m/s].
 
     All as seen from the base's origin.
     """
     moving = np.gradient(track.joint_position, track.time, axis=0)
-    height, velocity = np.empty((len(track.time), 4)), np.empty((len(track.time), 4, 3))
+    foot, height, velocity = (np.empty((len(track.time), 4, *more)) for more in ((3,), (), (3,)))
     for part in at_once(len(track.time)):
         motion = legs.motion(track.joint_position[part], moving[part], track.angular_velocity_in_base[part])
         radius = legs.foot_radius[:, None] * up[part, None]
+        foot[part] = motion.foot
         height[part] = np.einsum("nli,ni->nl", motion.foot - radius, up[part])
         velocity[part] = motion.foot_velocity - cross(motion.foot_angular_velocity, radius)
-    return height, velocity
+    return foot, height, velocity

@@ -24,6 +24,7 @@ _QUANTITIES = {
     "velocity": {"dq", "qd", "dqs", "qdot", "vel", "velocity", "velocities", "speed", "speeds"},
     "position": {"q", "qs", "pos", "position", "positions", "angle", "angles", "enc", "encoder", "encoders"},
 }
+_FORCES, _AXES = {"force", "forces", "grf"}, {"x", "y", "z", "fx", "fy", "fz", "est"}
 _COMMANDS = {"cmd", "command", "commands", "commanded", "des", "desired", "target", "targets", "ref", "reference"}
 _NOT_JOINTS = {"force", "forces", "contact", "contacts", "grf", "temperature", "temp", "ddq", "qdd", "feet", "base"}
 _GENERAL = {"joint", "joints", "state", "states", "motor", "motors", "data", "robot", "field", "leg", "legs", "est"}
@@ -53,6 +54,8 @@ def named(name: str) -> Named | None:
     if said & _COUNTS:
         return None
     leg = leg_of(words)
+    if leg is not None and said & _FORCES and not said & _AXES:
+        return Named("foot_force", leg, tuple(word for word in words if leg_of([word]) is None))
     sensor = None if leg else _sensor(words)
     if sensor is not None:
         return sensor

@@ -15,6 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from equipoise.errors import SettingsError, did_you_mean
+from equipoise.robot.model import LEG_NAMES
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -27,7 +28,8 @@ GYROSCOPE = tuple(f"gyro.{axis}" for axis in "xyz")
 ACCELEROMETER = tuple(f"accelerometer.{axis}" for axis in "xyz")
 QUATERNION = tuple(f"orientation.{part}" for part in "wxyz")
 ANGLES = tuple(f"orientation.{part}" for part in ("roll", "pitch", "yaw"))
-_SENSED = (*GYROSCOPE, *ACCELEROMETER, *QUATERNION, *ANGLES)
+FOOT_FORCES = tuple(f"foot_force.{leg}" for leg in LEG_NAMES)
+_SENSED = (*GYROSCOPE, *ACCELEROMETER, *QUATERNION, *ANGLES, *FOOT_FORCES)
 
 _ANGLE = {"rad": 1.0, "deg": np.pi / 180}
 _TURNING = {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30}
@@ -41,6 +43,7 @@ UNITS: dict[str, dict[str, float]] = {
     "gyro": _TURNING,
     "accelerometer": {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY},
     "orientation": _ANGLE,
+    "foot_force": {"counts": 1.0, "N": 1.0},  # only how they change counts
 }
 """Factors to ours by kind of column; the first of a kind is ours."""
 

@@ -27,9 +27,18 @@ from equipoise.logs.tables.by_content import (
     unit_of_turning,
 )
 from equipoise.logs.tables.by_name import families
-from equipoise.logs.tables.columns import ACCELEROMETER, ANGLES, GYROSCOPE, QUATERNION, TIME, UNITS, Columns
+from equipoise.logs.tables.columns import (
+    ACCELEROMETER,
+    ANGLES,
+    FOOT_FORCES,
+    GYROSCOPE,
+    QUATERNION,
+    TIME,
+    UNITS,
+    Columns,
+)
 from equipoise.logs.tables.files import TableFile
-from equipoise.robot.model import RobotModel
+from equipoise.robot.model import LEG_NAMES, RobotModel
 
 _STEADY = 0.1  # by which a norm may spread, relative, for its columns to be an accelerometer without being called so
 _WIDTH = 76  # of remarks
@@ -71,6 +80,7 @@ def propose(robot: RobotModel, file: TableFile, known: Columns) -> Proposal:
     guess.positions()
     guess.others_of_joints()
     guess.gyroscope()
+    guess.foot_forces()
     guess.leave_out_what_is_not_read()
     return guess.proposal()
 
@@ -172,6 +182,13 @@ class _Guess:
                 return
         if named:
             self._take("gyro", dict(zip(GYROSCOPE, named[0], strict=True)), None, "by name alone: is it in rad/s?")
+
+    def foot_forces(self) -> None:
+        """By name, where there is one of each leg."""
+        for family in self._families.get("foot_force", []):
+            if set(LEG_NAMES) <= set(family) and not any(name in self.names for name in FOOT_FORCES):
+                ours = dict(zip(FOOT_FORCES, (family[leg] for leg in LEG_NAMES), strict=True))
+                self._take("foot_force", ours, None, "by name alone")
 
     def leave_out_what_is_not_read(self) -> None:
         """An orientation beside a gyroscope."""

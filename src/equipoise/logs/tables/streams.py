@@ -7,6 +7,7 @@ gyro.x gyro.y gyro.z                   [rad/s], in the IMU's frame
 accelerometer.x .y .z                  [m/s2], +9.81 upward at rest
 orientation.w .x .y .z                 unit quaternion from the IMU's axes to level ones; or .roll .pitch .yaw [rad]
 command.JOINT                          position targets [rad]; optional
+foot_force.FL .FR .RL .RR              what the feet's sensors say, in any unit; optional
 
 Cells may be empty: a row that has only joints, or only the IMU, is how streams of different rates share a table.
 """
@@ -22,7 +23,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import ColumnsError, RecordingError
 from equipoise.logs.log import RawImu, RawJoints, RawLog
 from equipoise.logs.orientation import quaternions_of
-from equipoise.logs.tables.columns import ACCELEROMETER, ANGLES, GYROSCOPE, QUATERNION, TIME, Columns
+from equipoise.logs.tables.columns import ACCELEROMETER, ANGLES, FOOT_FORCES, GYROSCOPE, QUATERNION, TIME, Columns
 from equipoise.logs.tables.files import TableFile, open_table
 from equipoise.logs.tables.proposal import Proposal, propose
 from equipoise.logs.topics import Topics
@@ -80,7 +81,10 @@ class _Streams:
                 return None
             return self._stacked([f"{quantity}.{name}" for name in names])[rows]
 
-        return RawJoints(self.time[rows], tuple(names), position[rows], other("velocity"), other("torque"))
+        force = None
+        if kind == "position" and self.columns.has(FOOT_FORCES):
+            force = self._stacked(FOOT_FORCES)[rows]
+        return RawJoints(self.time[rows], tuple(names), position[rows], other("velocity"), other("torque"), force)
 
     def _imu(self) -> RawImu:
         """The rows in which there is anything of the IMU."""

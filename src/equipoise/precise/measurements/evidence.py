@@ -19,7 +19,15 @@ from equipoise.precise.measurements.torque_balance import TorqueSamples
 from equipoise.precise.measurements.walking import gyro_bias_of_walks, read_walk
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import LiftTrial, PostureTrial, RecordedTrial, SwayTrial, TurnTrial, WalkTrial
+from equipoise.recording.trials import (
+    CrawlTrial,
+    LiftTrial,
+    PostureTrial,
+    RecordedTrial,
+    SwayTrial,
+    TurnTrial,
+    WalkTrial,
+)
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -95,7 +103,7 @@ def _gyro_bias(recordings: Sequence[Recording]) -> FloatArray:
     if rested:  # the median over rests: one in which the robot still swayed does not count
         rests = [recording.phase(Phase.REST).imu.angular_velocity_in_imu for recording in rested]
         return np.asarray(np.median([rest.mean(axis=0) for rest in rests], axis=0), dtype=float)
-    walks = [one.imu for one in recordings if isinstance(one.trial, WalkTrial)]
+    walks = [one.imu for one in recordings if isinstance(one.trial, WalkTrial | CrawlTrial)]
     if not walks:
         raise RecordingError(
             "the recordings hold no rest before a lift or after a move; are they of the precise method?"
@@ -145,7 +153,16 @@ def _read(
         elif isinstance(trial, WalkTrial) and recording.complete:
             steps, left_out = read_walk(recording, trial, stance, gyro_bias)
             steps = tuple(replace(step, when=when) for step in steps)
+        elif isinstance(trial, CrawlTrial) and recording.complete:
+            on_three = (
+                TorqueSamples.of_motion(
+                    recording.between(step.start, step.end), gyro_bias, stance.scale.time, step.lifted
+                )
+                for step in trial.steps
+            )
+            torques += [samples for samples in on_three if samples is not None]
+            left_out = None if torques else "no joint torques, or no step long enough for them"
     except RecordingError as error:
         left_out = str(error)
-    duration = trial.duration if isinstance(trial, WalkTrial) else recording.duration
+    duration = trial.duration if isinstance(trial, WalkTrial | CrawlTrial) else recording.duration
     return MotionReading(index, trial, lift, move, tuple(torques), left_out, duration, steps)

@@ -1,10 +1,11 @@
-"""What joint torques say: the balance of a planted robot with the feet's forces eliminated.
+"""What joint torques say: the balance of a robot on four feet or three, with the feet's forces eliminated.
 
 With q the base's and the joints' coordinates, Y the inverse-dynamics regressor and J the Jacobian of the contact points,
 
     Y(q, v, a) pi = S^T tau_link + J^T f,    tau_link = g tau - F_c tanh(v / v_0) - F_v v - A a.
 
-Rows of N with N J^T = 0 leave the forces out, whatever they are: six rows for legs of three joints, two for legs of two.
+Rows of N with N J^T = 0 leave the forces out, whatever they are: six rows for legs of three joints, two for legs of two. A leg
+whose foot is off the floor has no force to leave out: its joints' torques take the place, which swing it and carry nothing.
 The base's acceleration is the accelerometer's, with gravity in it, so that no attitude is needed.
 """
 
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
@@ -25,16 +27,17 @@ from equipoise.precise.unknowns import Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.inertial import moment_parameters
-from equipoise.robot.model import RobotModel
+from equipoise.robot.model import LEG_NAMES, RobotModel
 
 _KNOT, _STEP = 0.03, 0.03  # [s] on an A1
 _STICTION_SPEED = 0.03  # v_0 [rad/s]
 _PAD = 0.05  # [s]
+_FEWEST = 4  # samples
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueSamples:
-    """A planted robot with torques: smoothed samples of one motion, or the means of one rest.
+    """A standing robot with torques: smoothed samples of one motion, or the means of one rest.
 
     Attributes:
         joint_position, joint_velocity, joint_acceleration: (n, nj) joint positions and their derivatives [rad], [rad/s],
@@ -44,6 +47,7 @@ class TorqueSamples:
             [rad/s], [rad/s2].
         acceleration_in_imu: (n, 3) accelerometer readings, in the IMU frame [m/s2].
         period: (n,) time between two of the samples that were smoothed [s].
+        standing: (n, 4) whether each foot is on the floor, FL FR RL RR.
     """
 
     joint_position: FloatArray
@@ -54,6 +58,7 @@ class TorqueSamples:
     angular_acceleration_in_imu: FloatArray
     acceleration_in_imu: FloatArray
     period: FloatArray
+    standing: NDArray[np.bool_]
 
     @classmethod
     def of_rest(cls, still: Recording) -> TorqueSamples | None:
@@ -65,10 +70,13 @@ class TorqueSamples:
         return cls(
             position, none, none, still.joints.torque.mean(axis=0)[None],
             still_base, still_base, still.imu.acceleration_in_imu.mean(axis=0)[None], np.zeros(1),
+            np.ones((1, 4), dtype=bool),
         )  # fmt: skip
 
     @classmethod
-    def of_motion(cls, moving: Recording, gyro_bias: FloatArray, time_scale: float) -> TorqueSamples | None:
+    def of_motion(
+        cls, moving: Recording, gyro_bias: FloatArray, time_scale: float, lifted: str | None = None
+    ) -> TorqueSamples | None:
         """Smoothed samples of a motion over planted feet; None without torques or if it is too short.
 
         All signals go through the same filter: what differs between them would look like inertia or friction.
@@ -76,11 +84,14 @@ class TorqueSamples:
         Args:
             gyro_bias: (3,) bias of the gyroscope, in the IMU frame [rad/s].
             time_scale: factor on times, of the robot's scale; one on an A1.
+            lifted: name of the leg whose foot is off the floor; None: all stand.
         """
         joints, imu = moving.joints, moving.imu
+        if joints.torque is None or min(len(joints.time), len(imu.time)) < _FEWEST:
+            return None
         start = max(joints.time[0], imu.time[0]) + _PAD * time_scale
         end = min(joints.time[-1], imu.time[-1]) - _PAD * time_scale
-        if joints.torque is None or end - start < 3 * _KNOT * time_scale:
+        if end - start < 3 * _KNOT * time_scale:
             return None
         time = np.arange(start, end, _STEP * time_scale)
         knot = _KNOT * time_scale
@@ -92,6 +103,7 @@ class TorqueSamples:
         return cls(
             position, velocity, np.hsplit(of_joints.derivative(2)(time), 2)[0], torque,
             angular_velocity, angular_acceleration, acceleration, np.full(len(time), np.median(np.diff(joints.time))),
+            np.tile([leg != lifted for leg in LEG_NAMES], (len(time), 1)),
         )  # fmt: skip
 
     def part(self, samples: slice) -> TorqueSamples:
@@ -148,7 +160,7 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     velocity = np.hstack([np.zeros_like(sensed), angular_velocity_in_base, samples.joint_velocity])
     acceleration = np.hstack([at_base, angular_acceleration_in_base, samples.joint_acceleration])
     regressor, twists = _regressors_and_twists(robot, position, velocity, acceleration)
-    contact = _contact_jacobians(robot, position, twists, values["foot_radius"])
+    contact = _contact_jacobians(robot, position, twists, values["foot_radius"], samples.standing)
     full, _ = np.linalg.qr(np.swapaxes(contact, 1, 2), mode="complete")
     free = np.swapaxes(full[:, :, 12:], 1, 2)  # what contact forces cannot reach
     rows = free @ regressor
@@ -196,19 +208,33 @@ def _regressors_and_twists(
 
 
 def _contact_jacobians(
-    robot: RobotModel, position: FloatArray, twists: FloatArray, foot_radius: FloatArray
+    robot: RobotModel, position: FloatArray, twists: FloatArray, foot_radius: FloatArray, standing: NDArray[np.bool_]
 ) -> FloatArray:
-    """(n, 12, 6 + nj) of the points where the feet touch the floor, FL FR RL RR."""
+    """(n, 12, 6 + nj) of the points where the feet touch the floor, FL FR RL RR; of a lifted leg, of its joints."""
     legs, feet = list(robot.legs.values()), LegChains(robot).feet(position)
     radii = np.array([[leg.foot_radius] for leg in legs]) * (1 + foot_radius)
     # Spheres touch the floor along its normal, which is not what an accelerating body feels as down.
-    point = feet - radii * floor_normals_by_fit(feet)[0][:, None]
+    point = feet - radii * _floor_normals(feet, standing)[:, None]
     moving = np.zeros((4, 1, twists.shape[2]))
     moving[:, :, :6] = 1.0
     for own, leg in zip(moving, legs, strict=True):
         own[:, [6 + joint for joint in leg.joints]] = 1.0
     at_point = twists[:, None, :3] + np.cross(twists[:, None, 3:], point[..., None], axis=2)
-    return (moving * at_point).reshape(len(position), 12, -1)
+    contact = moving * at_point
+    for number, leg in enumerate(legs):
+        own = np.zeros(contact.shape[2:])
+        own[range(len(leg.joints)), [6 + joint for joint in leg.joints]] = 1.0
+        contact[~standing[:, number], number] = own
+    return contact.reshape(len(position), 12, -1)
+
+
+def _floor_normals(feet: FloatArray, standing: NDArray[np.bool_]) -> FloatArray:
+    """(n, 3) upward unit normals in base axes of the planes of the (n, 4, 3) feet that stand, all or all but one."""
+    normals = floor_normals_by_fit(feet)[0]
+    for lifted in range(4):
+        if (on_three := ~standing[:, lifted]).any():
+            normals[on_three] = floor_normals_by_fit(np.delete(feet[on_three], lifted, axis=1))[0]
+    return normals
 
 
 def sawtooth(rows: TorqueRows, period: FloatArray, stiffness: float) -> FloatArray:

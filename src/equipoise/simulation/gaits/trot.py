@@ -10,10 +10,11 @@ import numpy as np
 
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.platform.platform import JointCommand, RobotState
-from equipoise.recording.recording import CommandStream, ImuStream, JointStream, Recording
+from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import Kinematics, inverse_kinematics_best_effort
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
+from equipoise.simulation.gaits.logged import logged
 from equipoise.simulation.simulated import SimulatedPlatform
 
 # On an A1; lengths and times are multiplied by those of the stance's scale.
@@ -114,20 +115,4 @@ def trot(platform: SimulatedPlatform, robot: RobotModel, duration: float, phase:
     Raises:
         FallError: the simulation is no longer one.
     """
-    walking = Trot(robot, platform.control_period, phase)
-    states, commands = [platform.read()], list[JointCommand]()
-    for period in range(round(duration / platform.control_period)):
-        commands.append(walking.command(period * platform.control_period, states[-1]))
-        states.append(platform.step(commands[-1]))
-    kept = [k for k in range(len(commands)) if k == 0 or states[k].time > states[k - 1].time]  # lost samples repeat one
-
-    def column(name: str) -> FloatArray:
-        return np.array([getattr(states[k], name) for k in kept])
-
-    time = column("time")
-    return Recording(
-        robot.joint_names,
-        JointStream(time, column("joint_position"), column("joint_velocity"), column("joint_torque")),
-        ImuStream(time, column("angular_velocity_in_imu"), column("acceleration_in_imu")),
-        CommandStream(time, np.array([commands[k].position for k in kept])),
-    )
+    return logged(platform, robot, Trot(robot, platform.control_period, phase), duration)

@@ -1,0 +1,173 @@
+"""Logs of a robot that crawls: times on three feet are found and read, and what the feet carry is held against steps."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from equipoise import Precise, nominal_stance, simulate
+from equipoise.errors import LogError, RecordingError
+from equipoise.logs.joint_names import JointMap
+from equipoise.logs.log import Log
+from equipoise.logs.motions.loads import FootForces, FootLoads
+from equipoise.logs.motions.segments import find_segments
+from equipoise.logs.offline import estimate_log
+from equipoise.recording.trials import CrawlTrial, ThreeFeet, TwoFeet, read_trial
+from equipoise.robot.inertial import components
+from equipoise.robot.kinematics import feet_and_forces
+from equipoise.robot.model import LEG_NAMES
+from equipoise.simulation.gaits.crawl import ORDER, SHIFT, STANDING, SWING, crawl
+
+DURATION = 9.2  # [s]
+STEPS = 5
+
+
+@pytest.fixture(scope="module")
+def stance(a1):
+    return nominal_stance(a1)
+
+
+@pytest.fixture(scope="module")
+def crawled(a1):
+    """What a crawling robot logs, and what it weighs."""
+    with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7, timestep=1e-3) as simulation:
+        return SimpleNamespace(log=crawl(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
+
+
+def estimated(a1, crawled, recording=None):
+    mass = crawled.truth.mass
+    return estimate_log(
+        a1, Log(recording or crawled.log, JointMap(()), {}, ()), Precise(mass=mass, mass_sd=0.005 * mass)
+    )
+
+
+@pytest.fixture(scope="module")
+def found(a1, crawled):
+    return estimated(a1, crawled)
+
+
+def without_torques(log):
+    return replace(log, joints=replace(log.joints, torque=None))
+
+
+def steps_of(segments):
+    return [step for one in segments if one.recording for step in getattr(one.recording.trial, "steps", ())]
+
+
+def test_every_foot_is_seen_to_be_up_in_turn(found, stance):
+    steps = steps_of(found.report.segments)
+    assert [step.lifted for step in steps] == [*ORDER, ORDER[0]]
+    for number, step in enumerate(steps):
+        up = stance.scale.time * (STANDING + number * (SHIFT + SWING) + SHIFT)
+        assert up - 0.05 < step.start < step.end < up + stance.scale.time * SWING + 0.05
+    assert {one.kind for one in found.report.segments if one.recording} == {"rest", "crawl"}
+
+
+def test_a_crawl_tells_the_planar_centre_of_mass_by_its_torques(a1, crawled, found):
+    true, whole = components(crawled.truth), found.result.composite
+    errors, deviations = whole.values - true, whole.deviations
+    assert (np.abs(errors[1:3]) < (0.006, 0.004)).all()
+    assert sum(one.lower <= value <= one.upper for one, value in zip(whole, true, strict=True)) == 10
+    assert (deviations[1:3] < (0.005, 0.003)).all()
+    standing = estimated(a1, crawled, crawled.log.between(0.0, 1.1)).result.composite
+    assert (deviations[1:3] < 0.7 * standing.deviations[1:3]).all()
+
+
+def test_what_a_crawl_cannot_tell_is_said(found):
+    assert "The robot crawls, on three feet at least: the height" in " ".join(found.report.not_told)
+    assert found.result.composite.com_in_base.z.verdict == "not identified"
+
+
+def test_a_crawl_without_torques_is_refused_with_what_is_missing(a1, crawled):
+    with pytest.raises(LogError, match="on three feet: no joint torques: a robot on three feet tells nothing without"):
+        estimated(a1, crawled, without_torques(crawled.log))
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(0.02, "the joint torques carry only"), (-1.0, "have they the wrong sign")]
+)
+def test_torques_that_carry_no_robot_tell_nothing(a1, stance, crawled, factor, said):
+    log = crawled.log.between(1.5, np.inf)  # in a rest they are screened
+    wrong = replace(log, joints=replace(log.joints, torque=factor * log.joints.torque))
+    crawls = [one for one in find_segments(a1, stance, wrong) if one.kind == "crawl"]
+    assert crawls
+    assert all(said in one.why_not for one in crawls)
+
+
+def test_a_crawl_needs_no_rest(a1, stance, crawled):
+    segments = find_segments(a1, stance, crawled.log.between(1.5, np.inf))
+    assert len(steps_of(segments)) == STEPS
+    assert {one.kind for one in segments if one.used} == {"crawl"}
+
+
+# --- what the feet carry
+
+OFFSET, COUNTS = np.array([40.0, -15.0, 3.0, 120.0]), np.array([1.5, 2.2, 1.8, 3.0])
+
+
+def sensed(a1, log):
+    """What sensors of the feet would say, in whole counts."""
+    force = feet_and_forces(a1, log.joints.position, log.joints.torque)[1][:, :, 2]
+    return FootForces(log.joints.time, np.round(OFFSET + COUNTS * force))
+
+
+def confirmed(a1, stance, log, forces):
+    findings = []
+    steps = steps_of(find_segments(a1, stance, log, forces, findings))
+    return steps, " ".join(one.message for one in findings if "foot forces" in one.message)
+
+
+def test_sensors_of_the_feet_confirm_steps_in_any_unit(a1, stance, crawled, found):
+    steps, said = confirmed(a1, stance, crawled.log, sensed(a1, crawled.log))
+    assert [step.lifted for step in steps] == [step.lifted for step in steps_of(found.report.segments)]
+    assert said == ""
+
+
+def test_a_foot_that_carries_all_the_time_is_not_up(a1, stance, crawled, found):
+    """Its sensor says so, whatever legs, IMU and torques do."""
+    _, dragged, *_ = steps_of(found.report.segments)
+    forces = sensed(a1, crawled.log)
+    wrong = forces.force.copy()
+    leg = LEG_NAMES.index(dragged.lifted)
+    wrong[(forces.time > dragged.start - 0.2) & (forces.time < dragged.end + 0.2), leg] = OFFSET[leg] + 50 * COUNTS[leg]
+    steps, said = confirmed(a1, stance, crawled.log, FootForces(forces.time, wrong))
+    assert [step.lifted for step in steps] == [ORDER[0], *ORDER[2:], ORDER[0]]
+    assert "by foot forces 1 of 5 steps that legs and IMU see are none: feet that seem to be up carry the robot" in said
+
+
+def test_sensors_of_other_feet_are_named_and_not_used(a1, stance, crawled):
+    forces = sensed(a1, crawled.log)
+    swapped = FootForces(forces.time, forces.force[:, [1, 0, 3, 2]])
+    steps, said = confirmed(a1, stance, crawled.log, swapped)
+    assert "foot forces contradict most of 5 steps that legs and IMU see, and are not used" in said
+    assert len(steps) == STEPS
+
+
+def loads(*rows):
+    return FootLoads("foot forces", 0.01 * np.arange(len(rows)), np.array(rows))
+
+
+def test_feet_that_are_up_carry_nothing_and_those_that_stand_do():
+    step = TwoFeet("FL_RR", 0.0, 1.0)
+    assert not loads(*[[1.8, 0.6, 0.2, 2.0]] * 10).contradicts(step)
+    assert loads(*[[1.8, 0.8, 0.2, 2.0]] * 10).contradicts(step)
+    assert loads(*[[0.2, 0.1, 0.1, 2.0]] * 10).contradicts(step)
+    assert not loads(*[[1.8, 0.1, 0.1, 2.0]] * 8, *[[1.0, 6.0, 0.1, 1.0]] * 2).contradicts(step)  # it lands
+    assert not loads(*[[1.8, np.nan, 0.1, 2.0]] * 10).contradicts(step)  # no sensor to believe
+
+
+def test_a_step_is_cut_to_when_its_foot_is_up():
+    step, up, down = ThreeFeet("FR", 0.0, 0.49), [1.3, 0.1, 1.3, 1.3], [1.0, 1.0, 1.0, 1.0]
+    cut = loads(*[up] * 5, *[down] * 5, *[up] * 30, *[down] * 10).cut(step, 0.25)
+    assert (cut.lifted, cut.start, cut.end) == ("FR", pytest.approx(0.1), pytest.approx(0.39))
+    assert loads(*[up] * 20, *[down] * 30).cut(step, 0.25) is None
+
+
+def test_a_crawl_is_written_and_read():
+    trial = CrawlTrial(steps=(ThreeFeet("FL", 1.0, 1.4), ThreeFeet("RR", 2.6, 3.0)), found_at=1.0)
+    assert read_trial(trial.to_data()) == trial
+    assert trial.duration == 2.0
+    assert trial.steps[0].standing == ("FR", "RL", "RR")
+    with pytest.raises(RecordingError, match="no leg is called"):
+        read_trial({**trial.to_data(), "steps": [["FL_RR", 0, 1]]})
