@@ -309,7 +309,9 @@ class Precise(Method):
         self, robot: RobotModel, stance: Stance, evidence: RunEvidence, lifts_needed: bool
     ) -> tuple[Posterior, tuple[Change, ...]]:
         if self.known is None:
-            return estimate_posterior(robot, stance, evidence, self.beliefs, self.scale, lifts_needed=lifts_needed), ()
+            told = robot, stance, evidence, self.beliefs, self.scale
+            # Lengths of legs come from planted moves: where legs are looked for, these say themselves how quiet the feet are.
+            return estimate_posterior(*told, lifts_needed=lifts_needed, quiet_feet=self.swings), ()
         return estimate_after(robot, stance, evidence, self.beliefs, self.scale, self.known, lifts_needed)
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.precise.gauss_newton import NormalEquations, solve
+from equipoise.precise.gauss_newton import NormalEquations, descend, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import INERTIAL, Belief, Unknowns
@@ -116,6 +116,7 @@ def estimate_posterior(
     mass: tuple[float, float] | None = None,
     rounds: int = 2,
     lifts_needed: bool = True,
+    quiet_feet: bool = False,
 ) -> Posterior:
     """The most probable unknowns given all evidence.
 
@@ -123,12 +124,17 @@ def estimate_posterior(
         mass: mass of the whole robot from a scale, and its standard deviation [kg].
         rounds: number of times that noise levels are renewed.
         lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
+        quiet_feet: whether planted feet are believed to be as quiet as they seem, or as restless as a floor may make them.
 
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
     """
     problem = MapProblem(robot, stance, evidence, priors or Priors(), mass, lifts_needed)
-    return problem.posterior(*solve(problem, problem.unknowns.start(), rounds))
+    posterior = problem.posterior(*solve(problem, problem.unknowns.start(), rounds))
+    if not quiet_feet:
+        return posterior
+    quiet = problem.at_found_noise(posterior)
+    return quiet.posterior(*descend(quiet, posterior.x))
 
 
 class MapProblem:
@@ -180,6 +186,15 @@ class MapProblem:
         problem = copy(self)
         problem.blocks = [
             block.at_shown_noise(x) if isinstance(block, PlantedBlock) else block for block in self.blocks
+        ]
+        return problem
+
+    def at_found_noise(self, posterior: Posterior) -> MapProblem:
+        """The same at the noise that residuals of planted moves have at an estimate."""
+        problem = copy(self)
+        problem.blocks = [
+            block.at_found_noise(posterior.x, posterior.covariance) if isinstance(block, PlantedBlock) else block
+            for block in self.blocks
         ]
         return problem
 

@@ -41,6 +41,8 @@ _FOOT_NOISE, _HEIGHT_NOISE, _TURN_NOISE, _UP_NOISE = 2.4e-4, 1.6e-4, 6e-4, 8e-4
 # accelerometer feels is not gravity alone, and floors are uneven. Three steps in a row say what one says.
 _LEAN_NOISE = 0.02  # [rad]
 _QUIETEST = 0.3  # of these, what robots with ordinary sensors show
+_SAYING = 15  # rows of a move's twenty that say something: means are taken off
+_FEWEST_FREEDOMS = 20.0  # from which on the noise that residuals show is known to a fifth
 # Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
 _FRICTION_UNKNOWN = 1.0
 _FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
@@ -415,14 +417,29 @@ class PlantedBlock(_MotionBlock):
         shown.scale = self.scale * max(_QUIETEST, min(1.0, float(np.median(self.normalised_residual(x)))))
         return shown
 
+    def at_found_noise(self, x: FloatArray, covariance: FloatArray) -> PlantedBlock:
+        """The same rows at the noise that residuals at x show, the unknowns' freedoms taken off, where that is less.
+
+        Args:
+            covariance: (size, size) covariance of the estimate x.
+        """
+        residual, jacobian = self.linearise(x)
+        taken = float(np.einsum("ij,jk,ik->", jacobian, covariance[np.ix_(self.columns, self.columns)], jacobian))
+        freedoms = _SAYING * float(np.sum(self.scale < _MANY)) - taken
+        if freedoms < _FEWEST_FREEDOMS:
+            return self
+        shown = np.sqrt(residual @ residual / freedoms) * (1 + 1 / np.sqrt(2 * freedoms))  # by chance it is less
+        found = copy(self)
+        found.scale = self.scale * max(_QUIETEST, min(1.0, float(shown)))
+        return found
+
     def _whitened(self, rows: FloatArray) -> FloatArray:
         """(moves, 20, k) of such."""
         return np.asarray(self._whitening @ rows / self.scale[:, None, None], dtype=float)
 
     def normalised_residual(self, x: FloatArray) -> FloatArray:
-        # Of a move's 20 rows 15 say something: means are taken off.
         residual = self.residual(x).reshape(-1, 20)
-        return self.scale * np.sqrt((residual**2).sum(axis=1) / 15)
+        return self.scale * np.sqrt((residual**2).sum(axis=1) / _SAYING)
 
 
 class TorqueBlock(ResidualBlock):
