@@ -153,9 +153,9 @@ bench-robots: $(ROBOTS_STAMP)
 bench-robustness: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/robustness.py
 
-# Five rows of it at random made again; fails if one moved by more than rounding: a minute.
+# Five rows of it at random made again; fails if one moved by more than rounding, or than WITHIN standard deviations: a minute.
 bench-check: $(ROBOTS_STAMP)
-	$(BIN)/python benchmarks/robustness.py --check 5
+	$(BIN)/python benchmarks/robustness.py --check 5 $(if $(WITHIN),--within $(WITHIN))
 
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-payload: $(ROBOTS_STAMP)
