@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.precise.method import Precise
     from equipoise.precise.two_runs import ScaleReadings
+    from equipoise.recording.recording import Recording
     from equipoise.robot.model import RobotModel
 
 
@@ -52,7 +54,7 @@ def delta(
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
-    found = find_delta(robot, folders[0].recordings(), folders[1].recordings(), scale, methods[0].beliefs)
+    found = find_delta(robot, *(_without_swings(folder.recordings()) for folder in folders), scale, methods[0].beliefs)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
         found = found.with_truth(truths[0], truths[1])
@@ -80,10 +82,19 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
     return models[0]
 
 
+def _without_swings(recordings: Sequence[Recording]) -> list[Recording]:
+    """Those of the base: a robot that lies tells nothing of it."""
+    from equipoise.recording.trials import MotorTrial
+
+    return [one for one in recordings if not isinstance(one.trial, MotorTrial)]
+
+
 def _precise(folder: RunFolder) -> Precise:
+    from equipoise.method.together import Together
     from equipoise.precise.method import Precise
 
     method = folder.method()
+    method = method.base if isinstance(method, Together) else method
     if not isinstance(method, Precise):
         raise SettingsError(
             f"the run {str(folder.path)!r} is of the method {method.name!r}; what was added is told by runs of "

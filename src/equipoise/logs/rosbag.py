@@ -34,6 +34,7 @@ from equipoise.recording.mcap_reader import Run, message_runs
 from equipoise.robot.model import RobotModel
 
 Reader = Ros1Reader | Ros2Reader
+_GATHERED = 1024  # messages
 
 
 def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
@@ -109,21 +110,38 @@ def _runs(reader: Reader, connections: Sequence[Connection], types: Mapping[str,
         for file in files:
             yield from message_runs(Path(str(file.path)))
     elif connections:
-        for connection, received, body in reader.messages(connections=connections):
-            yield _run_of(connection, received, body)
+        messages = reader.messages(connections=connections)
+        yield from _gathered((each.topic, each.msgtype or "", received, body) for each, received, body in messages)
 
 
 def _ros1_runs(reader: Ros1Reader, connections: Sequence[Connection], types: Mapping[str, Any]) -> Iterator[Run]:
     """As `_runs`, the messages written as ROS 2 writes them."""
     store = store_of(types)
-    for connection, received, body in reader.messages(connections=connections) if connections else ():
-        yield _run_of(connection, received, bytes(store.ros1_to_cdr(body, connection.msgtype or "")))
+    messages = reader.messages(connections=connections) if connections else ()
+    yield from _gathered(
+        (each.topic, each.msgtype or "", received, bytes(store.ros1_to_cdr(body, each.msgtype or "")))
+        for each, received, body in messages
+    )
 
 
-def _run_of(connection: Connection, received: int, body: bytes) -> Run:
-    """One message by itself."""
-    bodies = np.frombuffer(body, dtype=np.uint8)[None]
-    return Run(connection.topic, connection.msgtype or "", np.array([received], dtype=np.int64), bodies)
+def _gathered(messages: Iterable[tuple[str, str, int, bytes]]) -> Iterator[Run]:
+    """Runs of topic, type, time of receipt and body of single messages; each topic's in their order."""
+    waiting: dict[tuple[str, str], tuple[list[int], list[bytes]]] = {}
+
+    def run(of: tuple[str, str]) -> Run:
+        received, bodies = waiting.pop(of)
+        table = np.frombuffer(b"".join(bodies), dtype=np.uint8).reshape(len(bodies), len(bodies[0]))
+        return Run(*of, np.array(received, dtype=np.int64), table)
+
+    for topic, message_type, received, body in messages:
+        of = topic, message_type
+        if of in waiting and (len(waiting[of][1][0]) != len(body) or len(waiting[of][1]) >= _GATHERED):
+            yield run(of)
+        times, bodies = waiting.setdefault(of, ([], []))
+        times.append(received)
+        bodies.append(bytes(body))
+    for of in list(waiting):
+        yield run(of)
 
 
 def _own_types(connections: Iterable[Connection]) -> dict[str, Any]:

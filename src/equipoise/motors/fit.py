@@ -77,7 +77,7 @@ def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorF
     covariance: FloatArray = np.diag(table.prior**2)
     for _ in range(_ROUNDS):
         predicted, design = _linearised(table, samples, x)
-        weight = samples.slides / size(residual, samples.slides)
+        weight = samples.slides / _noise(residual, samples.slides)
         rows = (design * weight[..., None]).reshape(-1, x.size)
         left = ((samples.torque - predicted) * weight).reshape(-1)
         normal = rows.T @ rows + np.diag(table.prior**-2)
@@ -151,11 +151,17 @@ def size(residual: FloatArray, used: FloatArray) -> FloatArray:
     return np.sqrt((residual**2 * used).sum(axis=0) / np.maximum(used.sum(axis=0), 1.0))
 
 
+def _noise(residual: FloatArray, used: FloatArray) -> FloatArray:
+    """As `size`, which is never zero: joints that never slide have no rows to weigh."""
+    return np.maximum(size(residual, used), np.finfo(float).tiny)
+
+
 def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
     """How many times a row's information is counted because residuals resemble their neighbours; 1: not at all."""
     kept = residual * used
     power = float((kept**2).sum())
-    return max(1.0, 1.0 + 2.0 * sum(float((kept[:-lag] * kept[lag:]).sum()) for lag in range(1, most)) / power)
+    alike = sum(float((kept[:-lag] * kept[lag:]).sum()) for lag in range(1, most))
+    return max(1.0, 1.0 + 2.0 * alike / power) if power > 0 else 1.0
 
 
 def _fit(
@@ -167,7 +173,7 @@ def _fit(
         independent: (u, u) covariance, did no average resemble its neighbours.
         residual: (n, nj) what is left of the torques [Nm].
     """
-    sigma = size(residual, samples.slides)
+    sigma = _noise(residual, samples.slides)
     repetition = _repetition(residual / sigma, samples.slides)
     covariance, misfit = repetition * independent, _misfit(samples, residual, repetition)
     gain = 1 + x[table.of("gain")]

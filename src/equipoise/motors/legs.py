@@ -82,7 +82,7 @@ def legs_in_swing(
         beside.add(column, float(np.hypot(_OWN_INERTIA, LIKE * fit.misfit[joint] / felt)) if felt > 0 else 0.0)
     unseen = LIKE * fit.misfit
     askew = np.hypot(unseen, _ASKEW * size(fit.carried, samples.slides))
-    beside.add_each(by_gain, unseen / size(samples.torque, samples.slides))
+    beside.add_each(by_gain, unseen / np.maximum(size(samples.torque, samples.slides), np.finfo(float).tiny))
     moments = np.moveaxis(links[..., own.shape[-1] :], -1, 0).reshape(own.shape[-1], 3, *samples.torque.shape)
     for joint, of_link in zip(_joints(robot), moments, strict=True):
         for column in of_link:

@@ -61,6 +61,7 @@ _OF_LEGS = (
     "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
 )  # fmt: skip
 _TRUSTED_MASS = 0.03
+_LOOKED_FOR = 2.0  # times as much may lengths of legs be off that are looked for: 1.5 mm on an A1
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,8 @@ class Precise(Method):
         priors = replace(self.priors, **{name: factor * getattr(self.priors, name) for name, factor in wider.items()})
         if not self.turn:
             priors = priors.holding("foothold_change")
+        if self.swings:  # who looks for legs does not trust the file's
+            priors = replace(priors, link_length=_LOOKED_FOR * priors.link_length)
         if self.legs == "unknown":
             return priors
         return replace(priors.holding(*_OF_LEGS), leg_mass=min(_TRUSTED_MASS, priors.leg_mass))

@@ -43,6 +43,9 @@ _LEAN_NOISE = 0.02  # [rad]
 _QUIETEST = 0.3  # of these, what robots with ordinary sensors show
 _SAYING = 15  # rows of a move's twenty that say something: means are taken off
 _FEWEST_FREEDOMS = 20.0  # from which on the noise that residuals show is known to a fifth
+_RESTLESS = (
+    1.5  # times what residuals show is what feet may do: they show less by chance, and what they do lasts over moves
+)
 # Torque of an A1's joint that the friction model leaves unexplained, over its Coulomb friction; at rest and in motion.
 _FRICTION_UNKNOWN = 1.0
 _FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
@@ -379,6 +382,7 @@ class PlantedBlock(_MotionBlock):
     """Rows of planted moves: feet that stay, footholds that keep their heights. Whitened."""
 
     depends_on = PlantedRows.DEPENDS_ON
+    _quiet = 1.0  # factor on the noise that is allowed for, which quiet feet have shown
 
     def __init__(
         self, unknowns: Unknowns, legs: LegChains, rotation: FloatArray, moves: Sequence[tuple[int, PlantedMove]]
@@ -414,7 +418,9 @@ class PlantedBlock(_MotionBlock):
     def at_shown_noise(self, x: FloatArray) -> PlantedBlock:
         """The same rows at the noise that they show at x, where that is less than what is allowed for."""
         shown = copy(self)
-        shown.scale = self.scale * max(_QUIETEST, min(1.0, float(np.median(self.normalised_residual(x)))))
+        allowed = self.scale / self._quiet
+        shown._quiet = max(_QUIETEST, min(1.0, float(np.median(self.normalised_residual(x)))))
+        shown.scale = allowed * shown._quiet
         return shown
 
     def at_found_noise(self, x: FloatArray, covariance: FloatArray) -> PlantedBlock:
@@ -428,9 +434,10 @@ class PlantedBlock(_MotionBlock):
         freedoms = _SAYING * float(np.sum(self.scale < _MANY)) - taken
         if freedoms < _FEWEST_FREEDOMS:
             return self
-        shown = np.sqrt(residual @ residual / freedoms) * (1 + 1 / np.sqrt(2 * freedoms))  # by chance it is less
+        shown = _RESTLESS * np.sqrt(residual @ residual / freedoms)
         found = copy(self)
-        found.scale = self.scale * max(_QUIETEST, min(1.0, float(shown)))
+        found._quiet = max(_QUIETEST, min(1.0, float(shown)))
+        found.scale = self.scale * found._quiet
         return found
 
     def _whitened(self, rows: FloatArray) -> FloatArray:

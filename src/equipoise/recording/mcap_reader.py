@@ -120,10 +120,15 @@ def _message_runs(records: bytes, types: dict[int, str], channels: dict[int, tup
             begin, position, heads = position, turn[-1][1], [at - position for at, _ in turn]
             count = _turns(data[begin:], position - begin, heads)
             rows = data[begin : begin + count * (position - begin)].reshape(count, -1)
+            of_channel: dict[int, list[slice]] = {}
             for (start, end), head in zip(turn, heads, strict=True):
                 channel = int.from_bytes(records[start + _FRAME : start + _KIND], "little")
-                received = np.ascontiguousarray(rows[:, head + _RECEIVED : head + _RECEIVED + 8]).view("<i8")[:, 0]
-                yield Run(*channels[channel], received, rows[:, head + _FRAME + _MESSAGE_HEAD : end - begin])
+                of_channel.setdefault(channel, []).append(slice(head, end - begin))
+            for channel, parts in of_channel.items():
+                # Copies, turn by turn: in the order in which they were written, and not the whole chunk with them.
+                whole = np.stack([rows[:, part] for part in parts], axis=1).reshape(count * len(parts), -1)
+                received = np.ascontiguousarray(whole[:, _RECEIVED : _RECEIVED + 8]).view("<i8")[:, 0]
+                yield Run(*channels[channel], received, whole[:, _FRAME + _MESSAGE_HEAD :])
             position = begin + count * (position - begin)
             continue
         opcode, length = struct.unpack_from("<BQ", records, position)
@@ -139,12 +144,16 @@ def _message_runs(records: bytes, types: dict[int, str], channels: dict[int, tup
 
 
 def _turn(records: bytes, position: int) -> list[tuple[int, int]]:
-    """Begin and end of consecutive messages from a place on, until one is of the first one's kind and length again."""
+    """Begin and end of consecutive messages from a place on, until one is of the first one's kind and length again.
+
+    All of a channel in it are equally long: of others the order would be lost.
+    """
     turn: list[tuple[int, int]] = []
+    kinds: dict[bytes, bytes] = {}
     first = records[position : position + _KIND]
     while len(turn) < _LONGEST_TURN and len(records) >= position + _FRAME + _MESSAGE_HEAD:
         kind = records[position : position + _KIND]
-        if kind[0] != Opcode.MESSAGE or (turn and kind == first):
+        if kind[0] != Opcode.MESSAGE or (turn and kind == first) or kinds.setdefault(kind[_FRAME:], kind) != kind:
             break
         length = int.from_bytes(kind[1:_FRAME], "little")
         _check_within(position + _FRAME + length, length, records)

@@ -69,7 +69,10 @@ class FootLoads:
         """
         edges = np.append(track.time - track.step / 2, track.time[-1] + track.step / 2)
         force = Integral(sensed.time, sensed.force).means(edges)
-        force = force - np.quantile(force, _UNLOADED, axis=0)
+        in_steps = np.concatenate(
+            [np.arange(*track.indices(step.start, step.end).indices(len(force))) for step in steps]
+        )
+        force = force - np.quantile(force[in_steps], _UNLOADED, axis=0)  # a robot that rests for long has no foot up
         usual = force[_walking(track, steps)].mean(axis=0)
         usual = np.where(usual > _DEAD * np.median(usual), usual, np.nan)
         return cls("foot forces", track.time, force / usual)
