@@ -176,7 +176,8 @@ class Faulty(PlatformWrapper):
             return state
         joint, meant = self._fault.joint, self._meant
         torque = state.joint_torque.copy()
-        torque[joint] = self._kp[joint] * (meant.position[joint] - state.joint_position[joint])
+        kp = self._kp if meant.kp is None else meant.kp
+        torque[joint] = kp[joint] * (meant.position[joint] - state.joint_position[joint])
         torque[joint] += 0.0 if meant.torque is None else meant.torque[joint]
         return replace(state, joint_torque=torque)
 

@@ -9,7 +9,7 @@ import pytest
 from faults import Fault, Faulty, grease
 from guarded import SLOW, hold, simulated
 
-from equipoise import Precise, RunFolder, calibrate, nominal_stance
+from equipoise import Precise, RunFolder, calibrate, nominal_stance, simulate
 from equipoise.clearance.clearance import contact_in
 from equipoise.errors import (
     CommunicationError,
@@ -22,6 +22,7 @@ from equipoise.errors import (
 )
 from equipoise.guard import safe_ending
 from equipoise.guard.guard import Guard
+from equipoise.motors.method import Motors
 from equipoise.platform.platform import Trajectory
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.platform.wrapper import PlatformWrapper
@@ -31,6 +32,7 @@ from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.run_log_reader import read_log
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
+from equipoise.robot.stance import lies
 
 SETTINGS = Precise(budget=32, sway=False)
 CALF, THIGH = 2, 1  # of the front left leg
@@ -48,9 +50,11 @@ class Case:
     words: str
     joint: int = CALF
     push: float = 0.0
+    after: float = 0.02
 
     def __str__(self):
-        return f"{self.kind}{f' {self.push:g} N' if self.push else ''} in {self.phase}"
+        late = f" after {self.after:g} s" if self.after > 0.1 else ""
+        return f"{self.kind}{f' {self.push:g} N' if self.push else ''} in {self.phase}{late}"
 
 
 # What is wrong decides how it ends, and the phase where the feet are then: each ending is tried in every phase with one fault.
@@ -91,11 +95,13 @@ class Seen(PlatformWrapper):
 
     def __init__(self, inner):
         super().__init__(inner)
-        self.commands, self.closed = [], False
+        self.commands, self.states, self.closed = [], [], False
 
     def step(self, command):
+        state = super().step(command)
         self.commands.append(command)
-        return super().step(command)
+        self.states.append(state)
+        return state
 
     def close(self):
         self.closed = True
@@ -129,7 +135,7 @@ def run(robot, cases, folder, duration=None, settings=SETTINGS):
         faults = []
         for case in cases:
             lasts, size = 0.3 if case.push else duration, SIZES.get(case.kind, 0.0)
-            fault = Fault(case.kind, case.phase, 0.02, lasts, case.joint, size, act_of(case, disturbance))
+            fault = Fault(case.kind, case.phase, case.after, lasts, case.joint, size, act_of(case, disturbance))
             faulty = Faulty(faulty, fault, lambda: guard.phase if guard else "", gains)
             faults.append(faulty)
         with RunFolder.create(folder, robot, settings, {}) as kept:
@@ -195,6 +201,62 @@ def test_a_fault_while_lifted_feet_swing_ends_as_any_other(a1, case, tmp_path):
     assert_put_down(a1, case, peer, report)
 
 
+# The robot lies on its belly and turns its legs up: nothing is left to be put down, and all joints are damped.
+LEGS_UP = Motors(motor_time=3.0)
+_NO_POWER = "FL_calf_joint.*is it on"
+_STUCK = "joint 'FL_calf_joint' was sent through"
+LYING = [
+    Case("drop", "lie", CommunicationError, "no sample has arrived for 1"),
+    Case("lose torque", "lie", TrackingError, _NO_POWER),
+    Case("stick joint", "lie", TrackingError, _STUCK),
+    Case("spike", "raise", SensorError, "encoder of joint 'FL_calf_joint' jumped"),
+    Case("kill link", "raise", CommunicationError, "the link is gone"),
+    Case("freeze imu", "raise", SensorError, "IMU is frozen"),
+    Case("stick joint", "raise", TrackingError, _STUCK),
+    Case("nan", "swing", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
+    Case("repeat", "swing", SensorError, "samples repeat themselves"),
+    Case("overheat", "swing", LimitError, "motor of joint 'FL_calf_joint' has 90 deg C"),
+    # Limp and upright, the thigh hangs in its friction.
+    Case("lose torque", "swing", TrackingError, "joint 'FL_thigh_joint' .* has its motor lost power", joint=THIGH),
+    Case("freeze encoder", "swing", SensorError, "encoder of joint 'FL_calf_joint' is frozen"),
+    Case("stick joint", "swing", TrackingError, _STUCK),
+    Case("outside", "swing", FallError, "falling", push=250.0),
+    Case("lose torque", "fold", TrackingError, _NO_POWER),
+    Case("stick joint", "fold", TrackingError, _STUCK),
+    Case("nan", "fold", SensorError, "encoder of joint 'FL_calf_joint' says what is no number", after=4.3),  # it rises
+]
+
+
+@pytest.mark.parametrize("case", LYING, ids=str)
+def test_a_fault_of_a_robot_with_its_legs_up_ends_as_any_other(a1, case, tmp_path):
+    outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
+    assert isinstance(outcome, case.error), outcome
+    assert re.search(case.words, str(outcome)), outcome
+    assert_put_down(a1, case, peer, report)
+    if case.kind != "kill link":
+        assert report.ending == ("damped", "released")
+    plays = read_log(tmp_path / "run" / "recording.mcap").plays
+    assert sum(len(play.recording.joints.time) for play in plays) > 200
+    phases = [event.data["name"] for play in plays for event in play.recording.events if event.name == "phase"]
+    assert case.phase in phases
+
+
+@pytest.mark.parametrize(
+    "case", [case for case in LYING if case.phase == "swing" and case.kind in ("nan", "overheat")], ids=str
+)
+def test_legs_that_are_up_come_down_before_they_are_let_go(a1, case, tmp_path, monkeypatch):
+    """Blindly for as long as it takes; and until nothing moves, where that is seen."""
+    monkeypatch.setattr(safe_ending, "_LONGEST", 4.0)
+    _, _, peer, _ = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
+    limp = np.array([command.limp for command in peer.commands])
+    speed = np.abs([state.joint_velocity for state in peer.states])[limp].max(axis=1)
+    assert speed.max() < 1.0
+    assert speed[-20:].max() < 0.15  # a third of it noise
+    end = peer.states[-1]
+    assert lies(a1, nominal_stance(a1), end.joint_position)
+    assert end.acceleration_in_imu[2] > 0.98 * np.linalg.norm(end.acceleration_in_imu)  # level, on its belly
+
+
 HARMLESS = [
     Case("reorder", "watch", MotionError, ""),
     Case("outside", "rest", MotionError, "", push=12.0),
@@ -207,6 +269,18 @@ def test_faults_that_do_no_harm_leave_the_result_right(a1, tmp_path):
     com = outcome.composite.com_in_base
     assert (np.abs(com.values - truth.com) < 5 * com.deviations).all()
     assert_put_down(a1, HARMLESS[0], peer, report)
+
+
+def test_what_does_no_harm_to_a_swing_leaves_its_result_right(a1, tmp_path):
+    harmless = [Case("reorder", "swing", MotionError, ""), Case("freeze encoder", "swing", MotionError, "", after=1.0)]
+    outcome, _, peer, report = run(a1, harmless, tmp_path / "run", duration=0.1, settings=LEGS_UP)
+    assert not isinstance(outcome, EquipoiseError), outcome
+    with simulate(a1, payload="1,0.05,0.02,0.08", seed=3, timestep=SLOW / 4) as same:
+        found = outcome.with_truth_of_parts(same.truth_of_parts).motors
+    missed = [one.missed for motor in found.values() for one in motor.quantities.values()]
+    assert np.mean(missed) < 0.15
+    assert not any(one.missed for one in found["FL_calf_joint"].quantities.values())
+    assert_put_down(a1, harmless[0], peer, report)
 
 
 def test_a_foot_without_hold_is_named_beside_the_result(a1, tmp_path):

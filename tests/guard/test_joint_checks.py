@@ -118,7 +118,9 @@ def test_a_joint_that_does_not_move_is_stuck(a1, checks, stance):
     errors = [feel(checks, [replace(at_rest(a1, i), joint_torque=None)], sent(i))[0] for i in range(600)]
     (error,) = (error for error in errors if error is not None)
     assert type(error) is TrackingError
-    assert str(error) == "joint 'RL_thigh_joint' was sent through 0.18 rad and moved by 0.00 rad: is it stuck?"
+    assert str(error) == (
+        "joint 'RL_thigh_joint' was sent through 0.18 rad and moved by 0.00 rad: is it stuck, has its motor lost power?"
+    )
 
 
 def test_a_motor_that_gives_nothing_is_noticed(a1, checks, stance):

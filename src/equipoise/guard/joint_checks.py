@@ -103,7 +103,7 @@ class JointChecks:
             joint, sent, moved = stuck
             raise TrackingError(
                 f"joint {self._robot.joint_names[joint]!r} was sent through {sent:.2f} rad and moved by {moved:.2f} rad: "
-                "is it stuck?"
+                "is it stuck, has its motor lost power?"
             )
 
     def _check_torque(self, command: JointCommand, known: Known) -> None:

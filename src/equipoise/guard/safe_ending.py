@@ -26,6 +26,7 @@ from equipoise.platform.ramp import smooth_step
 from equipoise.platform.stepping import StepLog
 from equipoise.recording.event import PHASE, Event
 from equipoise.recording.phases import Phase
+from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
 
@@ -37,6 +38,10 @@ _FAR = 0.3  # [rad] from where it was sent: the joint obeys no longer, or the ro
 # Damped robots of the catalogue sink to the floor in 0.9 to 2.3 s (HyQ; over its scale of time), at 0.2 to 0.9 m/s (B1: what a
 # drop of 4 cm ends with). Twice the damping takes twice as long, and HyQ rolled over.
 _LONGEST = 4.0  # [s] on an A1
+# Legs that are up come down slower than a body sinks: an A1's hang in their friction, and fall outward at 0.2 rad/s for up to
+# 9 s. Let go after 4 s, they fell at 5 rad/s.
+_LEGS_UP = 2.5  # times as long
+_RAISED = 0.1  # of the leg length by which a foot is then above where the lying robot has it
 _STILL_TIME, _STILL = 0.3, 0.02  # [s], [rad] that no joint moved by meanwhile
 _FAILURES, _FAILING_TIME = 25, 0.25  # in a row, [s]: nothing gets through
 
@@ -127,15 +132,21 @@ class SafeEnding:
             for share in 1 - smooth_step(self._periods(FADE)):
                 fading = replace(last, velocity=None, torque=share * torque)
                 self._send(softened(fading, self._own_gains, share), found)
-        zeros = np.zeros_like(self._last.position)
+        zeros, longest = np.zeros_like(self._last.position), _LONGEST * (_LEGS_UP if self._legs_are_up() else 1.0)
         limp = JointCommand(self._last.position, kp=zeros, kd=self._own_gains[1])
         was = self._here
-        for count in range(1, self._periods(_LONGEST * self._stance.scale.time) + 1):
+        for count in range(1, self._periods(longest * self._stance.scale.time) + 1):
             self._send(limp, found)
             if count % self._periods(_STILL_TIME) == 0:
                 if found.believed and found.heard and np.abs(self._here - was).max() < _STILL:
                     return
                 was = self._here
+
+    def _legs_are_up(self) -> bool:
+        """Whether a foot was sent to where it is only if the robot lies with its legs turned up."""
+        folded, _ = lying_posture(self._robot, self._stance)
+        feet, lying = (foot_positions(self._robot, position) for position in (self._last.position, folded))
+        return float((feet - lying)[:, 2].max()) > _RAISED * self._robot.leg_length
 
     def _way_to(self, end: JointCommand, duration: float) -> list[JointCommand]:
         """Commands from the last one to another, over a time [s] or as much longer as joints need."""
