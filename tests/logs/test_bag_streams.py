@@ -88,3 +88,23 @@ def test_runs_of_a_file_hold_its_messages(tmp_path, chunked, compression):
         for time, body in zip(run.received, run.bodies, strict=True)
     ]
     assert sorted(read, key=lambda each: each[1]) == written
+
+
+@pytest.mark.parametrize("turn", ["JII", "JJI", "JIJ"])
+def test_messages_of_a_topic_keep_their_order_whatever_their_turns_and_times(tmp_path, turn):
+    """Topics of different rates, lengths that alternate, and times of receipt that are the same for many."""
+    path, written = tmp_path / "log.mcap", {"/J": [], "/I": []}
+    with open(path, "wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start("ros2")
+        schema = writer.register_schema("x/msg/A", "ros2msg", b"")
+        channels = {topic: writer.register_channel(topic, "cdr", schema) for topic in written}
+        for k in range(300):
+            topic = f"/{turn[k % 3]}"
+            written[topic].append(k.to_bytes(2, "little") + bytes(k % 2 * 4))
+            writer.add_message(channels[topic], EPOCH + k // 50, written[topic][-1], EPOCH + k // 50)
+        writer.finish()
+    read = {"/J": [], "/I": []}
+    for run in message_runs(path):
+        read[run.topic] += [bytes(body) for body in run.bodies]
+    assert read == written

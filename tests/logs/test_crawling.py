@@ -12,6 +12,7 @@ from equipoise.logs.joint_names import JointMap
 from equipoise.logs.log import Log
 from equipoise.logs.motions.loads import FootForces, FootLoads
 from equipoise.logs.motions.segments import find_segments
+from equipoise.logs.motions.track import Track
 from equipoise.logs.offline import estimate_log
 from equipoise.recording.trials import CrawlTrial, ThreeFeet, TwoFeet, read_trial
 from equipoise.robot.inertial import components
@@ -155,6 +156,24 @@ def test_feet_that_are_up_carry_nothing_and_those_that_stand_do():
     assert loads(*[[0.2, 0.1, 0.1, 2.0]] * 10).contradicts(step)
     assert not loads(*[[1.8, 0.1, 0.1, 2.0]] * 8, *[[1.0, 6.0, 0.1, 1.0]] * 2).contradicts(step)  # it lands
     assert not loads(*[[1.8, np.nan, 0.1, 2.0]] * 10).contradicts(step)  # no sensor to believe
+
+
+@pytest.mark.parametrize("rest", [0.0, 300.0])
+def test_a_long_rest_is_not_what_sensors_read_unloaded(rest):
+    """Each foot is up for half a second, three times: little of five minutes."""
+    step = 0.01
+    time = step * (np.arange(round((rest + 20) / step)) + 0.5)
+    force, steps = np.full((len(time), 4), 100.0), []
+    for k in range(12):
+        start, lifted = rest + 1 + 1.5 * k, k % 4
+        up = (time >= start) & (time < start + 0.5)
+        force[up] = 400 / 3
+        force[up, lifted] = 0.0
+        steps.append(ThreeFeet(LEG_NAMES[lifted], start + 0.05, start + 0.45))
+    none = np.zeros((len(time), 3))
+    track = Track(time, step, np.zeros((len(time), 12)), none, none, None, 0.0, 0.0)
+    loads = FootLoads.by_sensors(track, FootForces(time, force), steps)
+    assert not any(loads.contradicts(one) for one in steps)
 
 
 def test_a_step_is_cut_to_when_its_foot_is_up():

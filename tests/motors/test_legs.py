@@ -1,14 +1,18 @@
 """What legs that swing in the air say of their links, against simulated legs that are not the file's."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from equipoise import Precise, calibrate, nominal_stance, simulate
+from equipoise.cli.delta import without_swings
 from equipoise.method.together import Together
 from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import fit_motors
 from equipoise.motors.legs import legs_in_swing
 from equipoise.motors.method import Motors
+from equipoise.precise.residual_blocks import PlantedBlock
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.bodies import link_names
 
@@ -67,6 +71,47 @@ def test_legs_are_told_better_with_the_swing(a1, run):
     assert abs(more.error) < 3 * more.deviation
     assert [trial.kind for trial in together.trials].count(MotorTrial.kind) == 1
     assert any("swing in the air" in source.name for source in together.budget)
+
+
+def test_a_swing_that_broke_off_costs_the_motors_alone(a1, run):
+    kept, _, _, both = run
+    lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
+    found = both.estimate(a1, lifts, nominal_stance(a1))
+    assert not found.motors
+    assert found.composite.mass.value == both.base.estimate(a1, lifts, nominal_stance(a1)).composite.mass.value
+    assert any("no complete swing" in warning and "--resume" in warning for warning in found.warnings)
+
+
+def test_delta_passes_over_swings(run):
+    kept, _, _, _ = run
+    assert [one.trial for one in without_swings(kept)] == [one.trial for one in kept[:-1]]
+
+
+def test_a_joint_that_never_slides_ends_no_fit(a1, run):
+    kept, _, _, _ = run
+    scale = nominal_stance(a1).scale
+    samples = motor_samples(a1, kept[-1], scale.time)
+    slides = samples.slides.copy()
+    slides[:, 4] = 0.0
+    stuck = dataclasses.replace(samples, slides=slides)
+    fit = fit_motors(a1, stuck, scale)
+    assert np.isfinite(fit.values).all()
+    assert np.isfinite(legs_in_swing(a1, kept[-1], stuck, fit, scale).rows).all()
+
+
+def test_quiet_feet_are_not_taken_for_quieter_than_they_may_be(a1, run):
+    kept, _, _, both = run
+    lifts = [one for one in kept if not isinstance(one.trial, MotorTrial)]
+    posterior = both.base.estimate(a1, lifts, nominal_stance(a1)).evidence.posterior
+    block = next(block for block in posterior.problem.blocks if isinstance(block, PlantedBlock))
+    allowed = block.scale / block._quiet
+    loose = np.zeros_like(posterior.covariance)  # as if no unknown took a freedom
+    quiet = block.at_found_noise(posterior.x, loose)
+    assert (quiet.scale <= allowed).all()
+    assert (quiet.scale >= 0.3 * allowed - 1e-12).all()
+    for again in (quiet.at_shown_noise(posterior.x), block.at_shown_noise(posterior.x)):
+        assert (again.scale >= 0.3 * allowed - 1e-12).all()
+    assert block.at_found_noise(posterior.x, 1e6 * np.eye(len(posterior.x))).scale == pytest.approx(block.scale)
 
 
 def test_who_does_not_look_for_legs_gets_the_base_of_before(a1, run):

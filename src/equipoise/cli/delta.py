@@ -54,7 +54,7 @@ def delta(
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
-    found = find_delta(robot, *(_without_swings(folder.recordings()) for folder in folders), scale, methods[0].beliefs)
+    found = find_delta(robot, *(without_swings(folder.recordings()) for folder in folders), scale, methods[0].beliefs)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
         found = found.with_truth(truths[0], truths[1])
@@ -82,7 +82,7 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
     return models[0]
 
 
-def _without_swings(recordings: Sequence[Recording]) -> list[Recording]:
+def without_swings(recordings: Sequence[Recording]) -> list[Recording]:
     """Those of the base: a robot that lies tells nothing of it."""
     from equipoise.recording.trials import MotorTrial
 

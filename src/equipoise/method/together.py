@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from equipoise.errors import RecordingError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.method.method import Method
@@ -57,7 +58,12 @@ class Together(Method):
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
         swings = [recording for recording in recordings if isinstance(recording.trial, MotorTrial)]
         rest = [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
-        beside = self.motors.estimate(robot, swings, stance)
+        try:
+            beside = self.motors.estimate(robot, swings, stance)
+        except RecordingError as error:  # what was measured of the base is not lost with it
+            found = self.base.estimate(robot, rest, stance)
+            told = f"motors: {error}; `equipoise calibrate --resume RUN` does what is missing"
+            return dataclasses.replace(found, warnings=(*found.warnings, told), settings=self.to_dict())
         base = self.base if beside.evidence is None else self.base.informed(beside.evidence)
         found = base.estimate(robot, rest, stance)
         return dataclasses.replace(
