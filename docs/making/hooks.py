@@ -14,7 +14,9 @@ from mkdocs.structure.files import File
 sys.path.insert(0, str(Path(__file__).parent))
 from formulas import with_formulas
 
-from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TorqueBlock
+from equipoise.precise.blocks.planted import PlantedBlock
+from equipoise.precise.blocks.tilt import TiltBlock
+from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.unknowns import Priors
 from equipoise.simulation.effects import SensorErrors
 

@@ -12,7 +12,7 @@ from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import fit_motors
 from equipoise.motors.legs import legs_in_swing
 from equipoise.motors.method import Motors
-from equipoise.precise.residual_blocks import PlantedBlock
+from equipoise.precise.blocks.planted import PlantedBlock
 from equipoise.recording.trials import MotorTrial
 from equipoise.robot.bodies import link_names
 

@@ -7,12 +7,13 @@ import pytest
 from scipy.stats import chi2
 
 from equipoise import Calibration
+from equipoise.precise.blocks.tilt import TiltBlock
+from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.checks import judge
 from equipoise.precise.findings.held_out import folds_of, tilt_errors
 from equipoise.precise.gauss_newton import descend
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.posterior import MapProblem
-from equipoise.precise.residual_blocks import TiltBlock, TorqueBlock
 from equipoise.recording.phases import Phase
 from equipoise.result.held_out import FOUND, MODEL, HeldOut
 from equipoise.result.statistics import NORMAL_95

@@ -8,13 +8,15 @@ from tilting import moving_robot
 
 from equipoise import nominal_stance
 from equipoise.errors import RecordingError
+from equipoise.precise.blocks.planted import PlantedBlock
+from equipoise.precise.blocks.tilt import TiltBlock, TiltNoise
+from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.parameters import Unknowns
 from equipoise.precise.posterior import MapProblem, body_jacobian, estimate_posterior, prior_rows
-from equipoise.precise.residual_blocks import PlantedBlock, TiltBlock, TiltNoise, TorqueBlock
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import JointStream
 from equipoise.robot.inertial import COMPONENTS, components
@@ -74,7 +76,7 @@ def blocks(a1, posterior, evidence):
 def steady_blocks(a1, posterior, evidence):
     """Blocks whose noise does not hang on the unknowns: nothing is off that the tilt equation multiplies by them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("equipoise.precise.residual_blocks._BIAS_FLOOR", 0.0)
+        patch.setattr("equipoise.precise.blocks.tilt._BIAS_FLOOR", 0.0)
         motions = [
             motion if motion.lift is None else replace(motion, lift=without_noise(motion.lift))
             for motion in evidence.motions
@@ -158,9 +160,9 @@ def test_a_long_motions_torques_as_few_rows_say_the_same(a1, posterior, evidence
         return before, block.normalised_residual, len(block.residual(x))
 
     few, noise, count = told(posterior.x)
-    monkeypatch.setattr("equipoise.precise.residual_blocks._SAMPLES_AT_ONCE", 50)
+    monkeypatch.setattr("equipoise.precise.blocks.torque._SAMPLES_AT_ONCE", 50)
     pieces, same_noise, _ = told(posterior.x)
-    monkeypatch.setattr("equipoise.precise.residual_blocks._few_rows", lambda system: system)
+    monkeypatch.setattr("equipoise.precise.blocks.torque._few_rows", lambda system: system)
     many, all_noise, all_rows = told(posterior.x)
     assert count < all_rows
     assert noise == pytest.approx(all_noise, rel=1e-9) == pytest.approx(same_noise, rel=1e-9)
@@ -383,7 +385,7 @@ def test_the_first_motions_of_an_interrupted_run_give_an_estimate(a1, precise_ru
 @pytest.mark.parametrize("noise", READINGS)
 def test_a_lifts_noise_is_that_of_many_draws(a1, posterior, evidence, monkeypatch, noise):
     """Readings of one kind, each off by what it is said to be: so is y, over the inertia about the line."""
-    monkeypatch.setattr("equipoise.precise.residual_blocks._BIAS_FLOOR", 0.0)
+    monkeypatch.setattr("equipoise.precise.blocks.tilt._BIAS_FLOOR", 0.0)
     lift, generator, draws = lifts_of(evidence)[0], np.random.default_rng(4), 60
     others = {other: np.zeros_like(lift.velocity_noise) for other in READINGS if other != noise}
     read, of_sample = getattr(lift, READINGS[noise]), np.zeros(len(lift.joint_position))

@@ -75,7 +75,7 @@ def test_links_are_found_within_their_intervals(found):
     everything = [one for link in result.links.values() for one in link.quantities.values() if one.value is not None]
     assert len(everything) == 4 * (4 + 5 + 5)
     assert np.mean([one.missed for one in everything]) < 0.15
-    assert not any(one.missed for one in result.composite)
+    assert sum(one.missed for one in result.composite) <= 1  # of ten at 95 %
 
 
 def test_swings_are_what_tells_it(a1, found):

@@ -7,6 +7,8 @@ import pytest
 
 from equipoise import Calibration, estimate
 from equipoise.precise import posterior as posterior_module
+from equipoise.precise.blocks.block import ResidualBlock
+from equipoise.precise.blocks.table import BLOCKS
 from equipoise.precise.checks import judge
 from equipoise.precise.findings.sensor_findings import sensor_findings
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
@@ -15,7 +17,6 @@ from equipoise.precise.measurements.momenta import model_parameters
 from equipoise.precise.measurements.planted_moves import PlantedRows
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.posterior import estimate_posterior
-from equipoise.precise.residual_blocks import BLOCKS, ResidualBlock
 from equipoise.precise.two_runs import estimate_two_runs
 from equipoise.precise.unknowns import AXIS, Priors, by_the_model, finding_names, unknown
 from equipoise.report.contents import run_contents

@@ -18,11 +18,11 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, NotEstimatedError, SettingsError
+from equipoise.precise.blocks.tilt import TiltBlock
 from equipoise.precise.findings.held_out import LiftPrediction
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.tilt_equation import SensedLift, integral
 from equipoise.precise.posterior_evidence import PosteriorEvidence
-from equipoise.precise.residual_blocks import TiltBlock
 from equipoise.result.calibration import Calibration
 from equipoise.result.held_out import FOUND, MODEL
 from equipoise.robot.inertial import InertialParameters

@@ -54,7 +54,8 @@ def delta(
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
-    found = find_delta(robot, *(without_swings(folder.recordings()) for folder in folders), scale, methods[0].beliefs)
+    first, second = (without_swings(folder.recordings()) for folder in folders)
+    found = find_delta(robot, first, second, scale, methods[0].beliefs)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
         found = found.with_truth(truths[0], truths[1])

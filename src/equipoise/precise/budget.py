@@ -13,8 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.blocks.block import ResidualBlock
+from equipoise.precise.blocks.leg_swing import LegSwingBlock
+from equipoise.precise.blocks.planted import PlantedBlock
+from equipoise.precise.blocks.tilt import TiltBlock
+from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.posterior import Posterior, body_jacobian, body_prior_rows
-from equipoise.precise.residual_blocks import LegSwingBlock, PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
 from equipoise.result.uncertainty import UncertaintySource
 
 _SCALE, _TIME = "a scale (--mass)", "more robot time (--budget)"

@@ -22,11 +22,15 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
+from equipoise.precise.blocks.block import Misfit, ResidualBlock
+from equipoise.precise.blocks.planted import PlantedBlock
+from equipoise.precise.blocks.table import BLOCKS
+from equipoise.precise.blocks.tilt import TiltBlock
+from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.gauss_newton import NormalEquations, descend, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import INERTIAL, Belief, Unknowns
-from equipoise.precise.residual_blocks import BLOCKS, Misfit, PlantedBlock, ResidualBlock, TiltBlock, TorqueBlock
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel

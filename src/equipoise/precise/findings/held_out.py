@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
+from equipoise.precise.blocks.tilt import TiltBlock
 from equipoise.precise.known.known_run import KnownRun, shared_places
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
@@ -28,7 +29,6 @@ from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.tilt_equation import integral
 from equipoise.precise.parameters import INERTIAL, Unknowns
 from equipoise.precise.posterior import Posterior
-from equipoise.precise.residual_blocks import TiltBlock
 from equipoise.recording.trials import DesignedLift, PostureTrial
 from equipoise.result.held_out import EARLIER, FOUND, MODEL, HeldOut, HeldOutLift
 from equipoise.result.statistics import NORMAL_95
