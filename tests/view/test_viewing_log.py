@@ -33,7 +33,7 @@ import sys, time
 from pathlib import Path
 from equipoise.recording.run_log import RunLog
 from equipoise.recording.run_log_reader import read_log
-source, target = map(Path, sys.argv[1:])
+source, target, seen = map(Path, sys.argv[1:])
 content = read_log(source)
 with RunLog(target) as log:
     for play in content.plays:
@@ -41,7 +41,9 @@ with RunLog(target) as log:
         middle = play.recording.joints.time[len(play.recording.joints.time) // 2]
         for part in (play.recording.between(-1, middle), play.recording.between(middle, 1e6)):
             log.add(part)
-            time.sleep(0.002)
+            end = time.monotonic() + 20
+            while not seen.exists() and time.monotonic() < end:  # however slowly it is read
+                time.sleep(0.002)
         if play.trial is not None:
             log.keep(content.recordings[play.trial])
 """
@@ -57,13 +59,16 @@ def log(ideal_motions, tmp_path_factory):
     return path
 
 
-def followed(source, until, patience=20.0):
+def followed(source, until, patience=20.0, seen=None):
+    """Pieces and recordings until something, and how often there were any; a file is made when the first are seen."""
     pieces, recordings, looks = [], [], 0
     end = time.monotonic() + patience
     while not until(source) and time.monotonic() < end:
         news = source.news()
         pieces, recordings = pieces + list(news.pieces), recordings + list(news.recordings)
         looks += bool(news.pieces)
+        if looks and seen is not None:
+            seen.touch()
         time.sleep(0.005)
     return pieces, recordings, looks
 
@@ -72,8 +77,9 @@ def test_a_log_is_followed_while_another_process_writes_it(log, tmp_path):
     target = tmp_path / "growing.mcap"
     source = FollowedLog(target)
     assert not source.news().pieces, "it is not there yet"
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(log), str(target)])
-    pieces, recordings, looks = followed(source, lambda source: source.complete)
+    seen = tmp_path / "seen"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(log), str(target), str(seen)])
+    pieces, recordings, looks = followed(source, lambda source: source.complete, 40.0, seen)
     assert writer.wait(timeout=10) == 0
     assert looks > 1, "it was read while it was written"
     expected = read_log(log).recordings
