@@ -20,10 +20,10 @@ HEAVY = {"leg_mass_common": 0.15, "leg_com_common": 4e-3, "cable": 0.0}
 
 
 @pytest.fixture(scope="module")
-def run(a1):
+def run(a1, coarse_engine):
     """The recordings of a short run for base, legs and motors, the truth, and the settings."""
     kept = []
-    with simulate(a1, "realistic", seed=4, effects=HEAVY) as simulation:
+    with simulate(a1, "realistic", seed=4, effects=HEAVY, timestep=1e-3) as simulation:
         mass = simulation.truth.composite.mass
         both = Together(Precise(budget=45.0, mass=mass, cable="none", swings=True, sway=False), Motors(motor_time=5.0))
         calibrate(simulation.platform, a1, both, keep=kept.append)
