@@ -49,10 +49,8 @@ _distances = ThreadMemory(_distances_of)
 def contact_in(robot: RobotModel, joint_position: FloatArray) -> Contact | None:
     """The nearest two links at (nj,) joint positions [rad], if they are nearer than they may be."""
     pairs = pairs_of(robot)
-    distance = _distances.of(robot).all(joint_position)
-    short = pairs.least - distance
-    worst = int(np.argmax(short))
-    return Contact(pairs.links[worst], float(distance[worst])) if short[worst] > 0 else None
+    found = _distances.of(robot).nearest(joint_position, pairs.least)
+    return None if found is None else Contact(pairs.links[found[0]], found[1])
 
 
 class Clearance:

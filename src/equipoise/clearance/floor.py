@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import coal
+import numpy as np
 import pinocchio as pin
 
 from equipoise.clearance.clearance import FLOOR, Contact
 from equipoise.clearance.pairs import pairs_of
-from equipoise.clearance.shapes import link_of
+from equipoise.clearance.shapes import Spheres, link_of
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
 
@@ -27,19 +28,24 @@ def floor_contact(
         up_in_base: (3,) the floor's unit normal in the base frame.
         floor_height: height of the floor over the base frame's origin, along the normal [m].
     """
+    least, (shapes, spheres) = pairs_of(robot).least, _off_the_floor(robot)
+    above = spheres.placed(joint_poses) @ up_in_base - floor_height - spheres.radius
     floor = coal.Halfspace(up_in_base, floor_height)
     heights = [
-        Contact((link_of(shape), FLOOR), _distance(shape, joint_poses[shape.parentJoint], floor))
-        for shape in _off_the_floor(robot)
+        Contact(
+            (link_of(shapes[index]), FLOOR), _distance(shapes[index], joint_poses[shapes[index].parentJoint], floor)
+        )
+        for index in np.flatnonzero(above < least)
     ]
-    lowest = min(heights, key=lambda contact: contact.distance)
-    return lowest if lowest.distance < pairs_of(robot).least else None
+    lowest = min(heights, key=lambda contact: contact.distance, default=None)
+    return lowest if lowest is not None and lowest.distance < least else None
 
 
 @lru_cache(maxsize=16)
-def _off_the_floor(robot: RobotModel) -> list[pin.GeometryObject]:
+def _off_the_floor(robot: RobotModel) -> tuple[list[pin.GeometryObject], Spheres]:
     shanks = {leg.joint_ids[-1] for leg in robot.legs.values()}
-    return [shape for shape in pairs_of(robot).shapes.geometryObjects if shape.parentJoint not in shanks]
+    shapes = [shape for shape in pairs_of(robot).shapes.geometryObjects if shape.parentJoint not in shanks]
+    return shapes, Spheres.around(shapes)
 
 
 def _distance(shape: pin.GeometryObject, joint_pose: pin.SE3, floor: coal.Halfspace) -> float:

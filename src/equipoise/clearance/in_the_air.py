@@ -1,4 +1,4 @@
-"""Legs in the air: how far a lying robot's legs are from all that they must not touch: the floor, the trunk, each other."""
+"""Legs in the air: how far a robot's legs are from all that they must not touch: the floor, the trunk, each other."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _BOTH_SWING = 5.0  # times the room is kept between two legs
 
 
 class LegsInTheAir:
-    """What room there is about the legs of a robot that lies on its belly, by the shapes of its model file.
+    """What room there is about the legs of a robot that lies on its belly, or stands on others, by its model file's shapes.
 
-    The floor is a belly's depth under the hips. A link is not held against the one that it hangs on; two that are near each
+    A link is not held against the one that it hangs on; two that are near each
     other in the nominal stance may come to a quarter of that, and shapes that overlap there say nothing.
 
     Args:
@@ -32,13 +32,21 @@ class LegsInTheAir:
         stance: nominal stance of the robot.
         room: distance that is to be kept; a multiple of it between legs, which all swing [m].
         legs: names of the legs that are looked at.
+        floor: height of the floor in the base frame; default a belly's depth under the hips [m].
     """
 
-    def __init__(self, robot: RobotModel, stance: Stance, room: float, legs: Iterable[str] = LEG_NAMES) -> None:
+    def __init__(
+        self,
+        robot: RobotModel,
+        stance: Stance,
+        room: float,
+        legs: Iterable[str] = LEG_NAMES,
+        floor: float | None = None,
+    ) -> None:
         shapes = robot_shapes(robot)
         carried = [int(shape.parentJoint) for shape in shapes.geometryObjects]
-        height = stance.hip_height - stance.base_height - BELLY_RATIO * robot.leg_length
-        below = pin.SE3(np.eye(3), np.array([0.0, 0.0, height - _VAST / 2]))
+        lying = stance.hip_height - stance.base_height - BELLY_RATIO * robot.leg_length
+        below = pin.SE3(np.eye(3), np.array([0.0, 0.0, (lying if floor is None else floor) - _VAST / 2]))
         shapes.addGeometryObject(pin.GeometryObject("floor", BASE_JOINT, below, coal.Box(_VAST, _VAST, _VAST)))
         carried.append(_FLOOR)
         pairs = _pairs(robot, carried, tuple(legs))

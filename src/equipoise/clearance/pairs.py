@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from equipoise.clearance.shapes import held_links, link_of, robot_shapes
+from equipoise.clearance.shapes import Spheres, held_links, link_of, robot_shapes
 from equipoise.clearance.stand_ins import BASE_JOINT
 from equipoise.conventions import FloatArray
 from equipoise.robot.model import RobotModel
@@ -53,6 +53,8 @@ class Distances:
     def __init__(self, robot: RobotModel, shapes: pin.GeometryModel) -> None:
         self._robot, self._shapes = robot, shapes
         self._data, self._placed = robot.create_data(), shapes.createData()
+        self._spheres = Spheres.around(shapes.geometryObjects)
+        self._pairs = np.array([[pair.first, pair.second] for pair in shapes.collisionPairs])
 
     def take(self, joint_position: FloatArray) -> None:
         """Put the shapes where (nj,) joint positions put them [rad]."""
@@ -66,7 +68,16 @@ class Distances:
     def all(self, joint_position: FloatArray) -> FloatArray:
         """(pairs,) at (nj,) joint positions [rad]."""
         self.take(joint_position)
-        return np.array([self.of(pair) for pair in range(len(self._shapes.collisionPairs))])
+        return np.array([self.of(pair) for pair in range(len(self._pairs))])
+
+    def nearest(self, joint_position: FloatArray, least: float) -> tuple[int, float] | None:
+        """The pair that is nearest to each other at (nj,) joint positions [rad], and how near, if nearer than this [m]."""
+        self.take(joint_position)
+        centre, (first, second) = self._spheres.placed(list(self._data.oMi)), self._pairs.T
+        apart = np.linalg.norm(centre[first] - centre[second], axis=1)
+        may_be = np.flatnonzero(apart < self._spheres.radius[first] + self._spheres.radius[second] + least)
+        found = min(((self.of(int(pair)), int(pair)) for pair in may_be), default=(least, -1))
+        return (found[1], found[0]) if found[0] < least else None
 
 
 @lru_cache(maxsize=16)
@@ -117,12 +128,11 @@ def _routes(robot: RobotModel, shapes: pin.GeometryModel) -> tuple[NDArray[np.in
 def _joint_reaches(robot: RobotModel, shapes: pin.GeometryModel) -> dict[int, FloatArray]:
     """By joint, (nj,) how far what hangs at it moves at most while each joint above it, and itself, turns [m/rad]."""
     reaches = {joint: np.zeros(len(robot.joint_names)) for joint in range(robot.pinocchio.njoints)}
-    for shape in shapes.geometryObjects:
-        shape.geometry.computeLocalAABB()
-        middle = shape.placement.rotation @ shape.geometry.aabb_center + shape.placement.translation
-        extent = float(np.linalg.norm(middle)) + float(shape.geometry.aabb_radius)
-        for joint, above in _above(robot, shape.parentJoint):
-            row = reaches[shape.parentJoint]
+    spheres = Spheres.around(shapes.geometryObjects)
+    for parent, centre, radius in zip(spheres.joint, spheres.centre, spheres.radius, strict=True):
+        extent = float(np.linalg.norm(centre)) + float(radius)
+        for joint, above in _above(robot, int(parent)):
+            row = reaches[int(parent)]
             row[joint - 2] = max(row[joint - 2], above + extent)
     return reaches
 

@@ -5,11 +5,13 @@ Meshes are not read: they are made for pictures, and a robot has to be kept from
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import coal  # Pinocchio's own: shapes and the distances between them
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from equipoise.clearance.stand_ins import BASE_JOINT, LIMB_RADIUS_RATIO, Limb, leg_limbs, trunk_box
 from equipoise.conventions import FloatArray
@@ -33,6 +35,41 @@ def robot_shapes(robot: RobotModel) -> pin.GeometryModel:
 def link_of(shape: pin.GeometryObject) -> str:
     """Name of the link that a shape of `robot_shapes` is on."""
     return shape.name.rpartition(" ")[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Spheres:
+    """Spheres around shapes: a look at them spares most looks at the shapes.
+
+    Attributes:
+        joint: (n,) number of the joint that each shape hangs at.
+        centre: (n, 3) their centres in these joints' frames [m].
+        radius: (n,) [m].
+    """
+
+    joint: NDArray[np.intp]
+    centre: FloatArray
+    radius: FloatArray
+
+    @classmethod
+    def around(cls, shapes: Iterable[pin.GeometryObject]) -> Spheres:
+        """Those of shapes of `robot_shapes`."""
+        joints, centres, radii = zip(*((shape.parentJoint, *_sphere(shape)) for shape in shapes), strict=True)
+        return cls(np.array(joints), np.array(centres), np.array(radii))
+
+    def placed(self, joint_poses: Sequence[pin.SE3]) -> FloatArray:
+        """(n, 3) centres where joints have these poses, by their numbers, in the frame of the poses [m]."""
+        used = [int(joint) for joint in np.unique(self.joint)]
+        rotation, translation = np.zeros((used[-1] + 1, 3, 3)), np.zeros((used[-1] + 1, 3))
+        for joint in used:
+            rotation[joint], translation[joint] = joint_poses[joint].rotation, joint_poses[joint].translation
+        return (rotation[self.joint] @ self.centre[:, :, None])[:, :, 0] + translation[self.joint]
+
+
+def _sphere(shape: pin.GeometryObject) -> tuple[FloatArray, float]:
+    geometry: coal.CollisionGeometry = shape.geometry
+    geometry.computeLocalAABB()
+    return shape.placement.act(geometry.aabb_center), geometry.aabb_radius
 
 
 def held_links(robot: RobotModel) -> set[str]:
