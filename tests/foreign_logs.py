@@ -10,8 +10,12 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from equipoise import Precise
 from equipoise.drivers.unitree.motors import MOTOR_LEGS
+from equipoise.logs.joint_names import JointMap
+from equipoise.logs.log import Log
 from equipoise.logs.message_types import known_types
+from equipoise.logs.offline import estimate_log
 from equipoise.recording.recording import Recording
 
 LEGGED = {  # the parts that matter of what an A1 or a Go1 says by ROS 1, and another recorder's stamp
@@ -29,6 +33,13 @@ EPOCH = 1_763_712_000_123_456_789  # [ns]
 def as_log(recordings):
     """Consecutive recordings as one log, without what we would know of them."""
     return replace(Recording.concatenate(recordings), events=())
+
+
+def estimated(robot, walked, recording=None):
+    """What the log of a simulated walk, or another one, tells of a robot that was weighed."""
+    mass = walked.truth.mass
+    log = Log(recording or walked.log, JointMap(()), {}, ())
+    return estimate_log(robot, log, Precise(mass=mass, mass_sd=0.005 * mass))
 
 
 def every(stream, step, start=0):

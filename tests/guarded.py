@@ -29,9 +29,9 @@ def at_rest(robot, index=0, **changes):
     return replace(state, **changes)
 
 
-def look(checks, command, state, sent=None):
-    """What the guard does with checks: each looks at a command, a state and the command sent last, and may raise."""
-    known = Known(state, sent or command, command, TiltFilter(np.eye(3)))
+def look(checks, command, state, sent=None, planted=None):
+    """What the guard does with checks: each looks at a command, a state and the commands sent last, and may raise."""
+    known = Known(state, sent or command, planted or command, TiltFilter(np.eye(3)))
     known.up.feel(state)
     for check in checks:
         check(command, known)

@@ -85,10 +85,11 @@ def printed_as_text(table):
     return json.dumps(table, indent=2) + "\n"
 
 
-@pytest.mark.parametrize("part", [0.5, 0.9])
-def test_a_run_that_was_killed_in_the_swing_of_its_motors_goes_on_to_the_same_result(tmp_path, part):
-    """Lying, its legs turned up; what was measured of the base before stays."""
+@pytest.mark.parametrize(("part", "how"), [(0.5, "belly"), (0.9, "belly"), (0.6, "three-feet")])
+def test_a_run_that_was_killed_in_the_swing_of_its_motors_goes_on_to_the_same_result(tmp_path, part, how):
+    """Lying, its legs turned up, or on three feet; what was measured of the base before stays."""
     whole, arguments = tmp_path / "whole", ["--what", "base,motors", "--method", "static", "--motor-time", "5s"]
+    arguments += ["--motor-stance", how]
     assert main(["calibrate", *arguments, *ROBOT, "--no-pictures", "--quiet", "--out", str(whole)]) == 0
     copy = cut_at(part, whole, tmp_path / "run")
     assert main(["calibrate", "--resume", str(copy), "--no-pictures", "--quiet"]) == 0

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import export
 from equipoise.errors import MissingDependencyError, ModelError, SettingsError
+from equipoise.result.quantity import Quantity
 from equipoise.robot.inertial import InertialParameters
 
 CALF = "FL_calf_joint"
@@ -86,6 +87,17 @@ def test_joints_have_what_physx_reads_angles_in_degrees(pxr, a1, result, tmp_pat
     twice = written(result, tmp_path, "new_a1.usda", what="motors")
     again = twice.GetPrimAtPath(f"/a1/{CALF}")
     assert again.GetMetadata("apiSchemas").GetAddedOrExplicitItems() == ["PhysxJointAxisAPI:angular"]
+
+
+def test_friction_at_rest_is_what_joints_have_at_rest(pxr, a1, result, tmp_path):
+    (tmp_path / "a1.usda").write_text(usd(a1), encoding="utf-8")
+    at_rest = Quantity("stribeck_friction", "Nm", 0.1, 0.01, "identified")
+    motors = {name: dataclasses.replace(motor, stribeck_friction=at_rest) for name, motor in result.motors.items()}
+    stage = written(dataclasses.replace(result, motors=motors), tmp_path, what="motors")
+    joint = stage.GetPrimAtPath(f"/a1/{CALF}")
+    values = {attribute.GetName().split(":")[-1]: attribute.Get() for attribute in joint.GetAuthoredAttributes()}
+    assert values["staticFrictionEffort"] == pytest.approx(0.42)
+    assert values["dynamicFrictionEffort"] == pytest.approx(0.32)
 
 
 def test_what_a_file_composes_is_overruled_and_said(pxr, a1, result, tmp_path):

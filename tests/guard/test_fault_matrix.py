@@ -2,6 +2,7 @@
 the result; and always with the robot put down and a recording that can be read."""
 
 import re
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,14 @@ import pytest
 from faults import Fault, Faulty, grease
 from guarded import SLOW, hold, simulated
 
-from equipoise import Precise, RunFolder, calibrate, nominal_stance, simulate
+from equipoise import Precise, RunFolder, calibrate, load_robot, nominal_stance, simulate
 from equipoise.clearance.clearance import contact_in
 from equipoise.errors import (
     CommunicationError,
     EquipoiseError,
     FallError,
     LimitError,
+    MissingDependencyError,
     MotionError,
     SensorError,
     TrackingError,
@@ -255,6 +257,59 @@ def test_legs_that_are_up_come_down_before_they_are_let_go(a1, case, tmp_path, m
     end = peer.states[-1]
     assert lies(a1, nominal_stance(a1), end.joint_position)
     assert end.acceleration_in_imu[2] > 0.98 * np.linalg.norm(end.acceleration_in_imu)  # level, on its belly
+
+
+# The robot stands on three feet, its front left leg in the air: that foot is put down, and all joints are damped.
+THREE_FEET = Motors(motor_time=6.0, motor_stance="three-feet")
+_OTHER_CALF = 5  # of a leg that stands
+STANDING = [
+    Case("drop", "move", CommunicationError, "no sample has arrived for 1"),
+    Case("stick joint", "move", TrackingError, "joint 'FR_calf_joint' was sent through", joint=_OTHER_CALF),
+    Case("nan", "unload", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
+    Case("lose torque", "lift", FALLS, "FL_calf_joint|falling"),
+    Case("outside", "lift", FALLS, "falling|FL|FR|RL|RR", push=250.0),
+    Case("nan", "swing", SensorError, "encoder of joint 'FL_calf_joint' says what is no number"),
+    Case("overheat", "swing", LimitError, "motor of joint 'FL_calf_joint' has 90 deg C"),
+    Case("kill link", "swing", CommunicationError, "the link is gone"),
+    Case("lose torque", "swing", TrackingError, "FL_calf_joint.*lost power|FL_calf_joint.*is it on"),
+    Case("lose torque", "swing", FALLS, "FR_calf_joint|falling", joint=_OTHER_CALF),
+    Case("stick joint", "swing", TrackingError, _STUCK),
+    Case("outside", "swing", FALLS, "falling|FL|FR|RL|RR", push=250.0),
+    Case("drop", "lower", CommunicationError, "no sample has arrived for 1"),
+    Case("lose torque", "lower", FALLS, "FL_|falling"),
+]
+
+
+@pytest.mark.parametrize("case", STANDING, ids=str)
+def test_a_fault_of_a_robot_on_three_feet_ends_as_any_other(a1, case, tmp_path):
+    outcome, _, peer, report = run(a1, [case], tmp_path / "run", settings=THREE_FEET)
+    assert isinstance(outcome, case.error), outcome
+    assert re.search(case.words, str(outcome)), outcome
+    assert_put_down(a1, case, peer, report)
+    if case.phase in ("lift", "swing") and case.kind != "kill link":  # elsewhere the foot is down, or nobody is heard
+        assert report.ending[0] == "feet down"
+    if case.kind in ("nan", "overheat"):  # its legs do as they are told
+        assert report.ending[-3:] == ("centred", "damped", "released")
+    plays = read_log(tmp_path / "run" / "recording.mcap").plays
+    assert sum(len(play.recording.joints.time) for play in plays) > 200
+
+
+def test_a_robot_over_three_feet_is_damped_where_its_legs_carry_alike(tmp_path, monkeypatch):
+    """Damped where it was, HyQ rolled over: the leg that carried most sank first."""
+    monkeypatch.setattr(safe_ending, "_LONGEST", 4.0)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            hyq = load_robot("hyq")
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+    case = Case("overheat", "settle", LimitError, "has 90 deg C", after=0.1)
+    outcome, _, peer, report = run(hyq, [case], tmp_path / "run", settings=Motors(motor_time=8.0))
+    assert isinstance(outcome, case.error), outcome
+    assert_put_down(hyq, case, peer, report)
+    up = np.array([state.acceleration_in_imu / np.linalg.norm(state.acceleration_in_imu) for state in peer.states])
+    assert np.mean(up[-50:], axis=0) @ np.mean(up[:50], axis=0) > np.cos(0.1)
+    assert report.largest_tilt < 0.35
 
 
 HARMLESS = [

@@ -35,7 +35,7 @@ from equipoise.guard.sample_filter import SampleFilter
 from equipoise.guard.soft_start import soft_start
 from equipoise.guard.tilt_filter import TiltFilter
 from equipoise.platform.platform import JointCommand
-from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.kinematics import Kinematics, inverse_kinematics
 
 KNEE, THIGH = 2, 1  # of the front left leg
 
@@ -319,6 +319,27 @@ def test_a_robot_that_is_well_is_given_its_time(a1, home, gains):
     assert 0.25 < ending.times(is_limp) < 0.35  # it was still
 
 
+@pytest.mark.parametrize(
+    ("off", "follows", "centred"),
+    [(0.23, True, False), (0.27, True, True), (-0.27, True, True), (0.27, False, False)],
+)
+def test_a_body_far_from_the_middle_of_its_feet_is_brought_back_before_it_is_damped(
+    a1, home, gains, off, follows, centred
+):
+    """If its legs follow; a fault keeps it from lying down."""
+    feet, sent = nominal_stance(a1).feet_in_base.copy(), home
+    for _ in range(9):  # the legs' own CoM goes with the feet
+        feet[:, 0] += Kinematics(a1).com(sent)[0] - feet[:, 0].mean() - off * np.ptp(feet[:, 0]) / 2
+        sent = inverse_kinematics(a1, feet, home)
+    ending = Ending(a1, gains, lambda count: sent + 0.3)
+    if follows:
+        ending = Ending(a1, gains, lambda count: ending.sent[-1].position if count else sent)
+    assert ending.put_down(JointCommand(sent), well=False) == [*["centred"] * centred, "damped"]
+    assert (0.5 < ending.times(lambda command: command.kp is None) < 0.7) == centred
+    if centred:
+        np.testing.assert_allclose([one for one in ending.sent if one.kp is None][-1].position, home, atol=1e-6)
+
+
 @pytest.mark.parametrize(("speed", "believed", "duration"), [(0.078, True, 4.0), (0.05, True, 0.3), (0.0, False, 4.0)])
 def test_it_is_damped_until_it_is_still(a1, home, gains, speed, believed, duration):
     """By 0.02 rad in 0.3 s; or for four seconds."""
@@ -354,14 +375,22 @@ def test_lying_down_keeps_to_half_of_the_joints_speeds(a1, home, gains):
 
 
 @pytest.mark.parametrize(("slept", "tries"), [(PERIOD, 26), (0.1, 4)])
-def test_what_does_not_get_through_is_given_up(a1, home, gains, monkeypatch, slept, tries):
+def test_feet_that_nothing_reaches_are_given_up_and_damped_all_the_same(a1, home, gains, monkeypatch, slept, tries):
+    """A robot whose state stream is silent may still hear: it sinks for as long as one that answers may take."""
     clock = Clock()
     monkeypatch.setattr(
         safe_ending, "time", SimpleNamespace(monotonic=clock.monotonic, sleep=lambda _: clock.sleep(slept))
     )
-    ending = Ending(a1, gains, lambda count: home, fails=True)
-    ending.put_down(JointCommand(home), well=False)
-    assert len(ending.sent) == tries
+    feet = nominal_stance(a1).feet_in_base.copy()
+    feet[0, 2] += 0.05
+    raised = inverse_kinematics(a1, feet, home)
+    ending = Ending(a1, gains, lambda count: raised, fails=True)
+    down, damped = ending.put_down(JointCommand(raised), well=False)
+    assert down == "feet down, stopped: nothing gets through"
+    assert damped == "damped, stopped: nothing gets through"
+    assert sum(command.kp is None for command in ending.sent) == tries
+    assert sum(command.kp is not None for command in ending.sent) * slept == pytest.approx(4.05, abs=0.2)
+    assert sum(is_limp(command) for command in ending.sent) * slept == pytest.approx(3.5, abs=0.2)
 
 
 # --- the watchdog

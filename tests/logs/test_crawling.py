@@ -5,15 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from foreign_logs import estimated
 
-from equipoise import Precise, nominal_stance, simulate
+from equipoise import nominal_stance, simulate
 from equipoise.errors import LogError, RecordingError
-from equipoise.logs.joint_names import JointMap
-from equipoise.logs.log import Log
 from equipoise.logs.motions.loads import FootForces, FootLoads
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.motions.track import Track
-from equipoise.logs.offline import estimate_log
 from equipoise.recording.trials import CrawlTrial, ThreeFeet, TwoFeet, read_trial
 from equipoise.robot.inertial import components
 from equipoise.robot.kinematics import feet_and_forces
@@ -34,13 +32,6 @@ def crawled(a1):
     """What a crawling robot logs, and what it weighs."""
     with simulate(a1, "realistic", "1.2,0.06,0.02,0.08", seed=7, timestep=1e-3) as simulation:
         return SimpleNamespace(log=crawl(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
-
-
-def estimated(a1, crawled, recording=None):
-    mass = crawled.truth.mass
-    return estimate_log(
-        a1, Log(recording or crawled.log, JointMap(()), {}, ()), Precise(mass=mass, mass_sd=0.005 * mass)
-    )
 
 
 @pytest.fixture(scope="module")

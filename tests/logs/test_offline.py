@@ -1,6 +1,7 @@
 """Estimates from logs that are not ours: as good as from our own events, and honest about what a log cannot tell."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise import Precise, simulate
 from equipoise.cli import main
-from equipoise.errors import LogError, RecordingError
+from equipoise.errors import ImuMountingError, LogError, RecordingError
 from equipoise.experiments.stand import stand_up
 from equipoise.logs.joint_names import map_joints
 from equipoise.logs.log import Log, RawImu, RawJoints, RawLog, assemble
@@ -95,9 +96,9 @@ def test_other_rates_starts_and_gaps(a1, log, precise_run, change):
     off, _ = errors(other.result, precise_run.truth)
     assert np.abs(off[1:4]).max() < 3e-3
     said = " ".join(finding.message for finding in other.report.findings)
-    assert ("the IMU's stamps are 4" in said and "ms late against the joints'" in said) == (
-        name == "late start and clock"
-    )
+    late = re.search(r"the IMU's stamps are (\d+) ms late against the joints'", said)
+    assert (late is not None) == (name == "late start and clock")
+    assert late is None or abs(int(late.group(1)) - 40) <= 5  # [ms], as near as the legs are said to tell
     assert (sum(one.kind == "gap" for one in other.report.segments) == 2) == (name == "gaps")
 
 
@@ -219,7 +220,7 @@ def first_thigh(values):
 def test_a_log_of_another_robot_does_not_pass(skewed, a1, log):
     """Other legs under the same names."""
     renamed = Recording(skewed.joint_names, log.joints, log.imu)
-    with pytest.raises(RecordingError):
+    with pytest.raises((RecordingError, ImuMountingError)):  # its IMU is not askew either
         estimated(skewed, renamed)
 
 

@@ -6,17 +6,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from foreign_logs import columns_of, shifted, write_csv
+from foreign_logs import columns_of, estimated, shifted, write_csv
 
 from equipoise import Precise, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import LogError, RecordingError, SettingsError
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.log import Log
+from equipoise.logs.motions import gyroscope
+from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.offline import estimate_log
 from equipoise.precise.measurements.walking import gyro_bias_of_walks, up_between_steps
-from equipoise.recording.recording import ImuStream
+from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.trials import TwoFeet, WalkTrial, read_trial
 from equipoise.report.contents import run_contents
 from equipoise.robot.inertial import components
@@ -39,13 +41,6 @@ def trotted(a1):
         return SimpleNamespace(log=trot(simulation.platform, a1, DURATION), truth=simulation.truth.composite)
 
 
-def estimated(a1, trotted, recording=None):
-    mass = trotted.truth.mass
-    return estimate_log(
-        a1, Log(recording or trotted.log, JointMap(()), {}, ()), Precise(mass=mass, mass_sd=0.005 * mass)
-    )
-
-
 @pytest.fixture(scope="module")
 def found(a1, trotted):
     return estimated(a1, trotted)
@@ -58,6 +53,25 @@ def test_the_steps_of_a_trot_are_on_both_diagonals_in_turn(a1, stance, trotted):
     assert len(steps) > 25  # of 33
     assert np.mean([one.pair != other.pair for one, other in itertools.pairwise(steps)]) > 0.7
     assert all(0.09 < step.end - step.start < 0.3 for step in steps)
+
+
+def test_a_walk_behind_a_long_rest_tells_the_clocks(a1, stance, trotted, monkeypatch):
+    """It is looked at piece by piece; one of 8 s ends before this robot walks."""
+    monkeypatch.setattr(gyroscope, "_PIECE", 800)
+    first = trotted.log.joints.time[0]
+    kept = {"commands": None, "events": ()}
+    walk = replace(trotted.log, joints=shifted(trotted.log.joints, 10.0), imu=shifted(trotted.log.imu, 10.03), **kept)
+    time = first + np.arange(0.0, 9.9, 0.002)
+    rest = replace(
+        walk,
+        joints=JointStream(time, np.tile(stance.joint_position, (len(time), 1)), np.zeros((len(time), 12)), None),
+        imu=ImuStream(time, np.zeros((len(time), 3)), np.tile([0.0, 0.0, 9.81], (len(time), 1))),
+    )
+    walk = replace(walk, joints=replace(walk.joints, torque=None))
+    found = compare_gyroscope(a1, stance, Recording.concatenate([rest, walk]))
+    assert found.agrees
+    assert found.motion == "steps"
+    assert found.offset == pytest.approx(compare_gyroscope(a1, stance, trotted.log).offset - 0.03, abs=3e-3)
 
 
 def steps_in(a1, stance, recording):

@@ -15,6 +15,7 @@ from equipoise.experiments.legs_up import legs_up
 from equipoise.method.table import method_from_dict
 from equipoise.method.together import Together
 from equipoise.motors.equations import SPACING, averages, motor_samples
+from equipoise.motors.fit import _repetition
 from equipoise.motors.method import Motors
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
@@ -75,7 +76,7 @@ def test_the_motors_law_stands_for_torques_that_obey_it(a1, swung):
 
 def _taken_less_reported(robot, recording, scale):
     """(nj,) mean distances of the torques that count from the averages of those that were reported [Nm]."""
-    samples, joints = motor_samples(robot, recording, scale), recording.phase(Phase.SWING).joints
+    samples, joints = motor_samples(robot, [recording], scale), recording.phase(Phase.SWING).joints
     reported = averages(joints.time, samples.time, SPACING * scale) @ joints.torque
     return np.abs(samples.torque - reported).mean(axis=0)
 
@@ -85,7 +86,7 @@ def test_a_swing_that_broke_off_at_once_says_how_long_one_must_be(a1, swung):
     start = recording.phase(Phase.SWING).joints.time[0]
     early = [replace_time(event, start) for event in recording.events]
     with pytest.raises(RecordingError, match=r"the joints swung for 0.1 s; 2 s are needed"):
-        motor_samples(a1, dataclasses.replace(recording, events=tuple(early)), nominal_stance(a1).scale.time)
+        motor_samples(a1, [dataclasses.replace(recording, events=tuple(early))], nominal_stance(a1).scale.time)
 
 
 def replace_time(event, start):
@@ -140,6 +141,80 @@ def test_without_torques_the_commands_tell(a1, swung):
         assert joint.delay.value == pytest.approx(4e-3, abs=1e-3)
 
 
+def cut(stream, start, end):
+    """A stream without its samples between two times [s]."""
+    kept = (stream.time < start) | (stream.time > end)
+    return dataclasses.replace(
+        stream,
+        **{
+            field.name: getattr(stream, field.name)[kept]
+            for field in dataclasses.fields(stream)
+            if getattr(stream, field.name) is not None
+        },
+    )
+
+
+@pytest.mark.parametrize("streams", [("imu",), ("imu", "joints")])
+def test_what_is_near_a_gap_does_not_count(a1, swung, streams):
+    """The guard ends nothing for 0.1 s without a sample; a spline goes where it will meanwhile."""
+    result, (recording,) = swung
+    middle = recording.phase(Phase.SWING).joints.time.mean()
+    gapped = dataclasses.replace(
+        recording, **{name: cut(getattr(recording, name), middle, middle + 0.09) for name in streams}
+    )
+    other = Motors().estimate(a1, [gapped], nominal_stance(a1))
+    for name, joint in result.joints.items():
+        for what in ("armature", "viscous_friction"):
+            found, before = getattr(other.joints[name], what), getattr(joint, what)
+            assert abs(found.value - before.value) < before.deviation
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_torques_of_another_constant_are_no_other_delay(a1, swung, factor):
+    result, (recording,) = swung
+    joints = dataclasses.replace(recording.joints, torque=factor * recording.joints.torque)
+    other = Motors().estimate(a1, [dataclasses.replace(recording, joints=joints)], nominal_stance(a1))
+    for name, joint in result.joints.items():
+        assert other.joints[name].delay.value == pytest.approx(joint.delay.value, abs=0.3e-3)  # 10 % looked like 1.2 ms
+
+
+@pytest.mark.parametrize("name", ["torque", "velocity"])
+def test_zeros_are_nothing_reported(a1, swung, name):
+    (recording,) = swung[1]
+    blind, zeros = (
+        dataclasses.replace(recording, joints=dataclasses.replace(recording.joints, **{name: column}))
+        for column in (None, np.zeros_like(recording.joints.position))
+    )
+    expected, found = (Motors().estimate(a1, [one], nominal_stance(a1)) for one in (blind, zeros))
+    assert found.motors == expected.motors
+    assert found.warnings == expected.warnings
+
+
+def test_a_joint_that_never_slides_does_not_make_the_others_surer():
+    """What is left of it over a noise of none is beyond all numbers."""
+    rng = np.random.default_rng(1)
+    residual, used = np.cumsum(rng.normal(size=(400, 2)), axis=0), np.ones((400, 2))
+    used[:, 1] = 0.0
+    expected = _repetition(residual[:, :1], used[:, :1])
+    residual[:, 1] = np.inf
+    assert _repetition(residual, used) == pytest.approx(expected)
+    assert expected > 2
+
+
+def test_slow_joints_swing_from_the_end_of_the_ramp_to_its_begin(a1):
+    """A motion is stretched for joints that are slow, and its phases with it."""
+    slow = dataclasses.replace(a1, velocity_limit=np.full(12, 3.0))
+    with simulate(a1, "realistic") as simulation:
+        kept = []
+        calibrate(simulation.platform, slow, Motors(motor_time=3.0), keep=kept.append)
+    (recording,) = kept
+    swing, moving = recording.phase(Phase.SWING), np.abs(np.diff(recording.commands.position, axis=0)).max(axis=1) > 0
+    assert swing.duration > 3.5
+    after = recording.commands.time[1:] > swing.joints.time[-1] + 1.5
+    fold = next(event.time for event in recording.events if event.data.get("name") == Phase.FOLD)
+    assert not moving[after & (recording.commands.time[1:] < fold - 0.01)].any()
+
+
 def test_the_page_begins_with_the_motors_where_there_is_nothing_else(swung):
     contents = run_contents(swung[0])
     assert len(contents["numbers"]["rows"]) == 12
@@ -164,12 +239,16 @@ def test_a_result_is_saved_and_read(swung, tmp_path):
 def test_legs_that_cannot_turn_up_are_refused_by_name():
     narrow = {f"{leg}_thigh_joint": (-1.0, 1.6) for leg in ("FL", "FR", "RL", "RR")}
     robot = load_robot("unitree_a1", RobotDescription(joint_limits=narrow))
+    stance = nominal_stance(robot)
     with pytest.raises(ReachError, match="'unitree_a1' cannot turn its legs up"):
-        Motors().check(robot, nominal_stance(robot))
+        Motors(motor_stance="belly").check(robot, stance)
+    assert Motors().lies(load_robot("unitree_a1"), stance)
+    assert not Motors().lies(robot, stance)  # it stands on three feet instead
+    assert "lifts the fourth" in Motors().rehearse(robot, stance).doing
 
 
 def test_a_run_without_a_swing_says_so(a1):
-    with pytest.raises(RecordingError, match="no complete swing of all joints"):
+    with pytest.raises(RecordingError, match=r"no complete swing of all joints.*--resume RUN"):
         Motors().estimate(a1, [], nominal_stance(a1))
 
 

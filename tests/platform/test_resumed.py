@@ -10,6 +10,7 @@ from platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
 
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
 from equipoise.errors import ResumeError
+from equipoise.motors.method import Motors
 from equipoise.platform.logged import Logged
 from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
 from equipoise.platform.wrapper import PlatformWrapper
@@ -244,3 +245,17 @@ def test_standing_up_and_the_way_back_belong_to_no_trial(resumed):
         names = [event.data.get("name") for event in play.recording.events if event.name == PHASE]
         if {"stand", "resume"} & set(names):
             assert play.trial is None
+
+
+def test_a_robot_that_swung_its_legs_does_not_lie_down_for_it_again(a1, tmp_path):
+    """The trial begins with the way down: all of it is spared, or nothing."""
+    method = Motors(motor_time=3.0)
+    with (
+        RunFolder.create(tmp_path / "run", a1, method, {}) as folder,
+        simulate(a1, "realistic", seed=5, timestep=1e-3) as simulation,
+    ):
+        result = calibrate(Logged(simulation.platform, folder.log), a1, method, folder.keep)
+    content = RunFolder.open(tmp_path / "run").read()
+    robot = RealRobot(a1, seed=6, clock=1000.0)
+    assert calibrate(ResumedRobot(robot, content), a1, method).motors == result.motors
+    assert not any(command.kp is not None for command in robot.sent)  # as in a swing

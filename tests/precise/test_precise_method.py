@@ -188,6 +188,8 @@ def test_the_plan_is_printed_without_moving_anything(capsys):
     [
         (["--method", "paper", "--budget", "60s"], "--budget belongs to --method precise"),
         (["--tolerance", "0.001"], "--tolerance belongs to --method paper"),
+        (["--motor-stance", "belly"], "--motor-stance belongs to --what motors"),
+        (["--method", "motors", "--what", "base,motors"], "--method motors finds motors alone"),
         (["--budget", "25s"], "a budget of 25 s allows no lift after the search; give"),
         (["--mass-sd", "0.1"], "give its mass too"),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json as json_module
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.precise.method import Precise
     from equipoise.precise.two_runs import ScaleReadings
-    from equipoise.recording.recording import Recording
     from equipoise.robot.model import RobotModel
 
 
@@ -49,12 +47,13 @@ def delta(
     """
     from equipoise.calibration.delta import find_delta
     from equipoise.calibration.run_folder import RunFolder
+    from equipoise.method.together import of_the_base
     from equipoise.terminal.delta import print_delta
 
     folders = RunFolder.open(before), RunFolder.open(after)
     robot, methods = _shared_robot(*folders), (_precise(folders[0]), _precise(folders[1]))
     scale = _scale(methods, (mass_before, mass_after), scale_gain, scale_noise)
-    first, second = (without_swings(folder.recordings()) for folder in folders)
+    first, second = (of_the_base(folder.recordings()) for folder in folders)
     found = find_delta(robot, first, second, scale, methods[0].beliefs)
     truths = [folder.truth() for folder in folders]
     if truths[0] is not None and truths[1] is not None:
@@ -81,13 +80,6 @@ def _shared_robot(before: RunFolder, after: RunFolder) -> RobotModel:
             "runs with the same model file and description"
         )
     return models[0]
-
-
-def without_swings(recordings: Sequence[Recording]) -> list[Recording]:
-    """Those of the base: a robot that lies tells nothing of it."""
-    from equipoise.recording.trials import MotorTrial
-
-    return [one for one in recordings if not isinstance(one.trial, MotorTrial)]
 
 
 def _precise(folder: RunFolder) -> Precise:

@@ -33,7 +33,7 @@ Flag = Annotated[bool, arg(help_behavior_hint="")]
 Count = Annotated[int | None, arg(metavar="N", help_behavior_hint="")]
 _PLATFORMS = (
     "Where: mujoco, dart (simulated); unitree-go2, unitree-b2 (robot lies, cable in, --set interface=eth0; its sport mode is "
-    "released); ros2 (Gazebo, ros2_control: load its controllers, --set interface=lo domain and topics); unitree-a1, "
+    "released); ros2 (Gazebo, ros2_control: load its controllers; settings are domain, interface, topics); unitree-a1, "
     "unitree-go1 (beta: lying, in low-level mode, this computer in its network); MODULE:CLASS, a class of your own, also in "
     "this folder. 'equipoise platforms' lists what packages add too, and all settings."
 )

@@ -39,7 +39,10 @@ def method_asked_for(arguments: Sequence[str]) -> str:
         if chosen(arguments, "--method", MOTORS) != MOTORS:
             raise SettingsError("--what motors needs no --method; for both use --what base,motors")
         return MOTORS
-    return chosen(arguments, "--method", DEFAULT_METHOD)
+    method = chosen(arguments, "--method", DEFAULT_METHOD)
+    if method == MOTORS and chosen(arguments, "--what", MOTORS) != MOTORS:
+        raise SettingsError("--method motors finds motors alone; for more leave it out, as --what base,motors")
+    return method
 
 
 def method_flags(name: str, arguments: Sequence[str]) -> Any:
@@ -92,7 +95,8 @@ def refuse_flags_of_other_methods(verb: Verb, arguments: Sequence[str], this: st
     for flag in unknown_flags(verb, arguments):
         if whose := owners(flag, judging):
             shown = f"--{flag.replace('_', '-')}"
-            raise SettingsError(f"{shown} belongs to --method {' and '.join(whose)}; this is {this}")
+            where = " and ".join(f"--what {name}" if name == MOTORS else f"--method {name}" for name in whose)
+            raise SettingsError(f"{shown} belongs to {where}; this is {this}")
 
 
 def owners(flag: str, judging: bool = False) -> list[str]:

@@ -219,7 +219,7 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
 
 def _question_scale(method: Method, mass: float) -> None:
     """Say if a scale's mass contradicts the simulated robot's [kg]."""
-    told = getattr(method, "mass", None)
+    told = getattr(getattr(method, "base", method), "mass", None)  # of two methods in one run that of the base
     if told is not None and abs(told / mass - 1) > _ODD_SCALE:
         warnings.warn(f"the scale says {told:g} kg, and the simulated robot weighs {mass:.2f} kg", stacklevel=2)
 

@@ -84,7 +84,7 @@ DRIVERS: dict[str, Driver] = {
         ),
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",
-            "load controllers that take commands, --set interface=eth0 stack=NAME; topics and joint order are settings",
+            "load controllers that take commands, --set interface=eth0 --set stack=NAME; topics and joint order are settings",
             "docs/ros2.md", "equipoise.drivers.ros2.driver", "equipoise.drivers.ros2.settings:Ros2Settings", needs=_DDS,
         ),
         Driver(

@@ -19,8 +19,10 @@ from equipoise.robot.stance import Stance, lying_posture
 
 SWING = (0.22, 0.4, 0.45)
 """Angles to either side that a hip, a thigh and a calf are commanded through at most [rad]."""
-_SHARES = (1.0, 0.85, 0.7, 0.6, 0.5)  # of that, the largest for which there is room
-_OVERSHOOT = 1.15  # of soft joints over what they are sent through
+SHARES = (1.0, 0.85, 0.7, 0.6, 0.5)
+"""Of that, the largest for which there is room."""
+OVERSHOOT = 1.15
+"""Of soft joints over what they are sent through."""
 _GRID = (5, 21, 9)  # postures tried of a hip, a thigh and a calf
 _HIP_RANGE = 0.6  # [rad] from where it is when the robot lies
 _LIMIT_MARGIN = 0.08  # [rad] from a joint's limit
@@ -63,11 +65,11 @@ def legs_up(robot: RobotModel, stance: Stance) -> LegsUp:
         ReachError: a leg cannot be turned up far enough.
     """
     folded, _ = lying_posture(robot, stance)
-    for share in _SHARES:
+    for share in SHARES:
         position: FloatArray | None = np.array(folded)
         of_leg = share * np.array(SWING[-robot.leg_joints.shape[1] :])
         for leg in LEG_NAMES:
-            position = None if position is None else _with_leg_up(robot, stance, leg, position, _OVERSHOOT * of_leg)
+            position = None if position is None else _with_leg_up(robot, stance, leg, position, OVERSHOOT * of_leg)
         if position is not None:
             swing = np.empty_like(position)
             swing[robot.leg_joints] = of_leg
@@ -112,7 +114,7 @@ def _with_leg_up(
     joints = list(robot.legs[leg].joints)
     clearance = LegsInTheAir(robot, stance, _CLEAR * stance.scale.length, (leg,))
     corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
-    for angles in _nearest_first(robot, joints, before[joints], swing):
+    for angles in nearest_first(robot, joints, before[joints], swing):
         alive()
         postures = np.repeat(before[None], len(corners), axis=0)
         postures[:, joints] = angles + corners
@@ -121,7 +123,7 @@ def _with_leg_up(
     return None
 
 
-def _nearest_first(robot: RobotModel, joints: list[int], start: FloatArray, swing: FloatArray) -> list[FloatArray]:
+def nearest_first(robot: RobotModel, joints: list[int], start: FloatArray, swing: FloatArray) -> list[FloatArray]:
     """Postures of one leg on a grid within its limits, those first in which no joint has turned far."""
     reach = np.array([_HIP_RANGE, np.pi, np.pi])[-len(joints) :]
     lower = np.maximum(robot.lower_limit[joints] + _LIMIT_MARGIN + swing, start - reach)

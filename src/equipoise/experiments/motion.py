@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -138,9 +138,11 @@ class Motion:
         self._append(self.target.joint_position + swing, self.target.torque[None])
         return self
 
-    def relax(self, duration: float) -> Motion:
-        """Keep the posture by position control alone: let go of all torques."""
-        fading = 1 - smooth_step(self._count(duration))[:, None]
+    def relax(self, duration: float, joints: Sequence[int] | None = None) -> Motion:
+        """Keep the posture, joints by position control alone: let go of the torques of some, by index; default all."""
+        let_go = np.ones_like(self.target.torque) if joints is None else np.zeros_like(self.target.torque)
+        let_go[[] if joints is None else list(joints)] = 1.0
+        fading = 1 - smooth_step(self._count(duration))[:, None] * let_go
         self._append(np.repeat(self.target.joint_position[None], len(fading), axis=0), fading * self.target.torque)
         return self
 

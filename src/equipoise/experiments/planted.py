@@ -45,8 +45,9 @@ class PlantedRobot:
         """A new motion from where the robot was last sent."""
         return Motion(self.robot, self.platform.control_period, self.target)
 
+    @staticmethod
     def move_time(
-        self, feet_in_base: FloatArray, start: FloatArray, least: float, acceleration: float = _PLANTED_ACCELERATION
+        feet_in_base: FloatArray, start: FloatArray, least: float, acceleration: float = _PLANTED_ACCELERATION
     ) -> float:
         """How long to take for a move over planted feet, so that it does not tip the robot over [s]."""
         distance = float(np.linalg.norm(feet_in_base - start, axis=1).max())

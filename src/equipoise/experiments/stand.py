@@ -11,6 +11,7 @@ from equipoise.experiments.planted import PlantedRobot
 from equipoise.platform.platform import Platform
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
+from equipoise.recording.trials import RecordedTrial
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
@@ -60,12 +61,17 @@ def before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     return np.clip(joint_position, robot.lower_limit + inside, robot.upper_limit - inside)
 
 
-def lie_down(planted: PlantedRobot, stance: Stance) -> Recording:
-    """Bring the body down over its feet, until the legs carry nothing. Phase: lie."""
+def lie_down(planted: PlantedRobot, stance: Stance, trial: RecordedTrial | None = None) -> Recording:
+    """Bring the body down over its feet, until the legs carry nothing. Phase: lie.
+
+    Args:
+        trial: trial that this begins, if it begins one.
+    """
     robot = planted.robot
     folded, _ = lying_posture(robot, stance)
     feet = foot_positions(robot, folded)
-    motion = planted.motion().phase(Phase.LIE).move_feet(feet, _carrying_time(planted, feet))
+    motion = planted.motion() if trial is None else planted.motion().begin(trial)
+    motion.phase(Phase.LIE).move_feet(feet, _carrying_time(planted, feet))
     return planted.play(motion.shift_load((), _SHORTEST))
 
 

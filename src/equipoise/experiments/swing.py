@@ -1,27 +1,34 @@
-"""All joints swing at once, the legs of the lying robot turned up: what tells its motors apart."""
+"""Joints that swing in the air, which tells motors apart: all at once, the legs of a lying robot turned up; or leg by leg, the
+robot on its other three feet.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.experiments.legs_up import LegsUp, legs_up
+from equipoise.experiments.legs_up import legs_up
+from equipoise.experiments.lift import LiftSettings, settle
+from equipoise.experiments.motion import Motion
+from equipoise.experiments.one_leg_up import SOFTER, OneLegUp, legs_in_turn
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.stand import lie_down, rise
 from equipoise.recording.phases import Phase
 from equipoise.recording.trials import MotorTrial
-from equipoise.robot.model import RobotModel
+from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 
 _FREQUENCIES = (0.5, 0.85, 1.4, 2.3, 3.7, 6.0)  # [Hz] on an A1
-SOFTER = 0.25
-"""Gains while joints swing, over the platform's own: the legs' own dynamics then show in what the joints do."""
 RAMP_TIME = 0.5
 """In which a swing grows and in which it fades [s] on an A1."""
 _RAISING_SPEED = 1.0  # [rad/s], mean
 _SHORTEST, _REST = 1.0, 0.4  # [s]
+# Of a robot on three feet, on an A1 [s]: the body is slow between its stances, and waits until it is still.
+_SHIFT_TIME, _UNLOAD_TIME, _LIFT_TIME = 1.0, 0.2, 0.6
+_RAMP_ON_THREE = 0.25
 
 
 def swing_legs(planted: PlantedRobot, stance: Stance, duration: float) -> None:
@@ -36,24 +43,71 @@ def swing_legs(planted: PlantedRobot, stance: Stance, duration: float) -> None:
         ReachError: the robot cannot turn its legs up.
     """
     up, robot = legs_up(planted.robot, stance), planted.robot
-    gains = robot.gains(stance.hip_height) if "gains" in planted.platform.accepts else None
-    kp, kd = (None, None) if gains is None else (SOFTER * gain for gain in gains)
-    lie_down(planted, stance)
+    lie_down(planted, stance, _trial(planted, stance))
     _turn_legs(planted, Phase.RAISE, up.folded, up.way)
-    motion = planted.motion().begin(MotorTrial(kp=kp, kd=kd))
-    if kp is not None and kd is not None:
-        joints = len(robot.joint_names)
-        motion.with_gains(np.full(joints, kp), np.full(joints, kd))
-    ramp, period = RAMP_TIME * stance.scale.time, planted.platform.control_period
-    motion.phase(Phase.REST).relax(_REST)
-    begin = motion.time
-    motion.phase(Phase.RAMP).phase_at(Phase.SWING, begin + ramp).phase_at(Phase.END, begin + ramp + duration)
-    time: FloatArray = np.arange(1.0, round((duration + 2 * ramp) / period) + 1) * period
-    motion.swing_joints(swing_angles(robot, stance, up, time))
-    planted.play(motion.hold(_REST))
+    joints = range(len(robot.joint_names))
+    planted.play(_swing(planted, stance, joints, up.swing, duration, RAMP_TIME))
     _turn_legs(planted, Phase.FOLD, up.joint_position, up.way_back)
     rise(planted, stance)
     planted.finish()
+
+
+def swing_leg(planted: PlantedRobot, stance: Stance, up: OneLegUp, duration: float) -> None:
+    """Move the body over three feet, lift the fourth, swing that leg's joints, put the foot down.
+
+    Phases: move, settle, unload, lift, rest, ramp, swing, end, lower.
+
+    Args:
+        up: the leg, and where the robot is meanwhile.
+        duration: time of the steady part [s].
+
+    Raises:
+        TrackingError: the robot does not come to rest over three feet.
+    """
+    times = LiftSettings.of(stance, 0.0)
+    unload, lift = (time * stance.scale.time for time in (_UNLOAD_TIME, _LIFT_TIME))
+    over = planted.motion().begin(_trial(planted, stance, up.leg)).phase(Phase.MOVE)
+    over.move_feet(up.feet, _shift_time(stance, planted.target.feet_in_base, up.feet))
+    settle(planted, over, times, f"over three feet, before it lifts the {up.leg} one")
+    motion = planted.motion().phase(Phase.UNLOAD).shift_load(up.standing, unload)
+    planted.play(motion.phase(Phase.LIFT).move_feet(up.raised, lift))
+    joints = planted.robot.legs[up.leg].joints
+    planted.play(_swing(planted, stance, joints, up.swing, duration, _RAMP_ON_THREE))
+    planted.play(planted.motion().phase(Phase.LOWER).move_feet(up.feet, lift).shift_load(LEG_NAMES, unload))
+    planted.finish()
+
+
+def _trial(planted: PlantedRobot, stance: Stance, leg: str | None = None) -> MotorTrial:
+    """With the gains of the joints that swing, if the platform takes any."""
+    if "gains" not in planted.platform.accepts:
+        return MotorTrial(leg=leg)
+    kp, kd = planted.robot.gains(stance.hip_height)
+    return MotorTrial(kp=SOFTER * kp, kd=SOFTER * kd, leg=leg)
+
+
+def _swing(
+    planted: PlantedRobot, stance: Stance, joints: Sequence[int], swing: FloatArray, duration: float, ramp: float
+) -> Motion:
+    """Let go of the joints' torques, swing them with soft gains, and wait until nothing swings any more.
+
+    Args:
+        joints: indices of the joints that swing; the others stand, with gains of their own.
+        swing: (nj,) angles to either side [rad].
+        duration: time of the steady part [s].
+        ramp: time in which it grows, and in which it fades, on an A1 [s].
+    """
+    robot, period, motion = planted.robot, planted.platform.control_period, planted.motion()
+    if "gains" in planted.platform.accepts:
+        share = np.ones(len(robot.joint_names))
+        share[list(joints)] = SOFTER
+        kp, kd = robot.gains(stance.hip_height)
+        motion.with_gains(share * kp, share * kd)
+    motion.phase(Phase.REST).relax(_REST, joints)
+    begin, growing = motion.time, ramp * stance.scale.time
+    time: FloatArray = np.arange(1.0, round((duration + 2 * growing) / period) + 1) * period
+    motion.phase(Phase.RAMP).swing_joints(swing_angles(robot, stance, swing, time, ramp))
+    motion.phase_at(Phase.SWING, begin + growing).phase_at(Phase.END, begin + growing + duration)
+    return motion.hold(_REST)
 
 
 def swing_time(robot: RobotModel, stance: Stance, duration: float) -> float:
@@ -63,10 +117,25 @@ def swing_time(robot: RobotModel, stance: Stance, duration: float) -> float:
     return duration + 2 * (RAMP_TIME * stance.scale.time + _REST + turning) + around
 
 
-def swing_angles(robot: RobotModel, stance: Stance, up: LegsUp, time: FloatArray) -> FloatArray:
+def swing_time_on_three(robot: RobotModel, stance: Stance, duration: float) -> float:
+    """Robot time of `swing_leg` of all legs, roughly; `duration` is what they swing for together [s]."""
+    ups, least = legs_in_turn(robot, stance), LiftSettings.of(stance, 0.0)
+    places = (stance.feet_in_base, *(up.feet for up in ups), stance.feet_in_base)
+    shifting = sum(_shift_time(stance, before, after) for before, after in pairwise(places))
+    each = 2 * (_UNLOAD_TIME + _LIFT_TIME + _RAMP_ON_THREE) * stance.scale.time + 2 * _REST + least.settle_time
+    return duration + shifting + len(ups) * each
+
+
+def swing_angles(
+    robot: RobotModel, stance: Stance, swing: FloatArray, time: FloatArray, ramp: float = RAMP_TIME
+) -> FloatArray:
     """(n, nj) angles at (n,) times, which end when the swing does [rad].
 
     Each joint swings by six sines, faster ones less far, with phases of its own, scaled to what there is room for.
+
+    Args:
+        swing: (nj,) angles to either side [rad].
+        ramp: time in which it grows, and in which it fades, on an A1 [s].
     """
     frequencies = np.array(_FREQUENCIES) / stance.scale.time
     order = np.arange(1, len(frequencies) + 1)
@@ -74,8 +143,8 @@ def swing_angles(robot: RobotModel, stance: Stance, up: LegsUp, time: FloatArray
     phases = 2 * np.pi * np.outer(joint, order) / 12 - np.pi * order * (order - 1) / 6
     sines = np.sin(2 * np.pi * frequencies * time[:, None, None] + phases)
     shape = (sines / np.sqrt(frequencies)).sum(axis=2)
-    grown = np.clip(np.minimum(time, time[-1] - time) / (RAMP_TIME * stance.scale.time), 0.0, 1.0)
-    return grown[:, None] * shape * (up.swing / np.abs(shape).max(axis=0))
+    grown = np.clip(np.minimum(time, time[-1] - time) / (ramp * stance.scale.time), 0.0, 1.0)
+    return grown[:, None] * shape * (swing / np.abs(shape).max(axis=0))
 
 
 def _turn_legs(planted: PlantedRobot, phase: str, start: FloatArray, way: tuple[FloatArray, ...]) -> None:
@@ -88,3 +157,8 @@ def _turn_legs(planted: PlantedRobot, phase: str, start: FloatArray, way: tuple[
 def _turning_time(before: FloatArray, after: FloatArray) -> float:
     """[s]."""
     return max(_SHORTEST, float(np.abs(after - before).max()) / _RAISING_SPEED)
+
+
+def _shift_time(stance: Stance, before: FloatArray, after: FloatArray) -> float:
+    """[s]."""
+    return PlantedRobot.move_time(after, before, _SHIFT_TIME * stance.scale.time)

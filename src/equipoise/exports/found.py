@@ -18,6 +18,7 @@ _OF_SENSORS = ("joint_zero", "imu_tilt", "accelerometer_bias", "accelerometer_ga
 _OF_MOTORS = {
     "coulomb_friction": ("Nm", "friction torque that does not depend on the speed, against the motion"),
     "viscous_friction": ("Nm s/rad", "friction torque over the speed, against the motion"),
+    "stribeck_friction": ("Nm", "friction torque at rest less coulomb_friction, which it falls to with the speed"),
     "armature": ("kg m2", "inertia of the rotor, seen at the joint"),
     "relative_gain": ("1", "true over reported torque, over the mean of that of all motors, less one"),
     "delay": ("s", "age of the command that a torque obeys"),

@@ -192,7 +192,7 @@ def _joint(stage: _Stage, name: str) -> Any:
     return found[0]
 
 
-_OF_JOINTS = ("armature", "coulomb_friction", "viscous_friction")
+_OF_JOINTS = ("armature", "coulomb_friction", "stribeck_friction", "viscous_friction")
 
 
 def _set_joint(stage: _Stage, prim: Any, found: dict[str, float | None]) -> None:
@@ -203,7 +203,8 @@ def _set_joint(stage: _Stage, prim: Any, found: dict[str, float | None]) -> None
     if "armature" in values:
         stage.set(prim, f"{_PREFIX}armature", "Float", values["armature"])
     if "coulomb_friction" in values:
-        stage.set(prim, f"{_PREFIX}staticFrictionEffort", "Float", values["coulomb_friction"])
+        at_rest = values["coulomb_friction"] + values.get("stribeck_friction", 0.0)
+        stage.set(prim, f"{_PREFIX}staticFrictionEffort", "Float", at_rest)
         stage.set(prim, f"{_PREFIX}dynamicFrictionEffort", "Float", values["coulomb_friction"])
     if "viscous_friction" in values:
         per_degree = math.radians(values["viscous_friction"])

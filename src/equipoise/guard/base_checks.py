@@ -6,7 +6,7 @@ import numpy as np
 
 from equipoise.conventions import ACCELERATION_SAMPLE_AT_REST, GRAVITY
 from equipoise.errors import FallError, SensorError
-from equipoise.guard.footing import look_at_feet
+from equipoise.guard.footing import floor_on_three_feet, look_at_feet
 from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
@@ -27,7 +27,7 @@ class BaseChecks:
 
     def __init__(self, limits: Limits, robot: RobotModel, stance: Stance) -> None:
         self._limits, self._robot, self._stance = limits, robot, stance
-        self._lifted = -np.inf  # when feet were up last [s]
+        self._lifted = -np.inf  # when feet were up last on which a robot may tip [s]
         self.at_rest: tuple[Check, ...] = (self._check_gravity, self._check_upright)
         self.in_motion: tuple[Check, ...] = (self._check_lean,)
 
@@ -53,12 +53,16 @@ class BaseChecks:
         if command.limp:  # somebody may lift and turn the robot
             return
         lifted, floor = look_at_feet(self._robot, self._stance, command.position)
-        if lifted:
-            self._lifted = state.time
-            if lies(self._robot, self._stance, command.position):  # legs in the air say nothing of the floor
-                floor = _LEVEL
-        else:
+        if not lifted:
             known.planted = command
+        elif lies(self._robot, self._stance, command.position):  # legs in the air say nothing of the floor
+            self._lifted, floor = state.time, _LEVEL
+        elif on_three := floor_on_three_feet(
+            self._robot, self._stance, command.position, known.planted.position
+        ):  # who stands on three feet is not meant to tip
+            floor = on_three
+        else:
+            self._lifted = state.time
         coming_down = state.time - self._lifted < _COMING_DOWN
         lean = known.up.lean(floor)
         if lean > (self._limits.lean_in_lift if coming_down else self._limits.lean):

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import numpy as np
+
 from equipoise.conventions import FloatArray
 from equipoise.robot.floor import Vector, floor_normal_by_diagonals
 from equipoise.robot.kinematics import foot_positions
@@ -31,6 +33,25 @@ def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) 
 def feet_are_lifted(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
     """The first half of `look_at_feet`."""
     return look_at_feet(robot, stance, joint_position)[0]
+
+
+def floor_on_three_feet(
+    robot: RobotModel, stance: Stance, joint_position: FloatArray, planted: FloatArray
+) -> Vector | None:
+    """The floor's upward normal in the base where joints hold one foot elsewhere than it stood, and the others there.
+
+    Args:
+        stance: stance in which all feet stand.
+        joint_position: (nj,) joint positions [rad].
+        planted: (nj,) joint positions when all feet stood last [rad].
+
+    Returns:
+        None where more than one foot moved, as in a lift. A second one shows at once, so that one that has hardly moved is
+        taken to be alone.
+    """
+    feet, before = (foot_positions(robot, position) for position in (joint_position, planted))
+    moved = np.abs(feet - before).max(axis=1) > _LIFTED * stance.scale.length
+    return floor_normal_by_diagonals(before) if np.count_nonzero(moved) <= 1 else None
 
 
 @lru_cache(maxsize=4)

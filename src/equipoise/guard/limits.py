@@ -21,7 +21,8 @@ class Limits:
         torque: torque of a joint, over the model's limit (1.05: a motor at its limit, misread by a few percent).
         gains: gains of a command, over the model's (1).
         temperature: temperature of a motor [deg C].
-        lean: angle of the base from the posture that it was sent to take on a level floor, on four feet [rad] (0.15).
+        lean: angle of the base from the posture that it was sent to take on a level floor, on four feet or on three [rad]
+            (0.15).
         lean_in_lift: the same angle while two feet are up, or coming down [rad] (0.34).
         following: distance of a joint from its target [rad] (0.26); twice as far, not for a moment.
         missing_torque: torque that a motor may lack of what it was sent, on a robot with an A1's m g h [Nm]

@@ -97,6 +97,15 @@ class Method(ABC):
         """How accurate `estimate` would be after the trials of `run`; None from a method that does not foretell it."""
         return None
 
+    def foretold_evidence(self, robot: RobotModel, stance: Stance) -> Evidence | None:
+        """What `run` would leave for another method of the same run, of a robot that is as its model says; None: nothing.
+
+        Raises:
+            ReachError: something is out of reach.
+        """
+        del robot, stance
+        return None
+
     def expected_trials(self, stance: Stance) -> int | None:
         """How many trials `run` does, roughly; None if nobody knows."""
         return None
@@ -123,6 +132,11 @@ class Method(ABC):
         """The same method, told what another one of the same run has seen; itself if it does not use that."""
         del evidence
         return self
+
+    @property
+    def is_informed(self) -> bool:
+        """Whether `informed` makes another method of this one."""
+        return False
 
     def having(self: Self, settings: Mapping[str, Any]) -> Self:
         """The same method with other values of some settings, by field name; raises SettingsError."""

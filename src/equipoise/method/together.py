@@ -1,4 +1,4 @@
-"""A method and the motors in one run: the base first, then the robot lies down and swings its legs."""
+"""A method and the motors in one run: the base first, then the robot swings its legs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from numpy.linalg import LinAlgError
 
 from equipoise.errors import RecordingError
 from equipoise.experiments.planted import PlantedRobot
@@ -21,6 +23,11 @@ from equipoise.robot.stance import Stance
 
 AND_MOTORS = "and_motors"
 """Of settings: those of the motors, which a run looks at after its method."""
+
+
+def of_the_base(recordings: Sequence[Recording]) -> list[Recording]:
+    """Those of a run that tell of the base: a robot that lies and swings its legs tells nothing of it."""
+    return [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
 
 
 @dataclass(frozen=True)
@@ -57,13 +64,12 @@ class Together(Method):
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
         swings = [recording for recording in recordings if isinstance(recording.trial, MotorTrial)]
-        rest = [recording for recording in recordings if not isinstance(recording.trial, MotorTrial)]
+        rest = of_the_base(recordings)
         try:
             beside = self.motors.estimate(robot, swings, stance)
-        except RecordingError as error:  # what was measured of the base is not lost with it
+        except (RecordingError, LinAlgError) as error:  # what was measured of the base is not lost with it
             found = self.base.estimate(robot, rest, stance)
-            told = f"motors: {error}; `equipoise calibrate --resume RUN` does what is missing"
-            return dataclasses.replace(found, warnings=(*found.warnings, told), settings=self.to_dict())
+            return dataclasses.replace(found, warnings=(*found.warnings, f"motors: {error}"), settings=self.to_dict())
         base = self.base if beside.evidence is None else self.base.informed(beside.evidence)
         found = base.estimate(robot, rest, stance)
         return dataclasses.replace(
@@ -80,7 +86,9 @@ class Together(Method):
         return Course(doing, duration, (*first.postures, *second.postures))
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Forecast | None:
-        return self.base.forecast(robot, stance)
+        """The method's, with what the swing is foretold to say of legs where they are looked for."""
+        evidence = self.motors.foretold_evidence(robot, stance) if self.base.is_informed else None
+        return (self.base if evidence is None else self.base.informed(evidence)).forecast(robot, stance)
 
     def expected_trials(self, stance: Stance) -> int | None:
         return self.base.expected_trials(stance)

@@ -7,6 +7,8 @@ beside it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from equipoise.conventions import FloatArray
@@ -15,11 +17,13 @@ from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import JointStream, Recording
 from equipoise.recording.trials import MotorTrial
+from equipoise.robot.model import RobotModel
 
 THOUGHT_DELAY = 4e-3  # d, where nothing tells it [s]
 _KNOT = 0.02  # of the velocities' spline, for accelerations [s] on an A1
 _ROUNDS = 4
 _EACH = 0.1e-3  # [s] by which a board may differ from the mean of all
+_SURELY = 4.0  # standard deviations
 
 
 def motor_trial(recording: Recording) -> MotorTrial:
@@ -57,31 +61,76 @@ def law_torque(
     return np.asarray(trial.kp * (target - joints.position) - trial.kd * velocity, dtype=float)
 
 
-def position_loop_delays(recording: Recording, time_scale: float) -> tuple[FloatArray, FloatArray] | None:
+def joints_that_swing(robot: RobotModel, trial: MotorTrial) -> tuple[int, ...]:
+    """Indices of the joints that a trial is about."""
+    return tuple(range(len(robot.joint_names))) if trial.leg is None else robot.legs[trial.leg].joints
+
+
+def position_loop_delays(
+    robot: RobotModel, swings: Sequence[Recording], time_scale: float
+) -> tuple[FloatArray, FloatArray] | None:
     """(nj,) delays and their standard deviations [s]; None where torques, velocities or gains are not known.
 
     Args:
+        swings: recordings in which all joints swing between them.
         time_scale: factor on times, of the robot's scale; one on an A1.
     """
-    trial, joints = motor_trial(recording), recording.phase(Phase.SWING).joints
-    if trial.kp is None or trial.kd is None or joints.torque is None or joints.velocity is None:
+    each = [list(joints_that_swing(robot, motor_trial(recording))) for recording in swings]
+    if not all(_is_told(recording) for recording in swings):
         return None
-    delay = np.full(joints.position.shape[1], THOUGHT_DELAY)
+    scale, found = _torque_scale(swings, each, time_scale), np.zeros((2, len(robot.joint_names)))
+    for recording, joints in zip(swings, each, strict=True):
+        found[:, joints] = _fitted(recording, joints, time_scale, scale)[:, :2].T
+    return _alike(*found)
+
+
+def _is_told(recording: Recording) -> bool:
+    trial, joints = motor_trial(recording), recording.joints
+    return None not in (trial.kp, trial.kd) and joints.torque is not None and joints.velocity is not None
+
+
+def _torque_scale(swings: Sequence[Recording], each: Sequence[Sequence[int]], time_scale: float) -> float:
+    """Reported torque over the law's where that is surely not one, else one.
+
+    Motors that report what they ask of themselves report it to the digit. A torque that a sensor of its own reads, or that is
+    reported by another constant, would look like an older or a younger command: 3 % like 0.4 ms.
+
+    Args:
+        each: indices of the joints that swing in each.
+    """
+    parts = [_fitted(recording, joints, time_scale, None) for recording, joints in zip(swings, each, strict=True)]
+    more, deviation = np.concatenate(parts)[:, 2:].T
+    weight = deviation**-2
+    mean = float((weight * more).sum() / weight.sum())
+    return 1.0 + mean if mean**2 * weight.sum() > _SURELY**2 else 1.0
+
+
+def _fitted(recording: Recording, of: Sequence[int], time_scale: float, scale: float | None) -> FloatArray:
+    """(k, 4) delays of k joints and deviations [s], each by itself; by how much torque is more than the law's, and deviations.
+
+    Args:
+        scale: reported torque over the law's; None: it is found, too.
+    """
+    trial, joints = motor_trial(recording), recording.phase(Phase.SWING).joints
+    assert trial.kp is not None
+    assert trial.kd is not None
+    assert joints.torque is not None
+    assert joints.velocity is not None
     feedback = -trial.kp * joints.position - trial.kd * joints.velocity
     acceleration = fit_spline(joints.time, joints.velocity, _KNOT * time_scale).spline.derivative()(joints.time)
-    deviation = np.zeros_like(delay)
-    for joint, torque in enumerate(joints.torque.T):
+    rows = np.zeros((len(of), 4))
+    for row, joint in zip(rows, of, strict=True):
+        torque, row[0] = joints.torque[:, joint] / (scale or 1.0), THOUGHT_DELAY
         for _ in range(_ROUNDS):
-            target, rate = command_at(recording, joints.time - delay[joint])
-            left = torque - trial.kp * target[:, joint] - feedback[:, joint]
-            design = np.column_stack(
-                [-trial.kp * rate[:, joint], np.ones_like(torque), trial.kd * acceleration[:, joint]]
-            )
+            target, rate = command_at(recording, joints.time - row[0])
+            law = trial.kp * target[:, joint] + feedback[:, joint]
+            terms = [-trial.kp * rate[:, joint], np.ones_like(law), trial.kd * acceleration[:, joint]]
+            design, left = np.column_stack(terms if scale else [*terms, law]), torque - law
             inverse = np.linalg.inv(design.T @ design)
             found = inverse @ design.T @ left
-            delay[joint] += found[0]
-            deviation[joint] = np.sqrt(inverse[0, 0]) * np.std(left - design @ found)
-    return _alike(delay, deviation)
+            deviation = np.sqrt(np.diag(inverse)) * np.std(left - design @ found)
+            row[:] = row[0] + found[0], deviation[0], found[-1], deviation[-1]
+    return rows
 
 
 def _alike(delay: FloatArray, deviation: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,7 @@
-"""Unknowns of all motors from one weighted least squares, with what was believed before (a MAP estimate)."""
+"""Unknowns of all motors from one weighted least squares, with what was believed before (a MAP estimate).
+
+Friction that grows toward rest is among them where the data want it (`stribeck.py`); elsewhere the fit is made without.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,19 @@ from scipy.optimize import lsq_linear
 from equipoise.conventions import FloatArray
 from equipoise.motors.delay import THOUGHT_DELAY
 from equipoise.motors.equations import MotorSamples
+from equipoise.motors.stribeck import SPEEDS, is_wanted
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
-PER_JOINT = ("gain", "coulomb", "viscous", "armature", "offset")
 _ROUNDS = 6
 # Standard deviations before the run: legs may be off the file's as those of `precise` may.
 _MASS_COMMON, _MASS, _COM_COMMON, _COM = 0.10, 0.05, 4e-3, 2e-3  # of a link's mass; [m] on an A1
 _GAIN = 0.05
 _COULOMB, _VISCOUS, _ARMATURE, _OFFSET = 2.0, 1.0, 0.1, 0.3  # [Nm], [Nm s/rad], [kg m2], [Nm] on an A1
+_STRIBECK = 1.0  # [Nm] on an A1
+_UNEVEN = 0.01  # of Coulomb friction: a turn's smoothing leaves that, which shows where there is no noise
+# Of friction that grows toward rest: laws that say nearly the same where joints slide differ by that at rest, and in motion.
+_AT_REST, _IN_MOTION = 0.3, 0.03
 _SPIN = 1.5e-3  # [kg m2] on an A1: an armature of 0.01 over gear ratios of six to ten
 _LAG_SHARE = 0.1  # of a control period: how well it is known when in it a command is taken and a torque sampled
 _DELAY = 3e-3  # [s], where it is only told by the motion
@@ -31,8 +38,10 @@ class MotorFit:
     """What was found. Joint quantities are in the unit in which motors report torques on average.
 
     Attributes:
-        values: (4, nj) gain less one, relative to the mean; Coulomb [Nm], viscous friction [Nm s/rad], armature [kg m2].
-        covariance: (4 nj, 4 nj) posterior covariance of the same, row by row.
+        values: (4, nj) gain less one, relative to the mean; Coulomb [Nm], viscous friction [Nm s/rad], armature [kg m2]. Where
+            friction grows toward rest (5, nj), the last being what it is at rest beyond Coulomb's [Nm].
+        covariance: (4 nj, 4 nj) or (5 nj, 5 nj) posterior covariance of the same, row by row.
+        stribeck_speed: speed with which that falls [rad/s]; None: the data do not want it.
         delay: delay of the position loop and its standard deviation [s], where the motion alone tells it; else None.
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
         noise: (nj,) standard deviation of what is left of the averaged torques [Nm].
@@ -44,6 +53,7 @@ class MotorFit:
 
     values: FloatArray
     covariance: FloatArray
+    stribeck_speed: float | None
     delay: tuple[float, float] | None
     delay_and_friction: float | None
     noise: FloatArray
@@ -55,22 +65,52 @@ class MotorFit:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Columns of the unknowns: links first, then PER_JOINT of each joint, then the rotors' spin and the lag."""
+    """Columns of the unknowns: links first, then each joint's gain, terms and offset, then the rotors' spin and the lag."""
 
     model: FloatArray  # (n, nj): torques by the model file
     links: FloatArray  # (n, nj, k)
+    terms: dict[str, FloatArray]  # (n, nj) each
     prior: FloatArray  # (u,)
-    joints: int
+    stribeck_speed: float | None
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return self.model.shape[1]
 
     def of(self, name: str) -> slice:
         """Where a quantity of all joints is."""
-        start = self.links.shape[-1] + PER_JOINT.index(name) * self.joints
+        start = self.links.shape[-1] + ("gain", *self.terms, "offset").index(name) * self.joints
         return slice(start, start + self.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Unknowns that fit best."""
+
+    x: FloatArray  # (u,)
+    covariance: FloatArray  # (u, u), did no average resemble its neighbours
+    residual: FloatArray  # (n, nj): what is left of the torques [Nm]
 
 
 def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorFit:
     """Gauss-Newton from the model file's legs; the residual's size is found on the way."""
-    table = _table(robot, samples, scale)
+    table = _table(robot, samples, scale, None)
+    solution = _solve(table, samples)
+    if _wants_stribeck(table, samples, scale, solution):
+        tables = [_table(robot, samples, scale, speed) for speed in SPEEDS]
+        solved = [(table, _solve(table, samples)) for table in tables]
+        table, solution = min(solved, key=lambda one: _left(samples, one[1]))
+    return _fit(table, samples, solution)
+
+
+def _left(samples: MotorSamples, solution: _Solution) -> float:
+    """Twice the negative logarithm of the likelihood of noise that is as large as what is left."""
+    used = samples.slides
+    return float((used.sum(axis=0) * np.log(_noise(solution.residual, used) ** 2)).sum())
+
+
+def _solve(table: _Table, samples: MotorSamples) -> _Solution:
     start = np.zeros(table.prior.size)
     start[-1] = samples.period / 2
     x, residual = start.copy(), samples.torque
@@ -84,13 +124,26 @@ def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorF
         covariance = np.asarray(np.linalg.inv(normal), dtype=float)
         x = _nearest(table, normal, x + covariance @ (rows.T @ left + (start - x) / table.prior**2))
         residual = samples.torque - _linearised(table, samples, x)[0]
-    return _fit(table, samples, x, covariance, residual)
+    return _Solution(x, covariance, residual)
+
+
+def _wants_stribeck(table: _Table, samples: MotorSamples, scale: Scale, without: _Solution) -> bool:
+    """Whether a solution without friction that grows toward rest wants it."""
+    repetition = _repetition(without.residual / _noise(without.residual, samples.slides), samples.slides)
+    noise = np.hypot(_noise(without.residual, samples.slides), _UNEVEN * without.x[table.of("coulomb")])
+    weight = samples.slides / noise / np.sqrt(repetition)
+    _, design = _linearised(table, samples, without.x)
+    terms = samples.stribeck * weight / (1 + without.x[table.of("gain")])
+    prior = prior_deviations(samples, scale)["stribeck"]
+    return is_wanted(
+        terms, design * weight[..., None], without.residual * weight, repetition * without.covariance, prior
+    )
 
 
 def _nearest(table: _Table, normal: FloatArray, x: FloatArray) -> FloatArray:
     """The likeliest unknowns of motors that could be: no friction and no rotor is less than none."""
     least = np.full(x.size, -np.inf)
-    for name in ("coulomb", "viscous", "armature"):
+    for name in table.terms:
         least[table.of(name)] = 0.0
     if (x >= least).all():
         return x
@@ -98,7 +151,7 @@ def _nearest(table: _Table, normal: FloatArray, x: FloatArray) -> FloatArray:
     return lsq_linear(root, root @ x, (least, np.full(x.size, np.inf)), "bvls").x
 
 
-def _table(robot: RobotModel, samples: MotorSamples, scale: Scale) -> _Table:
+def _table(robot: RobotModel, samples: MotorSamples, scale: Scale, stribeck_speed: float | None) -> _Table:
     model, columns, prior = np.zeros_like(samples.torque), list[FloatArray](), list[float]()
     of_kind: dict[tuple[int, int], FloatArray] = {}
     for leg in robot.legs.values():
@@ -115,15 +168,19 @@ def _table(robot: RobotModel, samples: MotorSamples, scale: Scale) -> _Table:
     columns += of_kind.values()
     prior += [_MASS_COMMON if axis == 0 else _COM_COMMON * scale.length for _, axis in of_kind]
     sizes, joints = prior_deviations(samples, scale), samples.torque.shape[1]
-    for name in PER_JOINT:
+    terms = samples.terms(stribeck_speed)
+    for name in ("gain", *terms, "offset"):
         prior += [sizes[name]] * joints
     prior += [sizes["spin"], sizes["lag"]]
-    return _Table(model, np.stack(columns, axis=-1), np.array(prior), joints)
+    return _Table(model, np.stack(columns, axis=-1), terms, np.array(prior), stribeck_speed)
 
 
 def prior_deviations(samples: MotorSamples, scale: Scale) -> dict[str, float]:
-    """What is believed beforehand of PER_JOINT, of the rotors' spin and of the lag."""
-    sizes = {"coulomb": _COULOMB, "viscous": _VISCOUS, "armature": _ARMATURE, "offset": _OFFSET, "spin": _SPIN}
+    """What is believed beforehand of each joint's gain, terms and offset, of the rotors' spin and of the lag."""
+    sizes = {
+        "coulomb": _COULOMB, "viscous": _VISCOUS, "armature": _ARMATURE, "stribeck": _STRIBECK, "offset": _OFFSET,
+        "spin": _SPIN,
+    }  # fmt: skip
     lag = _LAG_SHARE * samples.period if samples.reported else _DELAY
     return {"gain": _GAIN, **{name: own * scale.torque for name, own in sizes.items()}, "lag": lag}
 
@@ -132,12 +189,11 @@ def _linearised(table: _Table, samples: MotorSamples, x: FloatArray) -> tuple[Fl
     """(n, nj) torques by the equation, and (n, nj, u) their derivatives by the unknowns."""
     links, joint = table.links.shape[-1], np.arange(table.joints)
     kappa = 1 / (1 + x[table.of("gain")])
-    friction = {"coulomb": samples.sign, "viscous": samples.velocity, "armature": samples.acceleration}
     moved = table.model + table.links @ x[:links] + samples.spin * x[-2]
-    moved += sum(column * x[table.of(name)] for name, column in friction.items())
+    moved += sum(column * x[table.of(name)] for name, column in table.terms.items())
     design = np.zeros((*moved.shape, x.size))
     design[:, :, :links] = kappa[:, None] * table.links
-    for name, column in friction.items():
+    for name, column in table.terms.items():
         design[:, joint, joint + table.of(name).start] = kappa * column
     design[:, joint, joint + table.of("gain").start] = -(kappa**2) * moved
     design[:, joint, joint + table.of("offset").start] = 1.0
@@ -158,32 +214,26 @@ def _noise(residual: FloatArray, used: FloatArray) -> FloatArray:
 
 def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
     """How many times a row's information is counted because residuals resemble their neighbours; 1: not at all."""
-    kept = residual * used
+    kept = np.where(used > 0, residual, 0.0)  # of a joint that never slides it is beyond all numbers
     power = float((kept**2).sum())
     alike = sum(float((kept[:-lag] * kept[lag:]).sum()) for lag in range(1, most))
     return max(1.0, 1.0 + 2.0 * alike / power) if power > 0 else 1.0
 
 
-def _fit(
-    table: _Table, samples: MotorSamples, x: FloatArray, independent: FloatArray, residual: FloatArray
-) -> MotorFit:
-    """Relative to the mean gain, which nothing but the legs' masses tells.
-
-    Args:
-        independent: (u, u) covariance, did no average resemble its neighbours.
-        residual: (n, nj) what is left of the torques [Nm].
-    """
+def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
+    """Relative to the mean gain, which nothing but the legs' masses tells."""
+    x, residual = solution.x, solution.residual
     sigma = _noise(residual, samples.slides)
     repetition = _repetition(residual / sigma, samples.slides)
-    covariance, misfit = repetition * independent, _misfit(samples, residual, repetition)
+    covariance, misfit = repetition * solution.covariance, _misfit(samples, residual, repetition)
     gain = 1 + x[table.of("gain")]
     mean, joints = gain.mean(), table.joints
-    values = [gain / mean - 1, *(x[table.of(name)] / mean for name in PER_JOINT[1:4])]
-    turn = np.zeros((4, joints, x.size))
-    for row, name in enumerate(PER_JOINT[:4]):
+    values = np.array([gain / mean - 1, *(x[table.of(name)] / mean for name in table.terms)])
+    turn = np.zeros((len(values), joints, x.size))
+    for row, name in enumerate(("gain", *table.terms)):
         turn[row, :, table.of(name)] = np.eye(joints) / mean
         turn[row, :, table.of("gain")] -= ((gain if row == 0 else x[table.of(name)]) / mean**2 / joints)[:, None]
-    flat = turn.reshape(4 * joints, -1)
+    flat = turn.reshape(values.size, -1)
     delay = correlation = None
     if not samples.reported:
         known = _LAG_SHARE * samples.period
@@ -192,22 +242,25 @@ def _fit(
         shared = float(viscous @ covariance[:, -1])
         correlation = shared / float(np.sqrt(viscous @ covariance @ viscous * covariance[-1, -1]))
     found = flat @ covariance @ flat.T
-    found[np.diag_indices_from(found)] += _unlike_law(samples, misfit).ravel()
+    found[np.diag_indices_from(found)] += _unlike_law(table, samples, misfit, values).ravel()
     carried = gain * (samples.torque - residual - x[table.of("offset")] - samples.kp * samples.command_rate * x[-1])
-    return MotorFit(np.array(values), found, delay, correlation, sigma, misfit, repetition, gain, carried)
+    return MotorFit(values, found, table.stribeck_speed, delay, correlation, sigma, misfit, repetition, gain, carried)
 
 
-def _unlike_law(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
-    """(4, nj) variances of gain, Coulomb and viscous friction and armature of motors that do not obey the equation.
+def _unlike_law(table: _Table, samples: MotorSamples, misfit: FloatArray, values: FloatArray) -> FloatArray:
+    """(k, nj) variances of `values`, of gains first, for motors that do not obey the equation.
 
     A misfit that repeats had its like in each term, where nobody sees it. And a board may feel position at another instant
-    than it reports it, which looks like viscous friction.
+    than it reports it, which looks like viscous friction. What friction grows to at rest is beyond what is seen.
     """
     used = samples.slides
-    terms = samples.torque, np.ones_like(used), samples.velocity, samples.acceleration
+    terms = samples.torque, *(table.terms | {"coulomb": np.ones_like(used)}).values()
     sizes = np.array([size(term, used) for term in terms])
     variance = (LIKE * misfit / np.maximum(sizes, np.finfo(float).tiny)) ** 2
     variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
+    if table.stribeck_speed is not None:
+        variance[4] += (_AT_REST * values[4]) ** 2
+        variance[1:3] += (_IN_MOTION * values[4] / np.maximum(sizes[1:3], np.finfo(float).tiny)) ** 2
     return variance
 
 

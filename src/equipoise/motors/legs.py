@@ -14,17 +14,18 @@ What the equation does not have is among these too, or a robot whose gears rattl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.motors.delay import motor_trial
 from equipoise.motors.equations import MotorSamples
 from equipoise.motors.fit import LIKE, MotorFit, prior_deviations, size
 from equipoise.precise.measurements.leg_swing import LegSwing
+from equipoise.precise.measurements.torque_balance import columns_of_links
 from equipoise.recording.recording import Recording
-from equipoise.recording.trials import MotorTrial
-from equipoise.robot.inertial import moment_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
 
@@ -56,22 +57,20 @@ class _Nuisances:
 
 
 def legs_in_swing(
-    robot: RobotModel, recording: Recording, samples: MotorSamples, fit: MotorFit, scale: Scale
+    robot: RobotModel, swings: Sequence[Recording], samples: MotorSamples, fit: MotorFit, scale: Scale
 ) -> LegSwing | None:
-    """The swing's evidence on links and gains; None where torques are not reported, whose gains would be others."""
+    """The swings' evidence on links and gains; None where torques are not reported, whose gains would be others."""
     if not samples.reported:
         return None
-    assert isinstance(recording.trial, MotorTrial)
     per_gain, prior = 1 / fit.gain, prior_deviations(samples, scale)
-    links, own = (per_gain[:, None] * columns for columns in _link_columns(robot, samples))
+    links = per_gain[:, None] * columns_of_links(robot, samples.regressor)
+    own = per_gain[:, None] * _own_inertias(robot, samples)
     by_gain = -(per_gain**2) * fit.carried
     gains = np.stack([_alone(by_gain, joint) for joint in range(by_gain.shape[1])], axis=-1)
 
     beside = _Nuisances()
-    shapes = {
-        "coulomb": per_gain * samples.sign, "viscous": per_gain * samples.velocity,
-        "armature": per_gain * samples.acceleration, "offset": np.ones_like(samples.torque),
-    }  # fmt: skip
+    shapes = {name: per_gain * term for name, term in samples.terms(fit.stribeck_speed).items()}
+    shapes["offset"] = np.ones_like(samples.torque)
     for name, shape in shapes.items():
         beside.add_each(shape, prior[name])
     beside.add_each(samples.sign * np.abs(samples.torque), _LOAD)
@@ -91,7 +90,8 @@ def legs_in_swing(
 
     target = samples.torque + by_gain * (fit.gain - 1)
     found = _solved_for(beside, np.concatenate([links, gains, target[..., None]], axis=-1), samples, fit)
-    return LegSwing(found[:, :-1], found[:, -1], recording.trial, recording.duration)
+    duration = sum(recording.duration for recording in swings)
+    return LegSwing(found[:, :-1], found[:, -1], motor_trial(swings[-1]), duration)
 
 
 def _solved_for(beside: _Nuisances, system: FloatArray, samples: MotorSamples, fit: MotorFit) -> FloatArray:
@@ -107,18 +107,12 @@ def _solved_for(beside: _Nuisances, system: FloatArray, samples: MotorSamples, f
     return triangle[count:-1, count:]  # the last row is what no unknown explains
 
 
-def _link_columns(robot: RobotModel, samples: MotorSamples) -> tuple[FloatArray, FloatArray]:
-    """(n, nj, 4 links) torques by the links' inertial parameters as of `momenta`, and (n, nj, links) by their own inertias."""
-    factors: list[FloatArray] = []
-    moments: list[FloatArray] = []
-    own: list[FloatArray] = []
-    for joint in (joint for leg in robot.legs.values() for joint in leg.joint_ids):
-        body, part = robot.pinocchio.inertias[joint], samples.regressor[:, :, 10 * (joint - 1) : 10 * joint]
-        factors.append(part @ body.toDynamicParameters())
-        # A CoM off by d, about which the inertia stays: parameters about the joint are linear in the moment m d.
-        moments += [part @ column for column in moment_parameters(body.lever).T]
-        own.append(part[:, :, 4:] @ body.inertia[_TENSOR])
-    return np.stack([*factors, *moments], axis=-1), np.stack(own, axis=-1)
+def _own_inertias(robot: RobotModel, samples: MotorSamples) -> FloatArray:
+    """(n, nj, links) torques by factors on the links' inertias about their CoMs."""
+    joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
+    parts = [samples.regressor[:, :, 10 * (joint - 1) + 4 : 10 * joint] for joint in joints]
+    bodies = [robot.pinocchio.inertias[joint] for joint in joints]
+    return np.stack([part @ body.inertia[_TENSOR] for part, body in zip(parts, bodies, strict=True)], axis=-1)
 
 
 def _joints(robot: RobotModel) -> list[int]:

@@ -4,63 +4,108 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import lru_cache
+from itertools import chain
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
-from equipoise.errors import RecordingError, SettingsError
+from equipoise.conventions import FloatArray
+from equipoise.errors import ReachError, RecordingError, SettingsError
 from equipoise.experiments.legs_up import legs_up
+from equipoise.experiments.one_leg_up import legs_in_turn
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
-from equipoise.experiments.swing import swing_legs, swing_time
+from equipoise.experiments.stand import move_to
+from equipoise.experiments.swing import swing_leg, swing_legs, swing_time, swing_time_on_three
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture
+from equipoise.motors.delay import motor_trial
 from equipoise.motors.equations import motor_samples
 from equipoise.motors.fit import MotorFit, fit_motors
 from equipoise.motors.legs import legs_in_swing
+from equipoise.motors.nominal import nominal_swing
 from equipoise.precise.measurements.leg_swing import SwingEvidence
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.result.body import Body
-from equipoise.result.calibration import Calibration, Trial, model_facts
+from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
 from equipoise.result.findings import Motor
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import verdict_of
 from equipoise.robot.inertial import nominal_inertia
-from equipoise.robot.model import RobotModel
+from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.statics import static_torques
 
 _SHORTEST, _LONGEST = 3.0, 300.0  # [s]
-_FOUND = (("relative_gain", "1"), ("coulomb_friction", "Nm"), ("viscous_friction", "Nm s/rad"), ("armature", "kg m2"))
+_SHORTEST_OF_LEG = 1.2  # [s] on an A1: fifty averages and what is left out at the ends
+_FOUND = (
+    ("relative_gain", "1"), ("coulomb_friction", "Nm"), ("viscous_friction", "Nm s/rad"), ("armature", "kg m2"),
+    ("stribeck_friction", "Nm"),  # where the data want it
+)  # fmt: skip
 _BELIEVED_GAIN, _BELIEVED_DELAY = 0.05, 5e-3  # what gains [] and delays [s] are judged beside
+
+MotorStance = Literal["auto", "belly", "three-feet"]
+"""How a robot is while its joints swing."""
 
 
 @dataclass(frozen=True)
 class Motors(Method):
     """Friction, rotor inertia, torque gain and delay of each joint, without a stand.
 
-    The robot lies on its belly, turns its legs up and swings all joints at once, its gains at a quarter.
+    The robot lies on its belly, turns its legs up and swings all joints at once, their gains at a quarter; or it stands on
+    three feet and swings those of the fourth leg, each leg in turn.
 
     Attributes:
-        motor_time: time for which the joints swing [s].
+        motor_time: time for which joints swing, all at once or a quarter of it each leg [s].
+        motor_stance: on its belly with all legs up, or on three-feet with one; auto: on its belly, if its legs turn up.
     """
 
     name: ClassVar[str] = "motors"
     summary: ClassVar[str] = (
-        "the robot lies on its belly and swings all legs in the air; friction, rotor inertia, relative torque gain and delay "
-        "of each joint, with intervals"
+        "the robot lies on its belly and swings all legs in the air, or stands and swings one after the other; friction, "
+        "rotor inertia, relative torque gain and delay of each joint, with intervals"
     )
     estimates: ClassVar[tuple[str, ...]] = ()
 
     motor_time: float = 10.0
+    motor_stance: MotorStance = "auto"
 
     def __post_init__(self) -> None:
         if not _SHORTEST <= self.motor_time <= _LONGEST:
             raise SettingsError(f"motor_time is {self.motor_time}; it must be from {_SHORTEST:g} to {_LONGEST:g}")
+        if self.motor_stance not in (known := get_args(MotorStance)):
+            raise SettingsError(f"motor_stance is {self.motor_stance!r}; it must be one of {', '.join(known)}")
 
     def check(self, robot: RobotModel, stance: Stance) -> None:
-        legs_up(robot, stance)
+        if self.lies(robot, stance):
+            return
+        legs_in_turn(robot, stance)
+        least = len(LEG_NAMES) * _SHORTEST_OF_LEG * stance.scale.time
+        if self.motor_time < least:
+            raise SettingsError(
+                f"motor_time is {self.motor_time:g}; {robot.name!r} swings its legs one after the other, which takes "
+                f"{least:.1f} s or more"
+            )
+
+    def lies(self, robot: RobotModel, stance: Stance) -> bool:
+        """Whether the robot lies on its belly while it swings; else it stands on three feet.
+
+        Raises:
+            ReachError: it can do neither, or not what is asked.
+        """
+        if self.motor_stance == "three-feet":
+            return False
+        if (refused := _why_not_lying(robot, stance)) is None:
+            return True
+        if self.motor_stance == "belly":
+            raise ReachError(f"{refused}, or let it stand on three-feet")
+        try:
+            legs_in_turn(robot, stance)
+        except ReachError as standing:
+            raise ReachError(f"{refused}; {standing}") from standing
+        return False
 
     def run(
         self,
@@ -69,35 +114,53 @@ class Motors(Method):
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:
-        """Lie down, swing, stand up."""
-        if report is not None:
-            done = len(recordings)
-            report(Progress("swing all legs in the air, lying", done, done + 1))
-        swing_legs(planted, stance, self.motor_time)
+        """Lie down, swing, stand up; or stand on three feet and swing, four times."""
+        done = len(recordings)
 
-    def expected_trials(self, stance: Stance) -> int:
-        return 1
+        def tell(what: str, number: int, of: int) -> None:
+            if report is not None:
+                report(Progress(what, done + number, done + of))
+
+        if self.lies(planted.robot, stance):
+            tell("swing all legs in the air, lying", 0, 1)
+            swing_legs(planted, stance, self.motor_time)
+            return
+        for number, up in enumerate(legs_in_turn(planted.robot, stance)):
+            tell(f"swing the {up.leg} leg, on three feet", number, len(LEG_NAMES))
+            swing_leg(planted, stance, up, self.motor_time / len(LEG_NAMES))
+        move_to(planted, stance.feet_in_base)
+
+    def expected_trials(self, stance: Stance) -> int | None:
+        return {"belly": 1, "three-feet": len(LEG_NAMES)}.get(self.motor_stance)
 
     def rehearse(self, robot: RobotModel, stance: Stance) -> Course:
-        up = legs_up(robot, stance)
-        ends = ((f"legs up, {side}", up.joint_position + sign * up.swing) for side, sign in _SIDES)
-        postures = tuple(
-            RehearsedPosture(what, position, static_torques(robot, position, ()), int(what == _MIDDLE))
-            for what, position in ends
+        if self.lies(robot, stance):
+            up = legs_up(robot, stance)
+            doing = (
+                f"lies down on its belly, turns its legs up, swings all joints for {self.motor_time:.0f} s, stands up"
+            )
+            postures = _swung("legs up", robot, up.joint_position, up.swing, ())
+            return Course(doing, swing_time(robot, stance, self.motor_time), postures)
+        each, ups = self.motor_time / len(LEG_NAMES), legs_in_turn(robot, stance)
+        doing = (
+            f"moves its body over three feet, lifts the fourth and swings that leg for {each:.1f} s, each leg in turn"
         )
-        doing = f"lies down on its belly, turns its legs up, swings all joints for {self.motor_time:.0f} s, stands up"
-        return Course(doing, swing_time(robot, stance, self.motor_time), postures)
+        on_three = (_swung(f"{up.leg} leg up", robot, up.joint_position, up.swing, up.standing) for up in ups)
+        return Course(doing, swing_time_on_three(robot, stance, self.motor_time), tuple(chain(*on_three)))
+
+    def foretold_evidence(self, robot: RobotModel, stance: Stance) -> Evidence | None:
+        if not self.lies(robot, stance):  # what a base that sways tells is not foretold
+            return None
+        return self.estimate(robot, [nominal_swing(robot, stance, self.motor_time)], stance).evidence
 
     def estimate(self, robot: RobotModel, recordings: Sequence[Recording], stance: Stance) -> Calibration:
-        """What the last complete swing says.
+        """What the last complete swing of each leg says.
 
         Raises:
             RecordingError: there is none, or it is too short.
         """
-        swings = [r for r in recordings if isinstance(r.trial, MotorTrial) and r.complete]
-        if not swings:
-            raise RecordingError("the recordings hold no complete swing of all joints, which tells motors apart")
-        samples = motor_samples(robot, swings[-1], stance.scale.time)
+        swings = _last_swings(recordings)
+        samples = motor_samples(robot, swings, stance.scale.time)
         fit = fit_motors(robot, samples, stance.scale)
         nominal = nominal_inertia(robot, stance.joint_position)
         return Calibration(
@@ -108,16 +171,62 @@ class Motors(Method):
             stance_effective=Body.partly(nominal.stance_effective),
             sways={},
             support_lines={},
-            trials=tuple(Trial(MotorTrial.kind, "all joints", None, None, None, None, r.duration) for r in swings),
+            trials=tuple(_told(recording) for recording in _complete(recordings)),
             settings=self.to_dict(),
             warnings=_warnings(fit),
-            evidence=SwingEvidence(tuple(recordings), legs_in_swing(robot, swings[-1], samples, fit, stance.scale)),
+            evidence=SwingEvidence(tuple(recordings), legs_in_swing(robot, swings, samples, fit, stance.scale)),
             motors=_motors(robot, fit, samples.delays),
         )
 
 
-_MIDDLE = "legs up, middle"
-_SIDES = (("middle", 0.0), ("forward", 1.0), ("back", -1.0))
+@lru_cache(maxsize=16)  # a robot that is refused is so after a search of seconds
+def _why_not_lying(robot: RobotModel, stance: Stance) -> str | None:
+    """Why the robot cannot swing its legs lying; None: it can."""
+    try:
+        legs_up(robot, stance)
+    except ReachError as error:
+        return str(error)
+    return None
+
+
+def _complete(recordings: Sequence[Recording]) -> list[Recording]:
+    return [recording for recording in recordings if isinstance(recording.trial, MotorTrial) and recording.complete]
+
+
+def _last_swings(recordings: Sequence[Recording]) -> list[Recording]:
+    """The last complete one of all joints, or of each leg, whichever came last; raises RecordingError if one is missing."""
+    complete = _complete(recordings)
+    if complete and motor_trial(complete[-1]).leg is None:
+        return [complete[-1]]
+    of_leg = {motor_trial(recording).leg: recording for recording in complete}
+    if missing := [leg for leg in LEG_NAMES if leg not in of_leg]:
+        of_what = f"the {' and '.join(missing)} leg" if complete else "all joints"
+        raise RecordingError(
+            f"the recordings hold no complete swing of {of_what}, and motors are told apart by all; `equipoise calibrate "
+            "--resume RUN` does what is missing"
+        )
+    return [of_leg[leg] for leg in LEG_NAMES]
+
+
+def _told(recording: Recording) -> Trial:
+    leg = motor_trial(recording).leg
+    what = "all joints" if leg is None else f"{leg} leg"
+    return Trial(MotorTrial.kind, what, None, None, None, None, recording.duration)
+
+
+_MIDDLE = "middle"
+_SIDES = ((_MIDDLE, 0.0), ("forward", 1.0), ("back", -1.0))
+
+
+def _swung(
+    what: str, robot: RobotModel, middle: FloatArray, swing: FloatArray, standing: tuple[str, ...]
+) -> tuple[RehearsedPosture, ...]:
+    """The middle and both ends of a swing."""
+    postures = [(f"{what}, {side}", middle + sign * swing, int(side == _MIDDLE)) for side, sign in _SIDES]
+    return tuple(
+        RehearsedPosture(name, position, static_torques(robot, position, standing), times)
+        for name, position, times in postures
+    )
 
 
 def _motors(robot: RobotModel, fit: MotorFit, delays: tuple[np.ndarray, np.ndarray] | None) -> dict[str, Motor]:
@@ -125,7 +234,7 @@ def _motors(robot: RobotModel, fit: MotorFit, delays: tuple[np.ndarray, np.ndarr
     found: dict[str, Motor] = {}
     for joint, name in enumerate(robot.joint_names):
         quantities: dict[str, Quantity] = {}
-        for (what, unit), values, sds in zip(_FOUND, fit.values, deviations, strict=True):
+        for (what, unit), values, sds in zip(_FOUND[: len(fit.values)], fit.values, deviations, strict=True):
             value, deviation = float(values[joint]), float(sds[joint])
             beside = _BELIEVED_GAIN if what == "relative_gain" else abs(value)
             quantities[what] = Quantity(what, unit, value, deviation, verdict_of(deviation, beside))

@@ -189,7 +189,7 @@ def _predicts(predicted: HeldOut) -> Check:
     if not passed:
         message += (
             ". What one posture says is not what the others say: the legs are not the model's (lengths, hips), something "
-            "bends or swings, or the floor is uneven"
+            "bends or swings, a foot slips, or the floor is uneven"
         )
     return Check("held out", passed, message)
 

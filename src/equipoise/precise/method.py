@@ -39,13 +39,12 @@ from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import (
     CommandedLift,
-    CrawlTrial,
     DesignedLift,
     LiftTrial,
     PostureTrial,
     RecordedTrial,
+    SteppingTrial,
     SwayTrial,
-    WalkTrial,
 )
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
@@ -71,7 +70,7 @@ class Precise(Method):
     The robot lifts two diagonal feet in many postures, at rest and turning its body, and feels how it tips.
 
     Attributes:
-        budget: robot time [s], as 60s or 2min; default 120 s on an A1, more on larger robots.
+        budget: robot time [s], as 60s or 2min; default 120 s on an A1, 30 s after an earlier run, more on larger robots.
         mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
         mass_sd: standard deviation of that [kg]; default 0.5 %.
         sway: the sway about all axes at the end, which tells more about friction and Izz.
@@ -87,7 +86,7 @@ class Precise(Method):
             minute does (default budget 30 s on an A1) for the CoM; what changed since is named.
         swings: lifts in which the two lifted feet swing as well, which teach what the legs weigh, where their CoMs are and
             how long they are; the CoM's height and the inertia become surer with them.
-        leg_swing: what legs that swing in the air, the base lying, said of themselves in the same run; no setting.
+        leg_swing: what legs that swing in the air said of themselves in the same run; no setting.
     """
 
     name: ClassVar[str] = "precise"
@@ -185,7 +184,13 @@ class Precise(Method):
 
     def informed(self, evidence: Evidence) -> Precise:
         """Told of legs that swung in the air, if legs are looked for."""
-        return replace(self, leg_swing=evidence.legs) if self.swings and isinstance(evidence, SwingEvidence) else self
+        return (
+            replace(self, leg_swing=evidence.legs) if self.is_informed and isinstance(evidence, SwingEvidence) else self
+        )
+
+    @property
+    def is_informed(self) -> bool:
+        return self.swings
 
     def to_dict(self) -> dict[str, Any]:
         own = {name: value for name, value in super().to_dict().items() if name not in ("known", "leg_swing")}
@@ -205,9 +210,9 @@ class Precise(Method):
         self.forecast(robot, stance)
 
     def forecast(self, robot: RobotModel, stance: Stance) -> Plan:
-        return (
-            plan_ahead(robot, stance, self) if self.known is None else forecast_after(robot, stance, self, self.known)
-        )
+        if self.known is not None:
+            return forecast_after(robot, stance, self, self.known)
+        return plan_ahead(robot, stance, self, self.leg_swing)
 
     def expected_trials(self, stance: Stance) -> int:
         return round(self.budget_for(stance) / Durations.of(stance).lift)
@@ -354,7 +359,7 @@ def _about(trial: RecordedTrial | None) -> str:
     if trial is None:
         return ""
     words = [trial.diagonal] if isinstance(trial, LiftTrial) else []
-    if isinstance(trial, WalkTrial | CrawlTrial):
+    if isinstance(trial, SteppingTrial):
         words.append(f"{len(trial.steps)} steps")
     if isinstance(trial, DesignedLift) and trial.meanwhile != "passive":
         words.append(trial.meanwhile)

@@ -177,6 +177,7 @@ def make_plan(
     searched: bool = False,
     turn: bool = False,
     aside: float = 0.0,
+    after: FloatArray | None = None,
 ) -> Plan:
     """The best set of trials within a budget of robot time.
 
@@ -188,6 +189,7 @@ def make_plan(
         searched: whether the search was done (and is part of `known`).
         turn: whether the robot is turned half-way; what is done before that may be done again after it.
         aside: part of the budget that is for what is not planned here [s].
+        after: (size, size) information that comes when all is done, which no choice looks at; none by default.
 
     Raises:
         SettingsError: the budget allows no lift.
@@ -232,7 +234,7 @@ def make_plan(
         raise SettingsError(
             f"a budget of {budget + aside:.0f} s allows no lift after the search; give {math.ceil(least + aside)} s or more"
         )
-    everything = np.asarray(np.linalg.inv(information), dtype=float)
+    everything = np.asarray(np.linalg.inv(information if after is None else information + after), dtype=float)
     covariance = to_body @ everything @ to_body.T
     before = to_body @ np.linalg.inv(prior) @ to_body.T
     visits = [part.visits for part in parts]

@@ -187,19 +187,15 @@ class MapProblem:
 
     def at_shown_noise(self, x: FloatArray) -> MapProblem:
         """The same at the noise that feet on the floor show, where that is less than what is allowed for."""
-        problem = copy(self)
-        problem.blocks = [
-            block.at_shown_noise(x) if isinstance(block, PlantedBlock) else block for block in self.blocks
-        ]
-        return problem
+        return self._with_feet(lambda planted: planted.at_shown_noise(x))
 
     def at_found_noise(self, posterior: Posterior) -> MapProblem:
         """The same at the noise that residuals of planted moves have at an estimate."""
+        return self._with_feet(lambda planted: planted.at_found_noise(posterior.x, posterior.covariance))
+
+    def _with_feet(self, quieted: Callable[[PlantedBlock], PlantedBlock]) -> MapProblem:
         problem = copy(self)
-        problem.blocks = [
-            block.at_found_noise(posterior.x, posterior.covariance) if isinstance(block, PlantedBlock) else block
-            for block in self.blocks
-        ]
+        problem.blocks = [quieted(block) if isinstance(block, PlantedBlock) else block for block in self.blocks]
         return problem
 
     def prepare(self, x: FloatArray) -> None:

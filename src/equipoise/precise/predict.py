@@ -30,9 +30,9 @@ from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
 
-_RATE = 500.0  # [Hz]
-_ENCODER_NOISE, _VELOCITY_NOISE, _GYRO_NOISE = 3e-4, 0.03, 3e-3  # [rad], [rad/s], [rad/s]
-_ACCELEROMETER_NOISE = 0.05  # [m/s2]
+RATE = 500.0  # [Hz]
+ENCODER_NOISE, VELOCITY_NOISE, GYRO_NOISE = 3e-4, 0.03, 3e-3  # [rad], [rad/s], [rad/s]
+ACCELEROMETER_NOISE = 0.05  # [m/s2]
 _IN_AIR_AFTER = 0.4  # of the lift time, the feet are off the floor
 _STEP, _KNOT = 0.020, 0.015  # [s] on an A1; half as many samples as are read teach as much
 
@@ -81,14 +81,14 @@ class Predictor:
     def _noise(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Sample times of a lift; covariances of smoothed joint and angular velocities and specific forces there."""
         times, clock = Times.of(self.stance), self.stance.scale.time
-        sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / _RATE)
+        sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / RATE)
         knot, reach = _KNOT * clock, REACH * clock
         time = np.arange(reach, times.watch - reach, _STEP * clock)
         blank = np.zeros((len(sensed), 1))
-        joints = fit_spline(sensed, blank, knot, blank, _ENCODER_NOISE / _VELOCITY_NOISE, reach)
+        joints = fit_spline(sensed, blank, knot, blank, ENCODER_NOISE / VELOCITY_NOISE, reach)
         of_imu = fit_spline(sensed, blank, knot, reach=reach).noise(time)
-        joints_move = _ENCODER_NOISE**2 * joints.noise(time, derivative=1)
-        return time, joints_move, _GYRO_NOISE**2 * of_imu, _ACCELEROMETER_NOISE**2 * of_imu
+        joints_move = ENCODER_NOISE**2 * joints.noise(time, derivative=1)
+        return time, joints_move, GYRO_NOISE**2 * of_imu, ACCELEROMETER_NOISE**2 * of_imu
 
     def lift(self, design: LiftDesign) -> LiftSamples:
         """What the time on two feet would look like."""
@@ -102,8 +102,8 @@ class Predictor:
         distance = offset_of(stance, -design.side) / height + 0.004 * (design.side == 0)
         tilt = distance * (np.cosh(rate * (time + _IN_AIR_AFTER * settings.lift_time)) - 1)
         tilt_rate = np.gradient(tilt, time)
-        whole = design.amounts(stance, 1 / _RATE)
-        amount = np.interp(time, np.arange(1, len(whole) + 1) / _RATE, whole, right=0.0)
+        whole = design.amounts(stance, 1 / RATE)
+        amount = np.interp(time, np.arange(1, len(whole) + 1) / RATE, whole, right=0.0)
         amount_rate = np.gradient(amount, time)
         axis = np.zeros(3)
         if design.turn is not None:

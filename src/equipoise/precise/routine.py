@@ -12,8 +12,10 @@ from equipoise.errors import EquipoiseError, MotionError, ReachError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.turn import check_turn
+from equipoise.precise.blocks.leg_swing import LegSwingBlock
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.measurements.leg_swing import LegSwing
 from equipoise.precise.measurements.scale_reading import question_mass
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
 from equipoise.precise.plan import FEW_LIFTS, Durations, Plan, make_plan
@@ -38,15 +40,23 @@ _FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in 
 
 
 @lru_cache(maxsize=4)  # asked for before a robot is moved, and again by whoever shows it
-def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise) -> Plan:
-    """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none."""
-    return plan_for(nominal_candidates(robot, settings.beliefs, settings.swings), stance, settings)
+def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise, swing: LegSwing | None = None) -> Plan:
+    """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none.
+
+    Args:
+        swing: what legs are foretold to say that swing in the air after it.
+    """
+    return plan_for(nominal_candidates(robot, settings.beliefs, settings.swings), stance, settings, swing)
 
 
-def plan_for(candidates: Candidates, stance: Stance, settings: Precise) -> Plan:
+def plan_for(candidates: Candidates, stance: Stance, settings: Precise, swing: LegSwing | None = None) -> Plan:
     """The plan for a robot of which nothing is measured yet; raises SettingsError if the budget allows none."""
-    aside = _sway_time(stance, settings)
-    return make_plan(candidates, settings.budget_for(stance), settings.goals, turn=settings.turn, aside=aside)
+    aside, after = _sway_time(stance, settings), None
+    if swing is not None:
+        after = LegSwingBlock(candidates.unknowns, [(0, swing)]).information(candidates.unknowns.start())
+    return make_plan(
+        candidates, settings.budget_for(stance), settings.goals, turn=settings.turn, aside=aside, after=after
+    )
 
 
 def _sway_time(stance: Stance, settings: Precise) -> float:

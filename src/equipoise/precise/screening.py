@@ -27,6 +27,7 @@ from equipoise.recording.recording import Recording
 from equipoise.recording.runs import true_runs
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.statics import PLAUSIBLE_LOAD
 
 _BEYOND_LIMIT = 1.0  # [rad]: what no joint's zero and no hard stop explains
 _FROZEN_TIME = 0.15  # [s] of identical samples
@@ -34,7 +35,6 @@ _FROZEN_MOVE = 0.02  # [rad] that was commanded meanwhile
 _VELOCITY_BLOCK = 0.04  # [s]: short against motions, and encoder noise over it is small
 _VELOCITY_MOVE = 1e-3  # [rad] rms per block below which a joint did not move enough to tell
 _VELOCITY_RATIO = (0.6, 1.6)  # of reported velocity over the encoder's; delays and filters take off a tenth
-_CARRIED = (0.4, 2.5)  # of the model's mass: payloads add half, friction and motor constants err by a fifth
 _NUDGE = 1e-6  # [rad]
 # Angles that are off by more are no sensor's noise: floors, joint zeros and IMUs are off by 5 to 10 mrad, all together.
 _DISAGREEMENT = 0.06  # [rad], rms
@@ -219,9 +219,11 @@ def _check_torques(robot: RobotModel, position: FloatArray, torque: FloatArray, 
         raising = -np.einsum("nji,ni->nj", np.linalg.pinv(jacobian), up)
         weight += np.einsum("nj,nj->n", torque[:, joints], raising)
     mass = float(np.median(weight / np.einsum("ni,ni->n", up, up)))
-    if not _CARRIED[0] * robot.mass < mass < _CARRIED[1] * robot.mass:
+    if not PLAUSIBLE_LOAD[0] * robot.mass < mass < PLAUSIBLE_LOAD[1] * robot.mass:
         hint = (
-            "have they the wrong sign?" if mass < -_CARRIED[0] * robot.mass else "are they those of the joints, in Nm?"
+            "have they the wrong sign?"
+            if mass < -PLAUSIBLE_LOAD[0] * robot.mass
+            else "are they those of the joints, in Nm?"
         )
         raise RecordingError(
             f"at rest the joint torques carry {mass:.3g} kg, and the model weighs {robot.mass:.3g} kg: {hint} Leave torques "

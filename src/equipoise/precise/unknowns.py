@@ -195,7 +195,7 @@ class Priors:
     inertia: float = 2.0
     leg_mass: float = unknown(
         0.05, "mass, first moment and inertia of a leg link over the model's, less one, beside the common part", "", LEG_LINK,
-        _REALISTIC,
+        "assumed; the simulation's `realistic` legs have 0.03",
         label="mass of the link that {each} moves",
         cause="legs weigh what the file does not say, one more than the other",
     )  # fmt: skip
@@ -330,7 +330,7 @@ class Priors:
     pull: float = unknown(
         0.2, "constant horizontal force on the base, forward and to its left at the run's beginning: a cable", "N",
         _named("forward", "left"),
-        "half a metre of Ethernet cable; none is known without one", measure=A1_TORQUE, label="pull {each}", drift=None,
+        "half a metre of Ethernet cable, at robots of any size; none is known without one", label="pull {each}", drift=None,
         cause="it pulls to one side: a cable or a hand?", opened_by="--cable light",
     )  # fmt: skip
     floor_slope: float = unknown(

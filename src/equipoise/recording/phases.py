@@ -28,7 +28,7 @@ class Phase:
     # legs turned up by a robot that lies
     RAISE: Final = "raise"
     SWING: Final = "swing"
-    """All joints swing at once; the steady part."""
+    """All joints swing at once, or those of one leg; the steady part."""
     # a lift
     UNLOAD: Final = "unload"
     LIFT: Final = "lift"

@@ -203,30 +203,6 @@ class TwoFeet:
         return PAIRS[self.pair]
 
 
-@dataclass(frozen=True, kw_only=True)
-class WalkTrial(RecordedTrial):
-    """The robot walks; found in a log.
-
-    Attributes:
-        steps: times on two feet.
-        heading: angle by which the robot had turned since the log began when the walk does, to its left [rad].
-    """
-
-    kind: ClassVar[str] = "walk"
-    starts_with: ClassVar[str] = Phase.WALK
-    complete_with: ClassVar[str] = Phase.END
-    steps: tuple[TwoFeet, ...]
-    heading: float
-
-    @property
-    def duration(self) -> float:
-        """From the first step's begin to the last one's end; the recording holds some time around it [s]."""
-        return self.steps[-1].end - self.steps[0].start if self.steps else 0.0
-
-    def _own_data(self) -> dict[str, Any]:
-        return {"steps": [[step.pair, step.start, step.end] for step in self.steps], "heading": self.heading}
-
-
 @dataclass(frozen=True)
 class ThreeFeet:
     """A time in which a robot that walks stands on three feet.
@@ -251,22 +227,50 @@ class ThreeFeet:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrawlTrial(RecordedTrial):
-    """The robot walks one foot after the other; found in a log.
+class SteppingTrial(RecordedTrial):
+    """The robot takes steps; found in a log.
+
+    Attributes:
+        steps: times in which feet are up.
+    """
+
+    starts_with: ClassVar[str] = Phase.WALK
+    complete_with: ClassVar[str] = Phase.END
+    steps: tuple[TwoFeet, ...] | tuple[ThreeFeet, ...]
+
+    @property
+    def duration(self) -> float:
+        """From the first step's begin to the last one's end; the recording holds some time around it [s]."""
+        return self.steps[-1].end - self.steps[0].start if self.steps else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkTrial(SteppingTrial):
+    """The robot walks on two feet at a time.
+
+    Attributes:
+        steps: times on two feet.
+        heading: angle by which the robot had turned since the log began when the walk does, to its left [rad].
+    """
+
+    kind: ClassVar[str] = "walk"
+    steps: tuple[TwoFeet, ...]
+    heading: float
+
+    def _own_data(self) -> dict[str, Any]:
+        return {"steps": [[step.pair, step.start, step.end] for step in self.steps], "heading": self.heading}
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrawlTrial(SteppingTrial):
+    """The robot walks one foot after the other.
 
     Attributes:
         steps: times on three feet.
     """
 
     kind: ClassVar[str] = "crawl"
-    starts_with: ClassVar[str] = Phase.WALK
-    complete_with: ClassVar[str] = Phase.END
     steps: tuple[ThreeFeet, ...]
-
-    @property
-    def duration(self) -> float:
-        """From the first step's begin to the last one's end; the recording holds some time around it [s]."""
-        return self.steps[-1].end - self.steps[0].start if self.steps else 0.0
 
     def _own_data(self) -> dict[str, Any]:
         return {"steps": [[step.lifted, step.start, step.end] for step in self.steps]}
@@ -283,10 +287,11 @@ class TurnTrial(RecordedTrial):
 
 @dataclass(frozen=True, kw_only=True)
 class MotorTrial(RecordedTrial):
-    """The robot lies on its belly, turns its legs up and swings all joints at once.
+    """The robot swings all joints at once, lying with its legs up; or those of one leg, standing on its other three feet.
 
     Attributes:
-        kp, kd: gains of all joints while they swing [Nm/rad], [Nm s/rad]; None: the platform's own, which nobody knows.
+        kp, kd: gains of the joints that swing, meanwhile [Nm/rad], [Nm s/rad]; None: the platform's own, which nobody knows.
+        leg: name of the leg that swings while the others stand; None: all do.
     """
 
     kind: ClassVar[str] = "motors"
@@ -294,9 +299,18 @@ class MotorTrial(RecordedTrial):
     complete_with: ClassVar[str] = Phase.END
     kp: float | None = None
     kd: float | None = None
+    leg: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.leg not in (None, *LEG_NAMES):
+            raise ValueError(f"no leg is called {self.leg!r}")
+
+    @property
+    def about(self) -> str:
+        return self.leg or ""
 
     def _own_data(self) -> dict[str, Any]:
-        return {"kp": self.kp, "kd": self.kd}
+        return {"kp": self.kp, "kd": self.kd, **({} if self.leg is None else {"leg": self.leg})}
 
 
 def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
@@ -328,7 +342,7 @@ def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
                 return TurnTrial(found_at=found_at)
             case MotorTrial.kind:
                 gains = {name: None if data[name] is None else float(data[name]) for name in ("kp", "kd")}
-                return MotorTrial(found_at=found_at, **gains)
+                return MotorTrial(found_at=found_at, leg=data.get("leg"), **gains)
             case _:
                 return None
     except (AttributeError, KeyError, TypeError, ValueError) as error:

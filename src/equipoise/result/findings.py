@@ -37,6 +37,7 @@ class SensorFinding:
 # What is not known.
 _COULOMB_FRICTION = Quantity("coulomb_friction", "Nm")
 _VISCOUS_FRICTION = Quantity("viscous_friction", "Nm s/rad")
+_STRIBECK_FRICTION = Quantity("stribeck_friction", "Nm")
 _ARMATURE = Quantity("armature", "kg m2")
 _RELATIVE_GAIN = Quantity("relative_gain", "1")
 _DELAY = Quantity("delay", "s")
@@ -72,7 +73,7 @@ class Part:
     @classmethod
     def from_dict(cls: type[Found], table: Mapping[str, Any]) -> Found:
         """From the JSON form."""
-        quantities = {name: Quantity(**table[name]) for name in cls().quantities}
+        quantities = {name: Quantity(**table[name]) for name in cls().quantities if name in table}
         return cls(**{**table, **quantities})
 
 
@@ -83,6 +84,8 @@ class Motor(Part):
     Attributes:
         coulomb_friction: friction that does not depend on the speed [Nm].
         viscous_friction: friction over the speed [Nm s/rad].
+        stribeck_friction: friction at rest less Coulomb friction, which it falls to as a joint gets faster [Nm]; without a
+            value where the data do not want it.
         armature: inertia of the rotor, seen at the joint [kg m2].
         relative_gain: true over reported torque, over the mean of that of all motors, less one.
         delay: age of the command that a torque obeys [s].
@@ -91,6 +94,7 @@ class Motor(Part):
 
     coulomb_friction: Quantity = _COULOMB_FRICTION
     viscous_friction: Quantity = _VISCOUS_FRICTION
+    stribeck_friction: Quantity = _STRIBECK_FRICTION
     armature: Quantity = _ARMATURE
     relative_gain: Quantity = _RELATIVE_GAIN
     delay: Quantity = _DELAY

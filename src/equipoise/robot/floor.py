@@ -1,9 +1,12 @@
-"""The floor that feet stand on, by where the joints put them: its normal in base axes.
+"""The floor that feet stand on, by where the joints put them: its normal in base axes; and where a robot stands on three.
 
-There are two readings. On feet in one plane they agree; they differ in which feet they may be asked about, and in time.
+There are two readings of the normal. On feet in one plane they agree; they differ in which feet they may be asked about, and
+in time.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -42,3 +45,37 @@ def floor_normals_by_fit(feet_in_base: FloatArray) -> tuple[FloatArray, FloatArr
     normal = axes[:, 2]
     normal = normal * np.sign(-np.einsum("ni,ni->n", normal, feet_in_base.mean(axis=1)))[:, None]
     return normal, sizes[:, 2] / sizes[:, 1]
+
+
+def floor_normal_of(feet_in_base: FloatArray, standing: Sequence[int]) -> Vector:
+    """Upward unit normal of the floor under those feet, of (4, 3) in the base frame [m], that stand.
+
+    Of three, their plane; else `floor_normal_by_diagonals`: two say nothing of their own.
+    """
+    if len(standing) != 3:
+        return floor_normal_by_diagonals(feet_in_base)
+    first, second, third = feet_in_base[list(standing)]
+    normal = np.cross(second - first, third - first)
+    x, y, z = (normal * np.sign(normal[2]) / np.linalg.norm(normal)).tolist()
+    return x, y, z
+
+
+def over_three_feet(feet: FloatArray, lifted: int, share: float) -> FloatArray:
+    """(2,) place for the CoM of a robot that lifts one foot [m].
+
+    Args:
+        feet: (4, 2) places of the feet [m].
+        lifted: index of the foot that is lifted.
+        share: part of the way from the middle of four feet to that of the three that stand.
+    """
+    return np.asarray(share * np.delete(feet, lifted, axis=0).mean(axis=0) + (1 - share) * feet.mean(axis=0))
+
+
+def margin_inside(corners: FloatArray, place: FloatArray) -> float:
+    """Distance of a (2,) place from the nearest edge of a triangle of (3, 2) corners; negative outside [m]."""
+    a, b = corners, np.roll(corners, -1, axis=0)
+    edge, to_place = b - a, place - a
+    across = edge[:, 0] * to_place[:, 1] - edge[:, 1] * to_place[:, 0]
+    third = np.roll(corners, -2, axis=0) - a
+    turn = np.sign(edge[:, 0] * third[:, 1] - edge[:, 1] * third[:, 0])
+    return float((turn * across / np.linalg.norm(edge, axis=1)).min())

@@ -8,11 +8,14 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.floor import floor_normal_by_diagonals
+from equipoise.robot.floor import floor_normal_of
 from equipoise.robot.kinematics import Kinematics, foot_forces_from_torques
 from equipoise.robot.model import RobotModel
 
 _UP = np.array([0.0, 0.0, 1.0])
+
+PLAUSIBLE_LOAD = (0.4, 2.5)
+"""Of the model's mass, carried by joint torques: payloads add half, friction and motor constants err by a fifth."""
 
 
 def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
@@ -30,7 +33,7 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
 
 
 def _forces_on(robot: RobotModel, feet: FloatArray, com: FloatArray, legs: Collection[str]) -> FloatArray:
-    standing = [index for index, leg in enumerate(robot.legs) if leg in legs]
+    standing = _indices(robot, legs)
     forces = np.zeros((4, 3))
     if not standing:
         return forces
@@ -38,10 +41,14 @@ def _forces_on(robot: RobotModel, feet: FloatArray, com: FloatArray, legs: Colle
     for column, index in enumerate(standing):
         balance[:3, 3 * column : 3 * column + 3] = np.eye(3)
         balance[3:, 3 * column : 3 * column + 3] = pin.skew(feet[index] - com)
-    weight = robot.mass * np.linalg.norm(robot.pinocchio.gravity.linear) * np.array(floor_normal_by_diagonals(feet))
+    weight = robot.mass * np.linalg.norm(robot.pinocchio.gravity.linear) * np.array(floor_normal_of(feet, standing))
     solution, *_ = np.linalg.lstsq(balance, np.concatenate([weight, np.zeros(3)]), rcond=1e-6)
     forces[standing] = solution.reshape(-1, 3)
     return forces
+
+
+def _indices(robot: RobotModel, legs: Collection[str]) -> list[int]:
+    return [index for index, leg in enumerate(robot.legs) if leg in legs]
 
 
 def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collection[str]) -> FloatArray:
@@ -49,7 +56,7 @@ def static_torques(robot: RobotModel, joint_position: FloatArray, legs: Collecti
     kinematics = Kinematics(robot)
     feet, jacobians = kinematics.feet_and_jacobians(joint_position)
     forces = _forces_on(robot, feet, kinematics.com(joint_position), legs)
-    up = np.array(floor_normal_by_diagonals(feet)) if legs else _UP
+    up = np.array(floor_normal_of(feet, _indices(robot, legs))) if legs else _UP
     weight = robot.mass * float(np.linalg.norm(robot.pinocchio.gravity.linear))
     torques = weight * up @ kinematics.com_jacobian(joint_position)
     torques[robot.leg_joints] -= (forces[:, None] @ jacobians)[:, 0]

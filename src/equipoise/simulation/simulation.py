@@ -70,6 +70,7 @@ class Simulation:
         columns = {
             "coulomb_friction": self.errors.coulomb_friction / mean,
             "viscous_friction": self.errors.viscous_friction / mean,
+            "stribeck_friction": self.errors.sizes.stribeck * self.errors.coulomb_friction / mean,
             "armature": armature / mean,
             "relative_gain": gain / mean - 1,
             # A sample shows the last command that has come to act before it was taken.

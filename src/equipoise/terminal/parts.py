@@ -19,6 +19,7 @@ from equipoise.result.shown import Shown
 _MOTORS = (
     Shown("coulomb_friction", "Coulomb [Nm]", 1.0, "", "Coulomb friction"),
     Shown("viscous_friction", "viscous [mNm s/rad]", 1000.0, "", "viscous friction"),
+    Shown("stribeck_friction", "Stribeck [Nm]", 1.0, "", "Stribeck friction"),
     Shown("armature", "armature [g m2]", 1000.0, "", "armature"),
     Shown("relative_gain", "gain [%]", 100.0, "+", "relative torque gain"),
     Shown("delay", "delay [ms]", 1000.0, "", "position-loop delay"),
@@ -76,10 +77,15 @@ def parts_of(result: Calibration) -> list[Parts]:
     if result.robot_model is not None:
         joints = [name for leg in result.robot_model.legs.values() for name in leg.joint_names]
     motors = Parts(
-        "motors", "joint", _MOTORS, _left_by_right(result.motors, joints),
+        "motors", "joint", _told(_MOTORS, result.motors), _left_by_right(result.motors, joints),
         "Torques are in the unit in which the motors report them on average; gains are relative to their mean.",
     )  # fmt: skip
     return [parts for parts in (motors, parts_of_legs(result.links)) if parts.found]
+
+
+def _told(columns: tuple[Shown, ...], found: Mapping[str, Part]) -> tuple[Shown, ...]:
+    """Columns of which the run told a value: of friction that grows toward rest it mostly tells none."""
+    return tuple(one for one in columns if any(part.quantities[one.name].value is not None for part in found.values()))
 
 
 def parts_of_legs(links: Mapping[str, Link]) -> Parts:

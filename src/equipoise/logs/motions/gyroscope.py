@@ -111,7 +111,14 @@ def _walking_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None
 
     Of velocities v in the base frame, less rolling, that is v_one - v_other = -omega x (p_one - p_other).
     """
-    track = track.part(slice(_PIECE))
+    for first in range(0, len(track.time), _PIECE):
+        if (seen := _walked(legs, stance, track.part(slice(first, first + _PIECE)))) is not None:
+            return seen
+    return None
+
+
+def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
+    """Of a piece of a track; None if nobody walks for long in it."""
     if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
         return None
     # A gyroscope with the wrong sign or unit finds no steps, and with what undoes that it does.

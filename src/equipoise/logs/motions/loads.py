@@ -20,14 +20,13 @@ from equipoise.recording.runs import true_runs
 from equipoise.recording.trials import ThreeFeet, TwoFeet
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import LEG_NAMES, RobotModel
-from equipoise.robot.statics import torques_of_legs
+from equipoise.robot.statics import PLAUSIBLE_LOAD, torques_of_legs
 
 # Of what a foot carries on average. Feet that are up in simulated trots carry 0.3 by joint torques, as legs are swung, and in
 # a real Go1's 0.5 at most by sensors; those that stand 0.8 at least. Feet that only seem to be up carry 0.8 to 1.5.
 _CARRIES, _IDLE = 0.7, 0.3
 _UNLOADED = 0.02  # of the time a foot's sensor reads less than this: it is up then
 _DEAD = 0.25  # of what the other feet's sensors read: not to be believed
-_CARRIED = (0.4, 2.5)  # of the model's mass by joint torques, as screening.py has it: else they are none
 _LOOKED_AT = 1000  # samples of a walk that its mean is of, at most
 
 Step = TwoFeet | ThreeFeet
@@ -88,7 +87,7 @@ class FootLoads:
         walking, parts = _walking(track, steps), [track.indices(step.start, step.end) for step in steps]
         looked_at = np.unique(np.concatenate([_spread(part, part.stop - part.start) for part in parts]))
         usual = _vertical_forces(robot, track, _spread(walking, _LOOKED_AT)).mean()
-        if not _CARRIED[0] < 4 * usual / (GRAVITY * robot.mass) < _CARRIED[1]:
+        if not PLAUSIBLE_LOAD[0] < 4 * usual / (GRAVITY * robot.mass) < PLAUSIBLE_LOAD[1]:
             return None
         return cls("joint torques", track.time[looked_at], _vertical_forces(robot, track, looked_at) / usual)
 

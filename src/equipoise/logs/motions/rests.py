@@ -18,7 +18,7 @@ from equipoise.recording.runs import true_runs
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.robot.statics import carried_mass
+from equipoise.robot.statics import PLAUSIBLE_LOAD, carried_mass
 
 # Of means over a quarter of a window: spread within it. Resting A1s and Solos show a third to a half of this, moving ones ten
 # times as much.
@@ -26,10 +26,10 @@ _WINDOW, _PARTS = 16, 4  # [steps]
 _STILL_JOINTS, _STILL_BASE = 1.5e-3, 6e-3  # [rad], [rad/s]
 _NOISE_FACTOR = 4.0  # of a mean's white noise: its spread over four parts and a dozen joints
 _SHORTEST = 0.2  # [s] on an A1; half of it serves each neighbour
-_LOWEST = 0.4  # hips over their height at the nominal stance: crouching robots have 0.6, lying ones 0.3
 _RAISED = 0.02  # [m] on an A1: a foot so far off the plane of the others is not on the floor
 _LEANING = 0.25  # [rad] between the feet's floor and the accelerometer's: no floor that a calibration is done on
-_CARRIED = 0.4  # of the model's mass, by the joint torques
+LOWEST = 0.4
+"""Hips over their height at the nominal stance, of robots that stand: crouching ones have 0.6, lying ones 0.3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +125,7 @@ def _spread(values: FloatArray) -> FloatArray:
 def _folded(stance: Stance, feet: FloatArray, normal: FloatArray) -> bool:
     # The base's origin may be anywhere; the hips are above the floor by as much more as the feet are farther below.
     lower = float((stance.feet_in_base[:, 2] - feet @ normal).mean())
-    return stance.hip_height + lower < _LOWEST * stance.hip_height
+    return stance.hip_height + lower < LOWEST * stance.hip_height
 
 
 def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: FloatArray) -> str | None:
@@ -143,6 +143,6 @@ def _why_not_level(stance: Stance, feet: FloatArray, normal: FloatArray, up: Flo
 def why_not_carried(robot: RobotModel, position: FloatArray, torque: FloatArray) -> str | None:
     """Why (nj,) joint torques [Nm] at (nj,) joint positions [rad] are not those of a robot that stands, or None."""
     carried = carried_mass(robot, position, torque)
-    if abs(carried) < _CARRIED * robot.mass:  # a wrong sign is another matter, and screened for
+    if abs(carried) < PLAUSIBLE_LOAD[0] * robot.mass:  # a wrong sign is another matter, and screened for
         return f"the joint torques carry only {carried:.1f} kg: it hangs, or lies"
     return None

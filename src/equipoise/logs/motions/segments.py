@@ -38,6 +38,7 @@ from equipoise.recording.trials import (
     PostureTrial,
     RecordedTrial,
     StandTrial,
+    SteppingTrial,
     SwayTrial,
     ThreeFeet,
     TwoFeet,
@@ -94,7 +95,7 @@ class LogSegment:
     def steps(self) -> int:
         """Number of times on two feet of a walk, on three of a crawl."""
         trial = None if self.recording is None else self.recording.trial
-        return len(trial.steps) if isinstance(trial, WalkTrial | CrawlTrial) else 0
+        return len(trial.steps) if isinstance(trial, SteppingTrial) else 0
 
 
 def find_segments(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
+from equipoise.logs.motions.rests import LOWEST
 from equipoise.logs.motions.track import Track, at_once
 from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.walking import CONTEXT, up_between_steps
@@ -30,7 +31,6 @@ _SLIP = 0.25  # [m/s] of two standing feet against each other: soft feet that ro
 _STAYS = 0.1  # [m/s] of a foot against standing ones, all the time: it stands too
 _UNEVEN = 0.03  # [m] of one standing foot above the other
 _FALLING, _LANDING = 5.0, 20.0  # [m/s2]: no foot is on the floor; one meets it hard
-_LOWEST = 0.4  # hips over their height at the nominal stance, as rests.py has it
 _SHORTEST = 0.09  # [s]
 _FEWEST = 4  # steps: fewer are no walk, but a lift that failed or a stumble
 _RARE = 0.25  # of the times that a robot stands on its usual two feet
@@ -107,7 +107,7 @@ class WalkingFeet:
         for lifted, leg in enumerate(LEG_NAMES):
             standing = [foot for foot in range(4) if foot != lifted]
             hips = self.stance.hip_height + nominal - self.height[:, standing].mean(axis=1)
-            where = hips > _LOWEST * self.stance.hip_height
+            where = hips > LOWEST * self.stance.hip_height
             where &= _above_plane(self.foot[:, lifted], self.foot[:, standing]) > _CLEAR * self.stance.scale.length
             found += [ThreeFeet(leg, a, b) for a, b in self._standing(standing, SHORTEST_ON_THREE, where)]
         return sorted(found, key=lambda step: step.start)

@@ -18,7 +18,7 @@ from equipoise.logs.tables.columns import UNITS
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.robot.floor import floor_normals_by_fit
 from equipoise.robot.model import RobotModel
-from equipoise.robot.statics import carried_mass
+from equipoise.robot.statics import PLAUSIBLE_LOAD, carried_mass
 
 _EVEN, _JITTER = 0.9, 0.5  # of the steps are so near to the median, relative
 _RATES = (15.0, 5000.0)  # [Hz]
@@ -32,7 +32,6 @@ _LEVEL = 0.25  # [rad] between the feet's floor and the accelerometer's
 _CLEARLY = 0.7  # of the floor's disagreement: another order is better, and not by chance
 _ALIKE = 0.5  # correlation that is no chance
 _NEAR = 0.35  # by which a factor may be off and still be a unit's, relative
-_CARRIED = (0.4, 2.5)  # of the model's mass
 
 # Orders of legs that are in use; the model's own comes first.
 _LEG_ORDERS = (("FL", "FR", "RL", "RR"), ("FR", "FL", "RR", "RL"), ("FL", "RL", "FR", "RR"))
@@ -129,7 +128,7 @@ def carries(robot: RobotModel, position: FloatArray, torque: FloatArray) -> bool
         carried = carried_mass(robot, np.median(position[rows], axis=0), np.median(torque[rows], axis=0))
     except np.linalg.LinAlgError:  # legs that are stretched carry anything
         return False
-    return _CARRIED[0] * robot.mass < abs(carried) < _CARRIED[1] * robot.mass
+    return PLAUSIBLE_LOAD[0] * robot.mass < abs(carried) < PLAUSIBLE_LOAD[1] * robot.mass
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Legs that swung in the air while the base lay."""
+"""Legs that swung in the air."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from equipoise.precise.parameters import INERTIAL, Unknowns
 
 
 class LegSwingBlock(ResidualBlock):
-    """Rows of legs that swung in the air while the base lay. Whitened as they come."""
+    """Rows of legs that swung in the air. Whitened as they come."""
 
     depends_on = (*INERTIAL, "torque_gain_common", "torque_gain")
 
@@ -39,6 +39,12 @@ class LegSwingBlock(ResidualBlock):
         values = self.unknowns.values(x)
         gains = values["torque_gain_common"] + values["torque_gain"]
         return self._rows @ np.concatenate([self.unknowns.inertial(x)[10:], gains]) - self._target
+
+    def information(self, x: FloatArray) -> FloatArray:
+        """(size, size) information on all unknowns."""
+        rows = np.zeros((len(self._target), self.unknowns.size))
+        rows[:, self.columns] = self.linearise(x)[1]
+        return rows.T @ rows
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         of_links, of_gains = np.split(self._rows, [len(self.unknowns.model_links)], axis=1)

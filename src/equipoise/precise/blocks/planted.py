@@ -64,11 +64,7 @@ class PlantedBlock(MotionBlock):
 
     def at_shown_noise(self, x: FloatArray) -> PlantedBlock:
         """The same rows at the noise that they show at x, where that is less than what is allowed for."""
-        shown = copy(self)
-        allowed = self.scale / self._quiet
-        shown._quiet = max(_QUIETEST, min(1.0, float(np.median(self.normalised_residual(x)))))
-        shown.scale = allowed * shown._quiet
-        return shown
+        return self._as_quiet_as(float(np.median(self.normalised_residual(x))))
 
     def at_found_noise(self, x: FloatArray, covariance: FloatArray) -> PlantedBlock:
         """The same rows at the noise that residuals at x show, the unknowns' freedoms taken off, where that is less.
@@ -81,10 +77,13 @@ class PlantedBlock(MotionBlock):
         freedoms = _SAYING * float(np.sum(self.scale < LEFT_OUT)) - taken
         if freedoms < _FEWEST_FREEDOMS:
             return self
-        shown = _RESTLESS * np.sqrt(residual @ residual / freedoms)
+        return self._as_quiet_as(self._quiet * _RESTLESS * float(np.sqrt(residual @ residual / freedoms)))
+
+    def _as_quiet_as(self, shown: float) -> PlantedBlock:
+        """The same rows at a factor on the noise that is allowed for; what is left out stays so."""
         found = copy(self)
-        found._quiet = max(_QUIETEST, min(1.0, float(shown)))
-        found.scale = self.scale * found._quiet
+        found._quiet = max(_QUIETEST, min(1.0, shown))
+        found.scale = np.where(self.scale < LEFT_OUT, self.scale / self._quiet * found._quiet, LEFT_OUT)
         return found
 
     def _whitened(self, rows: FloatArray) -> FloatArray:

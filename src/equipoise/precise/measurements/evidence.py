@@ -24,6 +24,7 @@ from equipoise.recording.trials import (
     LiftTrial,
     PostureTrial,
     RecordedTrial,
+    SteppingTrial,
     SwayTrial,
     TurnTrial,
     WalkTrial,
@@ -103,7 +104,7 @@ def _gyro_bias(recordings: Sequence[Recording]) -> FloatArray:
     if rested:  # the median over rests: one in which the robot still swayed does not count
         rests = [recording.phase(Phase.REST).imu.angular_velocity_in_imu for recording in rested]
         return np.asarray(np.median([rest.mean(axis=0) for rest in rests], axis=0), dtype=float)
-    walks = [one.imu for one in recordings if isinstance(one.trial, WalkTrial | CrawlTrial)]
+    walks = [one.imu for one in recordings if isinstance(one.trial, SteppingTrial)]
     if not walks:
         raise RecordingError(
             "the recordings hold no rest before a lift or after a move; are they of the precise method?"
@@ -164,5 +165,5 @@ def _read(
             left_out = None if torques else "no joint torques, or no step long enough for them"
     except RecordingError as error:
         left_out = str(error)
-    duration = trial.duration if isinstance(trial, WalkTrial | CrawlTrial) else recording.duration
+    duration = trial.duration if isinstance(trial, SteppingTrial) else recording.duration
     return MotionReading(index, trial, lift, move, tuple(torques), left_out, duration, steps)

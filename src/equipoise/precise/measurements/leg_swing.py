@@ -1,4 +1,4 @@
-"""What legs say of themselves that swing in the air while the base lies: evidence that the motors' method hands over."""
+"""What legs say of themselves that swing in the air: evidence that the motors' method hands over."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class LegSwing:
             reported torque, less one.
         target: (r,) what they add up to.
         trial: trial that it is of.
-        duration: duration of the recording [s].
+        duration: duration of its recordings [s].
     """
 
     rows: FloatArray

@@ -166,7 +166,7 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     rows = free @ regressor
     return TorqueRows(
         rows[:, :, :10],
-        _of_links(robot, rows),
+        columns_of_links(robot, rows),
         free[:, :, 6:],
         samples.joint_torque,
         np.tanh(samples.joint_velocity / _STICTION_SPEED),
@@ -176,7 +176,7 @@ def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> To
     )
 
 
-def _of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
+def columns_of_links(robot: RobotModel, rows: FloatArray) -> FloatArray:
     """(n, r, 4 links) `TorqueRows.links` of (n, r, 10 bodies) rows of the regressor."""
     joints = [joint for leg in robot.legs.values() for joint in leg.joint_ids]
     bodies = [(slice(10 * (joint - 1), 10 * joint), robot.pinocchio.inertias[joint]) for joint in joints]

@@ -11,6 +11,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.recording.recording import Recording
+from equipoise.robot.floor import over_three_feet
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.kinematics import inverse_kinematics_best_effort
 from equipoise.robot.model import LEG_NAMES, RobotModel
@@ -81,9 +82,7 @@ class Crawl:
         ahead = self._heading + 1.5 * step * turning
         place = self._place + 1.5 * step * (_turn(ahead) @ (forward, left))
         self._landing = place + _turn(ahead) @ self._stance.feet_in_base[leg, :2]
-        standing = np.delete(self._footholds, leg, axis=0).mean(axis=0)
-        over = _OVER * standing + (1 - _OVER) * self._footholds.mean(axis=0)
-        self._to = over - _turn(self._heading) @ self._com
+        self._to = over_three_feet(self._footholds, leg, _OVER) - _turn(self._heading) @ self._com
 
 
 def _smooth(part: float) -> float:

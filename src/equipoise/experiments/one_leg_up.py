@@ -1,0 +1,121 @@
+"""One leg up: where a robot that stands on its other three feet may swing it, touching nothing, and how far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+
+from equipoise.alive import alive
+from equipoise.clearance.in_the_air import LegsInTheAir
+from equipoise.conventions import FloatArray
+from equipoise.errors import ReachError
+from equipoise.experiments.legs_up import OVERSHOOT, SHARES, SWING, nearest_first
+from equipoise.experiments.posture import check_posture
+from equipoise.robot.floor import margin_inside, over_three_feet
+from equipoise.robot.kinematics import Kinematics, foot_positions
+from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.stance import Stance
+
+SOFTER = 0.25
+"""Gains while joints swing, over the platform's own: the legs' own dynamics then show in what the joints do."""
+ORDER = ("FL", "FR", "RR", "RL")
+"""In which legs swing: the body goes around, and never across."""
+_OVER = (1.0, 0.85, 0.7)  # of the way from the middle of four feet to that of three, the farthest that legs reach
+_MARGIN = 0.03  # [m] on an A1 from the CoM to the edge of the three feet, at least: what a file does not know, and sway
+_ROOM = 0.02  # [m] on an A1 between the leg and all that it must not touch: soft feet and a body that sways
+_TORQUE_SHARE = 0.9  # of what a motor can give: the most that it pulls a joint back with that stays behind by a swing
+
+
+@dataclass(frozen=True, eq=False)
+class OneLegUp:
+    """A posture on three feet around which the fourth leg may swing.
+
+    Attributes:
+        leg: name of the leg that swings.
+        feet: (4, 3) foot positions in the base frame, all planted, the CoM over the three that will stand [m].
+        raised: (4, 3) the same with one foot up [m].
+        joint_position: (nj,) joint positions with that foot up [rad].
+        swing: (nj,) angles to either side that joints may be commanded through; zero where legs stand [rad].
+        margin: smallest distance of the CoM from the edges of the three feet while the leg swings [m].
+    """
+
+    leg: str
+    feet: FloatArray
+    raised: FloatArray
+    joint_position: FloatArray
+    swing: FloatArray
+    margin: float
+
+    @property
+    def standing(self) -> tuple[str, ...]:
+        """Names of the legs that stand."""
+        return tuple(leg for leg in LEG_NAMES if leg != self.leg)
+
+
+@lru_cache(maxsize=16)
+def legs_in_turn(robot: RobotModel, stance: Stance) -> tuple[OneLegUp, ...]:
+    """A posture for each leg, in the order in which they swing.
+
+    Args:
+        robot: model by whose CoM it is over its feet: of the file, or with a body that the run has found.
+
+    Raises:
+        ReachError: the robot cannot stand on three feet and swing a leg.
+    """
+    return tuple(_one_leg_up(robot, stance, leg) for leg in ORDER)
+
+
+def _one_leg_up(robot: RobotModel, stance: Stance, leg: str) -> OneLegUp:
+    refused: ReachError | None = None
+    for share in _OVER:
+        try:
+            return _over_three(robot, stance, leg, share)
+        except ReachError as error:
+            refused = refused or error
+    raise ReachError(
+        f"{robot.name!r} cannot stand on three feet and swing its {leg} leg: {refused}. Leave motors out, or give another "
+        "stance in a robot description"
+    ) from refused
+
+
+def _over_three(robot: RobotModel, stance: Stance, leg: str, share: float) -> OneLegUp:
+    index, home = LEG_NAMES.index(leg), stance.feet_in_base
+    com = Kinematics(robot).com(stance.joint_position)
+    feet = home.copy()
+    feet[:, :2] -= over_three_feet(home[:, :2], index, share) - com[:2]
+    planted = check_posture(robot, stance, feet, tuple(name for name in LEG_NAMES if name != leg))
+    position, swing = _with_room(robot, stance, leg, planted)
+    raised = feet.copy()
+    raised[index] = foot_positions(robot, position)[index]
+    standing, kinematics = np.delete(feet[:, :2], index, axis=0), Kinematics(robot)
+    ends = [position + OVERSHOOT * side * swing for side in (-1.0, 0.0, 1.0)]
+    margin = min(margin_inside(standing, kinematics.com(end)[:2]) for end in (planted, *ends))
+    if margin < (least := _MARGIN * stance.scale.length):
+        raise ReachError(
+            f"the centre of mass would be {1000 * margin:.0f} mm inside the edge of the other three feet, and "
+            f"{1000 * least:.0f} mm are needed"
+        )
+    return OneLegUp(leg, feet, raised, position, swing, margin)
+
+
+def _with_room(robot: RobotModel, stance: Stance, leg: str, planted: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(nj,) joint positions nearest to the planted ones around which a leg has room, and (nj,) angles of its swing [rad]."""
+    joints = list(robot.legs[leg].joints)
+    clearance = LegsInTheAir(robot, stance, _ROOM * stance.scale.length, (leg,), -stance.base_height)
+    pull = SOFTER * robot.gains(stance.hip_height)[0]
+    most = np.minimum(SWING[-len(joints) :], _TORQUE_SHARE * robot.effort_limit[joints] / pull)
+    for share in SHARES:
+        swing = OVERSHOOT * share * most
+        corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
+        for angles in nearest_first(robot, joints, planted[joints], swing):
+            alive()
+            postures = np.repeat(planted[None], len(corners), axis=0)
+            postures[:, joints] = angles + corners
+            if all(map(clearance.kept, postures)):
+                of_all = np.zeros_like(planted)
+                of_all[joints] = share * most
+                return postures[0], of_all
+    raise ReachError("within its joints' limits it would touch the floor, the trunk or another leg")

@@ -1,0 +1,98 @@
+"""Friction that grows toward rest, which the simulated robot has by another law than the estimator."""
+
+import numpy as np
+import pytest
+
+from equipoise import Calibration, calibrate, nominal_stance, simulate
+from equipoise.exports.found import MOTORS, columns_of
+from equipoise.motors.equations import motor_samples
+from equipoise.motors.fit import fit_motors
+from equipoise.motors.legs import legs_in_swing
+from equipoise.motors.method import Motors
+from equipoise.motors.stribeck import is_wanted
+from equipoise.terminal.parts import parts_of
+
+
+@pytest.fixture(scope="module")
+def swung(a1):
+    """A result, and the recording, of an A1 whose joints have 30 % more friction at rest."""
+    kept = []
+    with simulate(a1, "realistic", seed=5, effects={"stribeck": 0.3}) as simulation:
+        result = calibrate(simulation.platform, a1, Motors(motor_time=5.0), keep=kept.append)
+        return result.with_truth_of_parts(simulation.truth_of_parts), kept[-1]
+
+
+def test_friction_at_rest_is_told_and_leaves_the_others_right(a1, swung, monkeypatch):
+    result, recording = swung
+    joints = result.joints.values()
+    assert np.mean([one.stribeck_friction.missed for one in joints]) < 0.15
+    shares = [one.stribeck_friction.value / one.stribeck_friction.truth for one in joints]
+    assert np.mean(shares) == pytest.approx(1.0, abs=0.4)
+    monkeypatch.setattr("equipoise.motors.fit.is_wanted", lambda *_: False)
+    without = Motors().estimate(a1, [recording], nominal_stance(a1)).joints
+    assert without["FL_hip_joint"].stribeck_friction.value is None
+    mean = [np.mean([of[name].viscous_friction.value for name in of]) for of in (result.joints, without)]
+    truth = np.mean([one.viscous_friction.truth for one in joints])
+    assert mean[0] == pytest.approx(truth, rel=0.03)
+    assert mean[1] < 0.94 * truth
+
+
+def test_who_has_none_is_not_told_any(a1):
+    """Neither with noise nor without, where the least that is left is seen."""
+    motor = {"coulomb_friction": 0.3, "viscous_friction": 0.05, "armature": 0.01}
+    for noise, effects in (("realistic", {}), ("ideal", motor)):
+        with simulate(a1, noise, seed=6, effects=effects) as simulation:
+            result = calibrate(simulation.platform, a1, Motors(motor_time=5.0))
+        assert all(joint.stribeck_friction.value is None for joint in result.joints.values())
+        (motors,) = parts_of(result)
+        assert "stribeck_friction" not in {one.name for one in motors.columns}
+
+
+def test_one_joint_out_of_many_is_seen_and_chance_is_not():
+    """Twelve joints, unit noise: amounts in deviations are known beforehand."""
+    rng = np.random.default_rng(0)
+    terms = rng.normal(size=(6, 400, 12))
+    design, covariance = np.zeros((400, 12, 1)), np.eye(1)
+    noise = rng.normal(size=(400, 12))
+
+    def found(deviations):
+        left = noise.copy()
+        left[:, 4] += deviations / 20.0 * terms[2, :, 4]  # 400 averages: the deviation of an amount is a twentieth
+        return is_wanted(terms, design, left, covariance, 10.0)
+
+    assert not found(0.0)
+    assert not found(3.5)
+    assert found(10.0)
+    assert not found(-10.0)  # friction that falls toward rest is none
+
+
+def test_what_an_unknown_of_the_fit_could_be_as_well_is_no_sign_of_it():
+    """A column like the term's, of an unknown that is known beforehand or not: the fit takes its part of the torque."""
+    term = np.ones((400, 1))
+    for known, wanted in ((4e6, True), (4.0, False)):
+        left = 0.5 * known / (400 + known) * term
+        covariance = np.array([[1 / (400 + known)]])
+        assert is_wanted(term[None], term[..., None], left, covariance, 10.0) == wanted
+
+
+def test_it_is_solved_for_where_legs_are_looked_for(a1, swung):
+    """Or friction would be taken for legs: rows with it say less."""
+    scale = nominal_stance(a1).scale
+    samples = motor_samples(a1, [swung[1]], scale.time)
+    fit = fit_motors(a1, samples, scale)
+    assert fit.stribeck_speed is not None
+    assert "stribeck" in samples.terms(fit.stribeck_speed)
+    with_it = legs_in_swing(a1, [swung[1]], samples, fit, scale)
+    object.__setattr__(fit, "stribeck_speed", None)
+    without = legs_in_swing(a1, [swung[1]], samples, fit, scale)
+    assert np.linalg.norm(with_it.rows) < np.linalg.norm(without.rows)
+
+
+def test_it_is_saved_shown_and_written(swung, tmp_path):
+    result, _ = swung
+    result.save(tmp_path / "result.json")
+    assert Calibration.load(tmp_path / "result.json").motors == result.motors
+    (motors,) = parts_of(result)
+    assert "Stribeck [Nm]" in {one.label for one in motors.columns}
+    (column,) = (one for one in columns_of(result, MOTORS) if one.name == "stribeck_friction")
+    assert column.number("FL_hip_joint") == result.joints["FL_hip_joint"].stribeck_friction.value
