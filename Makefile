@@ -11,7 +11,7 @@ DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors legs weigh validate size walking)
+  guard report view robots motors footholds legs weigh validate size walking)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -165,6 +165,10 @@ bench-payload: $(ROBOTS_STAMP)
 bench-motors: $(ROBOTS_STAMP)
 	$(PIP) 'dartpy>=6.20'
 	$(BIN)/python benchmarks/motors.py
+
+# Half a minute.
+bench-footholds: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/footholds.py
 
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-legs: $(ROBOTS_STAMP)

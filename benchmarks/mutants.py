@@ -51,8 +51,8 @@ LIMITS = {
     "guard/soft_start.py": ("guard/test_limits.py", "", "SOFT_START"),
     "guard/safe_ending.py": (
         "guard/test_limits.py",
-        "_SPEED_SHARE _PULL _FAR _STILL _FAILURES _FAILING_TIME",
-        "FEET_DOWN LIE_DOWN FADE _LONGEST _STILL_TIME _HOPELESS",
+        "_SPEED_SHARE _PULL _FAR _STILL _FAILURES _FAILING_TIME _OFF_CENTRE",
+        "FEET_DOWN CENTRE LIE_DOWN FADE _LONGEST _STILL_TIME _HOPELESS",
     ),
     "guard/watchdog.py": ("guard/test_limits.py", "_PATIENCE _AGAIN _STARTS", "_DAMPED _REACHED _DAMPING"),
     "drivers/checkup.py": (

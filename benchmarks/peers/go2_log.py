@@ -109,10 +109,10 @@ def triangles(target: FloatArray) -> NDArray[np.intp]:
 
 def ours(robot: RobotModel, recording: Recording, scale: Scale, used: NDArray[np.bool_]) -> JointParameters:
     """`--what motors` of a log without torques, by only some of its samples."""
-    samples, time = motor_samples(robot, recording, scale.time), recording.phase(Phase.SWING).joints.time
+    samples, time = motor_samples(robot, [recording], scale.time), recording.phase(Phase.SWING).joints.time
     kept = np.interp(samples.time, time, used.astype(float)) > 0.5
     fit = fit_motors(robot, replace(samples, slides=samples.slides * kept[:, None]), scale)
-    gain, coulomb, viscous, armature = fit.values
+    gain, coulomb, viscous, armature = fit.values[:4]
     assert fit.delay is not None
     return JointParameters(armature, viscous, coulomb, np.zeros_like(gain), 1 + gain, fit.delay[0])
 

@@ -1,0 +1,120 @@
+"""What lifts from displaced footholds would tell: `make bench-footholds`. Foretold by the planner, nothing is simulated.
+
+A plan spends half of its time at the nominal stance and half at another one, beside a plan that stays. The way from one to
+the other costs nothing here, so that what a row gains is more than a robot could.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from commit import commit
+
+from equipoise import Precise, RobotModel, load_robot, nominal_stance
+from equipoise.conventions import FloatArray
+from equipoise.precise.plan import Plan, make_plan
+from equipoise.precise.planning.candidates import Candidates
+from equipoise.precise.posterior import prior_rows
+from equipoise.result.findings import Link
+from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.kinematics import inverse_kinematics
+from equipoise.robot.stance import Stance, stance_at
+
+RESULTS = Path(__file__).parent / "results"
+ROBOTS = ("unitree_a1", "go2", "anymal_c")
+BUDGET, SCALE = 115.0, 0.005  # [s] on an A1; a scale's error, as a fraction
+STEP = 0.05  # [m] on an A1
+AHEAD, LEFT = np.array([1, 1, -1, -1]), np.array([1, -1, 1, -1])  # of FL FR RL RR
+FOOTHOLDS = {
+    "longer": (AHEAD, 0 * LEFT),
+    "shorter": (-AHEAD, 0 * LEFT),
+    "wider": (0 * AHEAD, LEFT),
+    "narrower": (0 * AHEAD, -LEFT),
+    "left ahead, right back": (LEFT, 0 * LEFT),
+}
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    text = "\n".join([*lines(), "", f"Made at commit {commit()}.", ""])
+    (RESULTS / "footholds.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+def lines() -> list[str]:
+    """The page."""
+    found = [
+        "# Displaced footholds: what they would tell",
+        "",
+        "`make bench-footholds`: standard deviations that the planner foretells for `--what base,legs`, a scale of "
+        f"{SCALE:.1%} and no cable, in {BUDGET:.0f} s (an A1's; others longer by their clock). In the second half each foot "
+        f"stands {1e3 * STEP:.0f} mm away (an A1's) from the nominal stance; the way there costs nothing. Moments across "
+        "the joints' axes, root mean square of all thighs and calves.",
+        "",
+        "| robot | second half | lifts | CoM x y z [mm] | Ixx Iyy Izz [%] | thigh, calf [g m] | lengths [mm] |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name in ROBOTS:
+        robot = load_robot(name)
+        home = nominal_stance(robot)
+        for where, stance in {"the same": home, **displaced(robot, home)}.items():
+            found.append(f"| {name} | {where} | {row(robot, home, stance)} |")
+    return found
+
+
+def displaced(robot: RobotModel, home: Stance) -> dict[str, Stance]:
+    """Stances with displaced feet, under a base that is where it was."""
+    found: dict[str, Stance] = {}
+    for where, (ahead, left) in FOOTHOLDS.items():
+        feet = home.feet_in_base.copy()
+        feet[:, 0] += STEP * home.scale.length * ahead
+        feet[:, 1] += STEP * home.scale.length * left
+        found[where] = stance_at(robot, inverse_kinematics(robot, feet, home.joint_position))
+    return found
+
+
+def row(robot: RobotModel, home: Stance, stance: Stance) -> str:
+    method = Precise(mass=robot.mass, mass_sd=SCALE * robot.mass, cable="none", swings=True)
+    first, second = (
+        Candidates.of(robot, at, composite_parameters(robot, at.joint_position).com, method.beliefs, swings=True)
+        for at in (home, stance)
+    )
+    half = BUDGET * home.scale.time / 2
+    before = make_plan(first, half)
+    plan = make_plan(second, half, known=told(first, before), searched=True)
+    sd, body = plan.deviation, plan.body
+    links = list(plan.links.values())
+    moments = [1e3 * moment_sd(links[place::3]) for place in (1, 2)]  # three links a leg
+    lengths = [link.length.deviation for link in links if link.length.value is not None]
+    cells = [
+        str(before.lifts + plan.lifts),
+        " ".join(f"{1e3 * value:.2f}" for value in sd[1:4]),
+        " ".join(f"{100 * value:.2f}" for value in sd[4:7] / body[4:7]),
+        " ".join(f"{value:.2f}" for value in moments),
+        f"{1e3 * float(np.sqrt(np.mean(np.square(lengths)))):.2f}",
+    ]
+    return " | ".join(cells)
+
+
+def moment_sd(links: list[Link]) -> float:
+    """Root mean square standard deviation of first moments along x and z, across the joint's axis [kg m]."""
+    return float(np.sqrt(np.mean([link.moment_x.deviation**2 + link.moment_z.deviation**2 for link in links]) / 2))
+
+
+def told(candidates: Candidates, plan: Plan) -> FloatArray:
+    """(size, size) information that there is after a plan and its search."""
+    unknowns, mass = candidates.unknowns, candidates.predictor.robot.mass
+    _, rows = prior_rows(unknowns, unknowns.start(), (mass, SCALE * mass))
+    lifts = [lift for visit in plan.visits for lift in visit.lifts]
+    home = candidates.lifts[0].posture
+    lifts += 2 * [lift for lift in candidates.lifts if lift.posture == home and lift.passive]
+    count = len(candidates.lifts)
+    indices = [candidates.lifts.index(lift) for lift in lifts]
+    indices += [count + candidates.postures.index(visit.posture) for visit in plan.visits]
+    return sum((candidates.information(index) for index in indices), rows.T @ rows)
+
+
+if __name__ == "__main__":
+    main()
