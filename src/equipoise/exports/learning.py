@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from equipoise.errors import NotEstimatedError
 from equipoise.exports.found import BASE
 from equipoise.exports.learning_joints import isaaclab_joints, mjlab_joints
 from equipoise.exports.randomisation import Spread, spread
 from equipoise.exports.subject import Subject, number
 from equipoise.exports.written import Written
-from equipoise.robot.inertial import COMPONENTS
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 
 
 def mjlab(subject: Subject) -> Written:
@@ -39,7 +41,7 @@ def _mjlab_base(subject: Subject) -> Written:
             *_head(subject, about),
             "# Each range is what one entry is open by, to 95 %, while the others stay, for mjlab draws each by itself.",
             "#   EventTermCfg(mode='startup', func=dr.pseudo_inertia,",
-            f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.base_link!r},)), **PSEUDO_INERTIA}})",
+            f"#     params={{'asset_cfg': SceneEntityCfg('robot', body_names=({subject.file_link!r},)), **PSEUDO_INERTIA}})",
             *_dictionary("PSEUDO_INERTIA", ranges),
             *_tail(subject, drawn),
         ],
@@ -49,13 +51,13 @@ def _mjlab_base(subject: Subject) -> Written:
 
 def _isaaclab_base(subject: Subject) -> Written:
     drawn, about = _spread(subject), _about(subject)
-    ranges, body = drawn.body_ranges(), subject.base
+    ranges, body = drawn.body_ranges(), subject.base_in_file
     low, high = (bound / body.mass for bound in ranges["mass"])
     shifts = {
         axis: tuple(bound - found for bound in ranges[f"com_{axis}"])
         for axis, found in zip("xyz", body.com, strict=True)
     }
-    on_base = f"asset_cfg=SceneEntityCfg('robot', body_names={subject.base_link!r})"
+    on_base = f"asset_cfg=SceneEntityCfg('robot', body_names={subject.file_link!r})"
     return Written.text(
         [
             *_head(subject, about),
@@ -74,13 +76,16 @@ def _spread(subject: Subject) -> Spread:
     covariance = subject.result.composite.covariance
     if covariance is None:
         raise NotEstimatedError("this calibration has no covariance; calibrate with --method precise")
-    return spread(subject.base, subject.composite, covariance, subject.seed)
+    # A turn of the axes is linear in all ten numbers.
+    turn = np.column_stack([components(subject.in_file(InertialParameters.from_components(one))) for one in np.eye(10)])
+    composite = subject.in_file(subject.composite)
+    return spread(subject.base_in_file, composite, turn @ covariance @ turn.T, subject.seed)
 
 
 def _about(subject: Subject) -> str:
     return (
-        f"what the run left open of base link {subject.base_link!r} with all that is fixed to it or held, about the file "
-        "that --to mjcf or --to urdf writes, whose legs stay; CoM in the base frame, inertia about the CoM"
+        f"what the run left open of base link {subject.file_link!r} with all that is fixed to it or held, about the file "
+        "that --to mjcf or --to urdf writes, whose legs stay; CoM in its frame, inertia about the CoM"
     )
 
 
@@ -94,7 +99,7 @@ def _head(subject: Subject, about: str) -> list[str]:
 def _tail(subject: Subject, drawn: Spread) -> list[str]:
     lines = _dictionary("QUANTILES", drawn.body_ranges())
     lines.insert(0, "# 2.5 and 97.5 % of the drawn bodies: kg, m, kg m2")
-    lines += [f"BASE_LINK = {subject.base_link!r}", f"SEED = {subject.seed}"]
+    lines += [f"BASE_LINK = {subject.file_link!r}", f"SEED = {subject.seed}"]
     if subject.samples:
         lines += [f"# Drawn bodies, correlated as the estimate is: {', '.join(COMPONENTS)}", "SAMPLES = ["]
         lines += [f"    ({', '.join(map(number, row))})," for row in drawn.bodies[: subject.samples]]

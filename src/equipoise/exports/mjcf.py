@@ -16,9 +16,10 @@ from equipoise.exports.model_file import (
     require_format,
     with_joints_alone,
 )
-from equipoise.exports.subject import PAYLOAD, Subject, number, numbers
+from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, seen_from
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines
+from equipoise.robot.forward import link_in_file
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.mjcf_poses import ORIENTATIONS
 
@@ -39,13 +40,14 @@ def write(subject: Subject) -> Written:
         edits = _joint_edits(document, base, subject, subject.header(_JOINTS))
         return with_joints_alone(subject, robot, document.edited(edits), _JOINTS)
     if subject.payload_link:
+        base_link, place = link_in_file(robot.base_link, robot.source.forward)
         about = (
-            f"body {PAYLOAD!r}, fixed to base body {robot.base_link!r}, is what the robot has more than the model file; in "
-            f"the frame of {robot.base_link!r}, inertia about its own CoM; nothing else was changed"
+            f"body {PAYLOAD!r}, fixed to base body {base_link!r}, is what the robot has more than the model file; in "
+            f"the frame of {base_link!r}, inertia about its own CoM; nothing else was changed"
         )
         before = composite_of(subject, robot)
         body, notes = payload(subject, before)
-        content = document.edited(_payload_edits(document, base, body, subject.header(about, *notes)))
+        content = document.edited(_payload_edits(document, base, seen_from(body, place), subject.header(about, *notes)))
         require_composite(subject, content, before.vector + body.vector)
         return Written(content, about, notes)
     link = edited_link(robot)

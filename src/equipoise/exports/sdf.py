@@ -18,20 +18,20 @@ def write(subject: Subject) -> Written:
     notes: tuple[str, ...] = ()
     if subject.payload_link:
         about = (
-            f"link {PAYLOAD!r}, fixed to base link {subject.base_link!r}, is what the robot has more than the run's model "
-            f"file; in the frame of {subject.base_link!r}, inertia about its own CoM"
+            f"link {PAYLOAD!r}, fixed to base link {subject.file_link!r}, is what the robot has more than the run's model "
+            f"file; in the frame of {subject.file_link!r}, inertia about its own CoM"
         )
         body, notes = payload(subject, subject.result.nominal.composite)
-        element = _payload_lines(subject, body)
+        element = _payload_lines(subject, subject.in_file(body))
     else:
-        about, body = subject.base_words, subject.base
+        about, body = subject.words_in_file, subject.base_in_file
         element = inertial_lines(body)
     header = subject.header(about, *notes)
     lines = [*comment_lines(header), *element]
     if subject.file is None:
         return Written(("\n".join(lines) + "\n").encode(), about, notes)
     document = Document(subject.file.content, subject.file.path)
-    link = _link(document, subject.base_link)
+    link = _link(document, subject.file_link)
     edit = (
         _payload_edits(document, link, lines) if subject.payload_link else _inertial_edits(document, link, body, header)
     )
@@ -56,7 +56,7 @@ def _pose(body: InertialParameters) -> str:
 
 
 def _payload_lines(subject: Subject, body: InertialParameters) -> list[str]:
-    base = escaped(subject.base_link)
+    base = escaped(subject.file_link)
     return [
         f'<link name="{PAYLOAD}">',
         f'  <pose relative_to="{base}">0 0 0 0 0 0</pose>',

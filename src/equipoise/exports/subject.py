@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pinocchio as pin
@@ -16,11 +17,17 @@ from equipoise.errors import NotPhysicalError
 from equipoise.exports.found import Column
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.forward import link_in_file
 from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.source import Forward
 from equipoise.robot.urdf import physical_inertia
 
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""
+_BASE_WORDS = (
+    "base link {0!r} with all that is fixed to it or held, such that the model's legs make it the composite that was found; "
+    "CoM in the frame of {0!r}, inertia about the CoM, in its axes"
+)
 _FLATTEST = 1e-3  # second moment of mass of a body that is written for one that cannot be, over its largest
 _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -135,6 +142,24 @@ class Subject:
         return self.result.model["base_link"]
 
     @property
+    def file_link(self) -> str:
+        """The base link's name in the model file: another one where another axis than x points forward there."""
+        return self._in_file[0]
+
+    def in_file(self, body: InertialParameters) -> InertialParameters:
+        """A body of the base frame in the axes of the model file's base link."""
+        return seen_from(body, self._in_file[1])
+
+    @property
+    def base_in_file(self) -> InertialParameters:
+        """`base`, for who reads the model file."""
+        return self.in_file(self.base)
+
+    @property
+    def _in_file(self) -> tuple[str, pin.SE3]:
+        return link_in_file(self.base_link, cast(Forward, self.result.model.get("forward", "+x")))
+
+    @property
     def stance(self) -> str:
         """Joint positions in words [rad]."""
         joints = [*self.result.joint_position.items(), *self.result.held.items()]
@@ -182,10 +207,12 @@ class Subject:
     @property
     def base_words(self) -> str:
         """About the base."""
-        return (
-            f"base link {self.base_link!r} with all that is fixed to it or held, such that the model's legs make it the "
-            "composite that was found; CoM in the base frame, inertia about the CoM, in base axes"
-        )
+        return _BASE_WORDS.format(self.base_link)
+
+    @property
+    def words_in_file(self) -> str:
+        """About `base_in_file`."""
+        return _BASE_WORDS.format(self.file_link)
 
     @property
     def composite_words(self) -> str:

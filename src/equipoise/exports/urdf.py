@@ -16,9 +16,10 @@ from equipoise.exports.model_file import (
     require_format,
     with_joints_alone,
 )
-from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, products
+from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, products, seen_from
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines, escaped
+from equipoise.robot.forward import link_in_file
 from equipoise.robot.inertial import InertialParameters
 
 _DYNAMICS = {"damping": "viscous_friction", "friction": "coulomb_friction"}
@@ -40,13 +41,16 @@ def write(subject: Subject) -> Written:
         edits = _joint_edits(document, subject, subject.header(_JOINTS))
         return with_joints_alone(subject, robot, document.edited(edits), _JOINTS)
     if subject.payload_link:
+        base_link, place = link_in_file(robot.base_link, robot.source.forward)
         about = (
-            f"link {PAYLOAD!r}, fixed to base link {robot.base_link!r}, is what the robot has more than the model file; "
-            f"in the frame of {robot.base_link!r}, inertia about its own CoM; nothing else was changed"
+            f"link {PAYLOAD!r}, fixed to base link {base_link!r}, is what the robot has more than the model file; "
+            f"in the frame of {base_link!r}, inertia about its own CoM; nothing else was changed"
         )
         before = composite_of(subject, robot)
         body, notes = payload(subject, before)
-        content = document.edited(_payload_edits(document, robot.base_link, body, subject.header(about, *notes)))
+        content = document.edited(
+            _payload_edits(document, base_link, seen_from(body, place), subject.header(about, *notes))
+        )
         require_composite(subject, content, before.vector + body.vector)
         return Written(content, about, notes)
     link = edited_link(robot)

@@ -93,13 +93,13 @@ def write(subject: Subject) -> Written:
     if subject.file is None:
         raise SettingsError("usd edits a stage of yours: name it with --file robot.usd")
     stage = _open(subject.file.path)
-    base = _base(stage, subject.base_link)
-    words = [subject.base_words] if BASE in subject.parts else []
+    base = _base(stage, subject.file_link)
+    words = [subject.words_in_file] if BASE in subject.parts else []
     words += [_JOINTS] if subject.columns else []
     about = "; ".join(words)
     if BASE in subject.parts:
         _refuse_fixed_bodies(stage, base, set(subject.result.held))
-        _set_body(stage, base, subject.base)
+        _set_body(stage, base, subject.base_in_file)
     for name in subject.joints:
         _set_joint(stage, _joint(stage, name), {key: subject.column(key).get(name) for key in _OF_JOINTS})
     notes = _composed(stage)

@@ -13,9 +13,9 @@ _PREFIX = "trunk"
 def write(subject: Subject) -> Written:
     """trunk_mass, trunk_com_x ... trunk_izz."""
     values = _properties(subject)
-    header = subject.header(subject.base_words)
+    header = subject.header(subject.words_in_file)
     if subject.file is not None:
-        return Written(_edited(subject, values, header), subject.base_words)
+        return Written(_edited(subject, values, header), subject.words_in_file)
     lines = [
         '<?xml version="1.0"?>',
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="trunk_inertia">',
@@ -23,11 +23,11 @@ def write(subject: Subject) -> Written:
         *(f'  <xacro:property name="{name}" value="{value}"/>' for name, value in values.items()),
         "</robot>",
     ]
-    return Written.text(lines, subject.base_words)
+    return Written.text(lines, subject.words_in_file)
 
 
 def _properties(subject: Subject) -> dict[str, str]:
-    base = subject.base
+    base = subject.base_in_file
     values = {"mass": base.mass, **{f"com_{axis}": value for axis, value in zip("xyz", base.com, strict=True)}}
     return {f"{_PREFIX}_{name}": number(value) for name, value in {**values, **products(base.inertia)}.items()}
 

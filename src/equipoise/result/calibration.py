@@ -416,7 +416,12 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
         "robot": robot.name,
         "joint_position": {name: float(q) for name, q in zip(robot.joint_names, joint_position, strict=True)},
         "held": dict(robot.held),
-        "model": {"format": robot.source.format, "sha256": robot.source.sha256, "base_link": robot.base_link},
+        "model": {
+            "format": robot.source.format,
+            "sha256": robot.source.sha256,
+            "base_link": robot.base_link,
+            "forward": robot.source.forward,
+        },
         "robot_model": robot,
         "provenance": library_versions(),
     }

@@ -8,9 +8,10 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 from equipoise.errors import SettingsError
+from equipoise.robot.source import Forward
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -44,7 +45,7 @@ class RobotDescription:
     """
 
     base_link: str | None = None
-    forward: Literal["+x", "+y", "-x", "-y"] | None = None
+    forward: Forward | None = None
     foot_frames: dict[str, str] = field(default_factory=dict[str, str])
     foot_radius: float | None = None
     imu_position: tuple[float, float, float] | None = None

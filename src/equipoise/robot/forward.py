@@ -12,13 +12,14 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+
+import numpy as np
+import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError
-from equipoise.robot.source import ModelSource
+from equipoise.robot.source import Forward, ModelSource
 
-Forward = Literal["+x", "+y", "-x", "-y"]
 # Angle about z from the file's x axis to the one that points forward [rad].
 _YAW: dict[Forward, float] = {"+x": 0.0, "+y": math.pi / 2, "-x": math.pi, "-y": -math.pi / 2}
 _SUFFIX = "_forward"
@@ -92,6 +93,18 @@ def turned(source: ModelSource, base_link: str, axis: Forward, told: bool) -> Mo
     )
     xml = ET.tostring(root, encoding="unicode")
     return dataclasses.replace(source, xml=xml, forward=axis, repairs=(*source.repairs, repair))
+
+
+def link_in_file(base_link: str, axis: Forward) -> tuple[str, pin.SE3]:
+    """The name of the file's own base link, and its placement in the robot's; they are one where x points forward.
+
+    Args:
+        base_link: name of the robot's base link.
+        axis: axis of the file's that points forward.
+    """
+    cosine, sine = round(math.cos(_YAW[axis])), -round(math.sin(_YAW[axis]))
+    axes = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return base_link if axis == "+x" else base_link.removesuffix(_SUFFIX), pin.SE3(axes, np.zeros(3))
 
 
 def _turn_urdf(root: ET.Element, base_link: str, yaw: float) -> None:

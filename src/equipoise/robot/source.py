@@ -17,6 +17,7 @@ from equipoise.errors import ModelError
 from equipoise.robot.urdf import clean_urdf
 
 ModelFormat = Literal["urdf", "mjcf"]
+Forward = Literal["+x", "+y", "-x", "-y"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class ModelSource:
     repairs: tuple[str, ...]
     effort_limits: dict[str, float]
     home: dict[str, float] = field(default_factory=dict[str, float])
-    forward: str = "+x"
+    forward: Forward = "+x"
 
 
 def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSource:
