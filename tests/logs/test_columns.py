@@ -19,6 +19,7 @@ from equipoise.logs.reader import is_log, read_log
 from equipoise.logs.tables.by_content import carries, unit_of_angles
 from equipoise.logs.tables.by_name import named
 from equipoise.logs.tables.columns import UNITS, Columns
+from equipoise.logs.tables.files import open_table
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.robot.kinematics import feet_under_base, foot_positions, inverse_kinematics
 from equipoise.robot.stance import nominal_stance
@@ -163,8 +164,24 @@ def paths_of_topics(path, robot, log):
     return write_parquet(path.with_suffix(".parquet"), columns)
 
 
+def champs_names(path, robot, log):
+    """Joints of CHAMP, of which some have a "leg" in their names, and the right ones come first."""
+    joints = {"hip": "hip", "thigh": "upper_leg", "calf": "lower_leg"}
+    legs = {"FL": "lf", "FR": "rf", "RL": "lh", "RR": "rh"}
+    order = [robot.joint_names.index(f"{leg}_{joint}_joint") for leg in ("FR", "FL", "RR", "RL") for joint in joints]
+    columns = {"time_ns": np.round(log.joints.time * 1e9).astype(np.int64)}
+    for word, values in (("pos", log.joints.position), ("vel", log.joints.velocity), ("load", log.joints.torque)):
+        for index in order:
+            leg, joint, _ = robot.joint_names[index].split("_")
+            columns[f"{word}_{legs[leg]}_{joints[joint]}_joint"] = values[:, index]
+    for word, values in (("gyro", log.imu.angular_velocity_in_imu), ("acc", log.imu.acceleration_in_imu)):
+        columns |= {f"{word}_{axis}": column for axis, column in zip("xyz", values.T, strict=True)}
+    return write_csv(path.with_suffix(".csv"), columns)
+
+
 @pytest.mark.parametrize(
-    "write", [by_index, without_words, numbers_alone, a_matlab_structure, words_of_others, paths_of_topics]
+    "write",
+    [champs_names, by_index, without_words, numbers_alone, a_matlab_structure, words_of_others, paths_of_topics],
 )
 def test_what_is_proposed_for_a_strange_table_reads_it_as_it_is(a1, leaning, tmp_path, write):
     log, _ = leaning
@@ -248,6 +265,24 @@ def test_a_count_of_rows_is_no_time(a1, leaning, tmp_path):
     path = write_csv(tmp_path / "log.csv", {"seq": np.arange(len(stamp)), "stamp": stamp, **columns})
     with pytest.raises(ColumnsError, match="none looks like time"):
         read_log(path, a1)
+
+
+@pytest.mark.parametrize("unit", ["ns", "ms"])
+def test_a_column_called_time_need_not_be_in_seconds(a1, leaning, tmp_path, unit):
+    """Beside others that are called otherwise."""
+    columns = columns_of(leaning[0])
+    columns["gyro_x"] = columns.pop("gyro.x")
+    columns["time"] = np.round(columns["time"] * {"ns": 1e9, "ms": 1e3}[unit]).astype(np.int64)
+    path = write_csv(tmp_path / "log.csv", columns)
+    proposed = Columns.from_text(proposal_for(path, a1), "it")
+    assert proposed.units == {"time": unit}
+    same(read_log(path, a1, columns=proposed).recording, leaning[0], rtol=1e-6)
+
+
+def test_a_stamp_before_the_first_one_is_no_time_far_ahead(tmp_path):
+    """As drivers write zeros before they know the time; unsigned, as theirs are."""
+    np.savez(tmp_path / "log.npz", t=np.array([5_000_000_000, 0, 5_002_000_000], dtype=np.uint64))
+    np.testing.assert_allclose(open_table(tmp_path / "log.npz").clock("t"), [0, -5e9, 2e6])
 
 
 def test_a_unit_of_the_users_gives_way_to_what_is_in_the_columns(a1, leaning, tmp_path):
@@ -545,6 +580,22 @@ def test_an_orientation_that_is_another_is_refused(a1, leaning, tmp_path, change
     path = write_csv(tmp_path / "log.csv", with_orientation(replace(log, imu=imu), change(quaternions)))
     with pytest.raises(RecordingError, match=message):
         read_log(path, a1)
+
+
+@pytest.mark.parametrize("order", [0, -1])
+def test_the_order_is_told_of_a_robot_that_faces_forward(a1, leaning, tmp_path, order):
+    """With w the last its up is right, nearly: of no turn that is a half one about z."""
+    log, quaternions = leaning
+    small = Rotation.from_quat(np.roll(quaternions, -1, axis=1)).as_rotvec() * 0.15
+    turned = Rotation.from_rotvec(small)
+    imu = replace(log.imu, acceleration_in_imu=turned.inv().apply([0, 0, 9.81]))
+    quaternions = np.roll(np.roll(turned.as_quat(), 1, axis=1), order, axis=1)
+    path = write_csv(tmp_path / "log.csv", with_orientation(replace(log, imu=imu), quaternions))
+    if order == 0:
+        assert any("as its fused orientation does" in finding.message for finding in read_log(path, a1).findings)
+    else:
+        with pytest.raises(RecordingError, match="is w the last"):
+            read_log(path, a1)
 
 
 def test_zeros_before_a_filter_runs_are_no_orientation(a1, leaning, tmp_path):

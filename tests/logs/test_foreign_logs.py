@@ -105,6 +105,23 @@ def test_a_bag_whose_recorder_was_killed_has_no_metadata(a1, log, tmp_path):
     same(read_log(path, a1).recording, log)
 
 
+def test_a_killed_recorders_parts_need_not_all_have_every_topic(a1, log, tmp_path):
+    """The first one ends before the IMU's driver is up."""
+    middle = float(log.joints.time[len(log.joints.time) // 2])
+    first, rest = log.between(-np.inf, middle), log.between(middle, np.inf)
+    one = Bag(tmp_path / "one").joints("/joint_states", a1.joint_names, first.joints).write()
+    other = (
+        Bag(tmp_path / "other").joints("/joint_states", a1.joint_names, rest.joints).imu("/imu/data", rest.imu).write()
+    )
+    parts = tmp_path / "parts"
+    parts.mkdir()
+    for name, bag in (("part_0.mcap", one), ("part_1.mcap", other)):
+        next(bag.glob("*.mcap")).rename(parts / name)
+    read = read_log(parts, a1).recording
+    assert len(read.joints.time) == len(log.joints.time)
+    np.testing.assert_allclose(read.imu.angular_velocity_in_imu, rest.imu.angular_velocity_in_imu)
+
+
 def test_messages_may_name_joints_in_any_order_and_others_in_between(a1, log, tmp_path):
     """Joints permuted, of legs and arm in turn; as several publishers on one topic do."""
     order = np.random.default_rng(0).permutation(12)

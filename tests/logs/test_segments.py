@@ -18,6 +18,7 @@ from equipoise.logs.motions.rests import find_rests
 from equipoise.logs.motions.segments import find_segments, usable
 from equipoise.logs.motions.track import Integral, Track
 from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.runs import true_runs
 from equipoise.recording.trials import LiftTrial, PostureTrial
@@ -170,6 +171,31 @@ def test_a_recording_is_cut_at_gaps_and_nothing_is_used_across_them(a1, stance, 
     assert found_at(segments, outing.began["lean"]).kind == "motion"
     used = [one.kind for one in segments if one.used and one.recording is not None and one.kind != "rest"]
     assert used == ["walk", "sway", "lift"]
+
+
+@pytest.mark.parametrize("time", [0.0, 1_763_712_000.0])
+def test_pieces_between_gaps_have_all_samples(outing, time):
+    log = replace(outing.log, joints=shifted(outing.log.joints, time), imu=shifted(outing.log.imu, time))
+    gap = float(log.imu.time[0]) + 3.0
+    holed = replace(log, imu=without(log.imu, gap, gap + 0.1), events=(), commands=None)
+    pieces = split_at_gaps(holed)
+    assert len(pieces) == 2
+    assert sum(len(piece.recording.imu.time) for piece in pieces) == len(holed.imu.time)
+
+
+def test_a_stamp_that_is_hours_away_costs_no_memory(a1, stance, outing):
+    """A clock that was set while the log was written."""
+    log, hours = outing.log, 1e8
+    joints, imu = (
+        type(stream)(**{
+            name: np.concatenate([value, value[-1:] + (hours if name == "time" else 0)])
+            for name, value in vars(stream).items()
+            if value is not None
+        })
+        for stream in (log.joints, log.imu)
+    )  # fmt: skip
+    far = replace(log, joints=joints, imu=imu, events=(), commands=None)
+    assert compare_gyroscope(a1, stance, far) == compare_gyroscope(a1, stance, replace(log, events=(), commands=None))
 
 
 # --- what no rest is

@@ -7,10 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from foreign_logs import columns_of, estimated, shifted, write_csv
+from scipy.spatial.transform import Rotation
 
 from equipoise import Precise, nominal_stance, simulate
 from equipoise.cli import main
-from equipoise.errors import LogError, RecordingError, SettingsError
+from equipoise.errors import ImuMountingError, LogError, RecordingError, SettingsError
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.log import Log
 from equipoise.logs.motions import gyroscope
@@ -144,6 +145,25 @@ def test_clocks_are_held_against_each_other_over_steps(a1, trotted):
     (finding,) = [one for one in estimated(a1, trotted, late).report.findings if one.about == "clocks"]
     assert "of steps: they are moved by as much" in finding.message
     assert 36 <= float(finding.message.split(" ms late")[0].split()[-1]) <= 46
+
+
+@pytest.mark.parametrize("late", [0.7, 1.2])
+def test_clocks_that_are_more_than_a_step_apart_are_not_taken_for_the_next_steps(a1, stance, trotted, late):
+    found = compare_gyroscope(a1, stance, replace(trotted.log, imu=shifted(trotted.log.imu, late)))
+    assert found.offset == pytest.approx(-late, abs=5e-3)
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 90), (0, 0, 180), (180, 0, 0), (90, 0, 0)])
+def test_an_imu_that_is_mounted_turned_is_named(a1, stance, trotted, turn):
+    """Although the robot never rests, or too seldom to tell by it."""
+    mounting, imu = Rotation.from_euler("xyz", turn, degrees=True), trotted.log.imu
+    sensed = {
+        name: mounting.inv().apply(np.array(getattr(imu, name)))
+        for name in ("angular_velocity_in_imu", "acceleration_in_imu")
+    }
+    said = "roll {}, pitch {}, yaw {} deg".format(*turn)
+    with pytest.raises(ImuMountingError, match=f"in steps the gyroscope does not turn .* by {said} to the base; give"):
+        compare_gyroscope(a1, stance, replace(trotted.log, imu=replace(imu, **sensed)))
 
 
 @pytest.mark.parametrize(("factor", "said"), [(180 / np.pi, "degrees per second"), (-1.0, "wrong sign")])

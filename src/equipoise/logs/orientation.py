@@ -15,6 +15,10 @@ from equipoise.errors import RecordingError
 _UNIT = 0.02  # by which a quaternion's norm may differ from one
 # Between the orientation's up and the accelerometer's, the median: filters agree to a degree or two.
 _LEVEL = np.radians(15)
+_TOLD, _BETTER = (
+    np.radians(1),
+    0.6,
+)  # less says nothing; another order is better than this part of it, and not by chance
 
 
 def angular_velocity_of(time: FloatArray, quat_wxyz: FloatArray, acceleration_in_imu: FloatArray) -> FloatArray:
@@ -55,17 +59,16 @@ def _turning(time: FloatArray, rotation: Rotation) -> FloatArray:
 
 def _check_orientation(quat_wxyz: FloatArray, acceleration_in_imu: FloatArray) -> None:
     angle = angle_from_up(quat_wxyz, acceleration_in_imu)
-    if angle < _LEVEL:
-        return
     turned = np.roll(quat_wxyz, 1, axis=1)  # as if w were the last
     inverse = quat_wxyz * [1, -1, -1, -1]
     cures = {"is w the last?": turned, "is it of the room in the IMU?": inverse}
-    cured = [
-        question for question, quaternions in cures.items() if angle_from_up(quaternions, acceleration_in_imu) < _LEVEL
-    ]
+    left, question = min((angle_from_up(cured, acceleration_in_imu), question) for question, cured in cures.items())
+    # Of a robot that hardly leans and faces forward, up is almost right in the wrong order, too.
+    if angle < _LEVEL and not (angle > _TOLD and left < _BETTER * angle):
+        return
     raise RecordingError(
         f"the orientation's idea of up is {np.degrees(angle):.0f} deg off the accelerometer's: it must be that of the IMU in "
-        f"the room, z up, quaternions w x y z{f' ({cured[0]})' if cured else ''}"
+        f"the room, z up, quaternions w x y z{f' ({question})' if left < min(_LEVEL, angle) else ''}"
     )
 
 

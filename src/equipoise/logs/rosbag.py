@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,20 +65,17 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     if not parts:
         raise RecordingError(f"the folder {str(path)!r} is no bag: it has neither {METADATA} nor .mcap or .db3 files")
     found: dict[str, tuple[str, int]] = {}
-    gathered: dict[str, GatheredTopic] = {}
     findings: list[LogFinding] = []
-    chosen: list[str | None] = []
     types = dict(known_types())
-    for part in parts:
-        with _opened(part) as reader:
-            if not chosen:
-                found = {name: (info.msgtype or "", info.msgcount) for name, info in reader.topics.items()}
-                chosen = list(choose_topics(found, wanted, findings))
-                gathered = {
-                    topic: GatheredTopic(topic, found[topic][0], types) for topic in chosen if topic is not None
-                }
+    with ExitStack() as opened:
+        readers = [opened.enter_context(_opened(part)) for part in parts]
+        for name, info in ((name, info) for reader in readers for name, info in reader.topics.items()):
+            kind, count = found.get(name, (info.msgtype or "", 0))
+            found[name] = kind, count + info.msgcount
+        joint_topic, imu_topic, command_topic = chosen = choose_topics(found, wanted, findings)
+        gathered = {topic: GatheredTopic(topic, found[topic][0], types) for topic in chosen if topic is not None}
+        for reader in readers:
             _gather(reader, gathered, types)
-    joint_topic, imu_topic, command_topic = chosen
     if joint_topic is None or imu_topic is None:
         raise nothing_to_read(path, found, joint_topic, imu_topic)
     streams = {topic: of.stream() for topic, of in gathered.items()}

@@ -10,7 +10,7 @@ named.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -50,6 +50,18 @@ GYROSCOPE_MISTAKES: tuple[tuple[str, FloatArray], ...] = (
     *((f"does its {axis} have the wrong sign?", 1 - 2 * np.eye(3)[index]) for index, axis in enumerate("xyz")),
 )
 """What people do wrong, as a question, and the (3,) factors that undo it."""
+
+
+def _right_angle_turns() -> Iterator[FloatArray]:
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            matrix = np.eye(3)[list(order)] * np.array(signs)
+            if np.linalg.det(matrix) > 0 and np.trace(matrix) < 3:
+                yield matrix
+
+
+RIGHT_ANGLE_TURNS = tuple(_right_angle_turns())
+"""The 23 (3, 3) rotations by right angles but none: as IMUs are mounted that are mounted turned."""
 
 
 def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
@@ -243,12 +255,12 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
     if _disagreement(feet, turn.apply(up)) < _CURED * now:
         if now < _DISAGREEMENT:
             return  # a tilt that the estimate finds and corrects
-        roll, pitch, yaw = _mounting(robot, turn.as_matrix())
         doubt = "" if turn.magnitude() > _TURNED else ", or the floor slopes as much"
-        raise ImuMountingError(
-            f"the accelerometer's up and the feet's floor disagree by {np.degrees(now):.0f} deg: the IMU is mounted turned, "
-            f"by roll {roll:.0f}, pitch {pitch:.0f}, yaw {yaw:.0f} deg to the base{doubt}; give its pose under imu_rpy in a "
-            "robot description"
+        raise mounted_turned(
+            robot,
+            turn.as_matrix(),
+            f"the accelerometer's up and the feet's floor disagree by {np.degrees(now):.0f} deg",
+            doubt,
         )
     left, what = min((_disagreement(legs.feet(cured), up), what) for what, cured in _mistakes(robot, legs, position))
     if left >= _CURED * now:
@@ -263,17 +275,23 @@ def _check_floor(robot: RobotModel, position: FloatArray, acceleration: FloatArr
     )
 
 
+def mounted_turned(robot: RobotModel, turn: FloatArray, seen: str, doubt: str = "") -> ImuMountingError:
+    """The error that names an IMU that is turned by (3, 3) from where the model has it.
+
+    Args:
+        seen: what says so.
+        doubt: what else it may be.
+    """
+    roll, pitch, yaw = _mounting(robot, turn)
+    return ImuMountingError(
+        f"{seen}: the IMU is mounted turned, by roll {roll:.0f}, pitch {pitch:.0f}, yaw {yaw:.0f} deg to the base{doubt}; "
+        "give its pose under imu_rpy in a robot description"
+    )
+
+
 def _mounting(robot: RobotModel, turn: FloatArray) -> tuple[float, float, float]:
     """Roll, pitch and yaw of the IMU in the base [deg], if it is turned by (3, 3) from where the model has it."""
-    axes = np.eye(3)
-    signed = [
-        axes[list(order)] * np.array(signs)
-        for order in itertools.permutations(range(3))
-        for signs in itertools.product((1, -1), repeat=3)
-    ]
-    # By right angles; not by none, which would leave nothing to say.
-    right = [matrix for matrix in signed if np.linalg.det(matrix) > 0 and np.trace(matrix) < 3]
-    nearest = max(right, key=lambda matrix: float(np.trace(matrix.T @ turn)))
+    nearest = max(RIGHT_ANGLE_TURNS, key=lambda matrix: float(np.trace(matrix.T @ turn)))
     if np.trace(nearest.T @ turn) > 1 + 2 * np.cos(_RIGHT_ANGLE):
         turn = nearest
     matrix = turn @ np.array(robot.imu_in_base.rotation)

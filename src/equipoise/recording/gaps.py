@@ -10,6 +10,7 @@ from equipoise.recording.recording import Recording
 
 LONGEST_GAP = 0.06
 """[s] without a sample that a recording is not cut at: dropped packets."""
+_JUST_BEHIND = 1e-9  # [s], to which recordings round their times
 _PERIODS = 3.5  # of a slow stream: that much longer than usual is a gap
 
 
@@ -36,7 +37,9 @@ def split_at_gaps(recording: Recording) -> list[Piece]:
     pieces: list[Piece] = []
     start, before, missing = -np.inf, None, ""
     for gap_start, gap_end, stream in gaps:
-        _append(pieces, recording, start, np.nextafter(gap_start, np.inf), before, missing)
+        _append(
+            pieces, recording, start, max(gap_start + _JUST_BEHIND, np.nextafter(gap_start, np.inf)), before, missing
+        )
         # A gap of the other stream that overlaps this one makes one gap of the two.
         overlapping = before is not None and gap_start < before[1]
         before = (before[0], max(before[1], gap_end)) if overlapping and before is not None else (gap_start, gap_end)

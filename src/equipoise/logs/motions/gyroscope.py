@@ -7,7 +7,7 @@ gyroscope is in other units or axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
-from equipoise.logs.motions.track import Integral, Track, at_once
+from equipoise.logs.motions.track import STEP, Integral, Track, at_once
 from equipoise.logs.motions.walking import find_steps
 from equipoise.precise.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.precise.measurements.walking import CONTEXT, gyro_bias_of_walks
-from equipoise.precise.screening import GYROSCOPE_MISTAKES
+from equipoise.precise.screening import GYROSCOPE_MISTAKES, RIGHT_ANGLE_TURNS, mounted_turned
+from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import TwoFeet
 from equipoise.robot.model import LEG_NAMES, PAIRS, RobotModel
@@ -27,7 +28,13 @@ from equipoise.robot.stance import Stance
 
 Unexplained = Callable[[float, FloatArray], float]
 
-_FARTHEST = 0.5  # [s] that clocks may differ by: more is no delay, and rests and motions no longer meet
+_PLANTED, _STEPS = "motion over planted feet", "steps"
+
+# [s] that clocks may differ by: more is no delay, and rests and motions no longer meet. A step is much like the next one, so
+# that those around the right one are looked at, too.
+_FARTHEST, _FARTHEST_OF_STEPS = 0.5, 2.0
+_AS_GOOD = 1.5  # times what is left at the best offset
+_APART = 0.1  # [s] between offsets that are not the same
 _COARSE, _FINE = 0.01, 0.0025  # [s]
 _SLIP = 0.02  # [m/s] on an A1, rms over the feet: planted feet that roll stay below
 _SLOWEST = 0.05  # [rad/s]: slower motion tells nothing
@@ -35,7 +42,8 @@ _ENOUGH = 1.0  # [s] of such motion
 # Steps that are looked at at once, that are enough of such motion, and too few.
 _PIECE, _PLENTY, _FEWEST = 30_000, 12_000, 8
 _WRONG = 0.4  # of the variance unexplained: 0.03 to 0.07 where nothing is wrong
-_DOUBTFUL, _CURED = 0.15, 0.25
+_DOUBTFUL, _CURED = 0.08, 0.25
+_UPRIGHT = 0.7  # cosine of the lean of a robot that walks, at least
 
 
 @dataclass(frozen=True)
@@ -62,25 +70,28 @@ def compare_gyroscope(robot: RobotModel, stance: Stance, recording: Recording) -
 
     Raises:
         RecordingError: the gyroscope turns as the legs do only in other units or with another sign.
+        ImuMountingError: it does so if the IMU is mounted turned.
     """
-    legs, motion = LegChains(robot), "motion over planted feet"
-    track = Track.of(robot, recording, stance.scale.time)
-    seen = _moving_part(legs, stance, track)
+    legs, motion = LegChains(robot), _PLANTED
+    # Where a stamp is far away, one track of it all would be as long as the gap.
+    tracks = [Track.of(robot, piece.recording, stance.scale.time) for piece in split_at_gaps(recording)]
+    parts = [part for track in tracks for part in _parts(track)]
+    seen = _moving_part(legs, stance, parts)
     if seen is None:
-        seen, motion = _walking_part(legs, stance, track), "steps"
+        seen, motion = _walking_part(legs, stance, parts), _STEPS
     if seen is None:
         return None
     gyroscope = recording.imu.angular_velocity_in_imu @ np.array(robot.imu_in_base.rotation).T
     angle = Integral(recording.imu.time, gyroscope)
 
-    def unexplained(offset: float, factor: FloatArray) -> float:
+    def unexplained(offset: float, correction: FloatArray) -> float:
         edges = seen.edges - offset
         inside = (edges[0] >= recording.imu.time[0]) & (edges[1] <= recording.imu.time[-1])
-        return seen.unexplained(factor * angle.means_between(*edges), inside)
+        return seen.unexplained(angle.means_between(*edges) @ correction.T, inside)
 
-    offset, left = _best_offset(unexplained, np.ones(3))
+    offset, left = _best_offset(unexplained, np.eye(3), _FARTHEST if motion == _PLANTED else _FARTHEST_OF_STEPS)
     if left > _DOUBTFUL:
-        _name_mistake(unexplained, min(_CURED, left / 3), motion)
+        _name_mistake(robot, unexplained, min(_CURED, left / 3), motion)
     return GyroscopeComparison(offset, left, left <= _WRONG, float(np.diff(seen.edges, axis=0).sum()), motion)
 
 
@@ -106,28 +117,43 @@ class _Seen:
         return float(((difference - difference.mean(axis=0)) ** 2).sum() / max(spread, 1e-12))
 
 
-def _walking_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
+def _parts(track: Track) -> Iterator[Track]:
+    """A long track in pieces; none has hardly any steps."""
+    for first in range(0, max(len(track.time) - _FEWEST, 0), _PIECE):
+        last = first + _PIECE
+        yield track.part(slice(first, last if len(track.time) - last > _FEWEST else None))
+
+
+def _walking_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
     """How the line between two standing feet turns in the base: none of them moves over the floor but by rolling.
 
     Of velocities v in the base frame, less rolling, that is v_one - v_other = -omega x (p_one - p_other).
     """
-    for first in range(0, len(track.time), _PIECE):
-        if (seen := _walked(legs, stance, track.part(slice(first, first + _PIECE)))) is not None:
-            return seen
-    return None
+    found = (_walked(legs, stance, part) for part in parts)
+    return next((seen for seen in found if seen is not None), None)
 
 
 def _walked(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
     """Of a piece of a track; None if nobody walks for long in it."""
     if len(track.time) * track.step < 2 * CONTEXT * stance.scale.time:
         return None
-    # A gyroscope with the wrong sign or unit finds no steps, and with what undoes that it does.
-    for factor in (np.ones(3), *(factor for _, factor in GYROSCOPE_MISTAKES)):
-        gyroscope = factor * track.angular_velocity_in_base
-        bias = gyro_bias_of_walks([(track.time, gyroscope, track.acceleration_in_base)])
-        steps, _ = find_steps(legs, stance, replace(track, angular_velocity_in_base=gyroscope - bias))
+    up = np.median(track.acceleration_in_base, axis=0)
+    up = up / max(float(np.linalg.norm(up)), 1e-9)
+    turns = [turn for turn in (np.eye(3), *RIGHT_ANGLE_TURNS) if (turn @ up)[2] > _UPRIGHT]
+    # A gyroscope with the wrong sign or unit finds no steps, nor does an IMU that is turned; with what undoes that they do.
+    for turn, factor in (
+        *((turn, np.eye(3)) for turn in turns),
+        *((np.eye(3), np.diag(of)) for _, of in GYROSCOPE_MISTAKES),
+    ):
+        cured = replace(
+            track,
+            angular_velocity_in_base=track.angular_velocity_in_base @ (factor @ turn).T,
+            acceleration_in_base=track.acceleration_in_base @ turn.T,
+        )
+        bias = gyro_bias_of_walks([(cured.time, cured.angular_velocity_in_base, cured.acceleration_in_base)])
+        steps, _ = find_steps(legs, stance, cured.without_bias(bias))
         if sum(step.end - step.start for step in steps) > _ENOUGH * stance.scale.time:
-            return _seen_in(legs, track, steps)
+            return _seen_in(legs, cured, steps)
     return None
 
 
@@ -152,7 +178,7 @@ def _seen_in(legs: LegChains, track: Track, steps: Sequence[TwoFeet]) -> _Seen |
     return _Seen(np.hstack(edges), np.concatenate(turning), np.concatenate(arms)) if turning else None
 
 
-def _moving_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
+def _moving_part(legs: LegChains, stance: Stance, parts: Sequence[Track]) -> _Seen | None:
     """How the base turns over planted feet, by the legs.
 
     Some minutes of motion tell all that there is to tell; a long log is looked at a piece at a time until there are as many.
@@ -160,16 +186,14 @@ def _moving_part(legs: LegChains, stance: Stance, track: Track) -> _Seen | None:
     """
     steps: list[FloatArray] = []
     turning: list[FloatArray] = []
-    for first in range(0, max(len(track.time) - _FEWEST, 0), _PIECE):
-        last = first + _PIECE
-        part = track.part(slice(first, last if len(track.time) - last > _FEWEST else None))
+    for part in parts:
         angular_velocity_in_base, planted = angular_velocity_by_legs(legs, stance, part)
         middle = part.time[planted]
-        steps.append(np.array([middle - track.step / 2, middle + track.step / 2]))
+        steps.append(np.array([middle - part.step / 2, middle + part.step / 2]))
         turning.append(angular_velocity_in_base[planted])
         if sum(map(len, turning)) > _PLENTY:
             break
-    if sum(map(len, turning)) * track.step < _ENOUGH * stance.scale.time:
+    if sum(map(len, turning)) * STEP < _ENOUGH:
         return None
     return _Seen(np.hstack(steps), np.concatenate(turning))
 
@@ -207,20 +231,26 @@ def _turning(
     return np.asarray(solution[:, 3:, 0], dtype=float), np.asarray(slip, dtype=float)
 
 
-def _best_offset(unexplained: Unexplained, factor: FloatArray) -> tuple[float, float]:
-    """Where it is least, and what is left there."""
-    coarse = np.arange(-_FARTHEST, _FARTHEST + _COARSE / 2, _COARSE)
-    left = [unexplained(float(offset), factor) for offset in coarse]
-    near = float(coarse[int(np.argmin(left))])
+def _best_offset(unexplained: Unexplained, correction: FloatArray, farthest: float = _FARTHEST) -> tuple[float, float]:
+    """Where it is least, and what is left there; of offsets that are nearly as good the least one."""
+    coarse = np.arange(-farthest, farthest + _COARSE / 2, _COARSE)
+    left = np.array([unexplained(float(offset), correction) for offset in coarse])
+    least = min(coarse[left <= _AS_GOOD * left.min()], key=abs)
+    near = float(coarse[np.argmin(np.where(np.abs(coarse - least) < _APART, left, np.inf))])
     fine = near + np.arange(-4, 5) * _FINE
-    left = np.array([unexplained(float(offset), factor) for offset in fine])
+    left = np.array([unexplained(float(offset), correction) for offset in fine])
     second, first, _ = np.polyfit(fine - near, left, 2)
     offset = float(np.clip(near - first / (2 * second), fine[0], fine[-1])) if second > 0 else near
-    return offset, unexplained(offset, factor)
+    return offset, unexplained(offset, correction)
 
 
-def _name_mistake(unexplained: Unexplained, limit: float, motion: str) -> None:
-    cured, what = min((_best_offset(unexplained, factor)[1], what) for what, factor in GYROSCOPE_MISTAKES)
+def _name_mistake(robot: RobotModel, unexplained: Unexplained, limit: float, motion: str) -> None:
+    cured, what = min((_best_offset(unexplained, np.diag(factor))[1], what) for what, factor in GYROSCOPE_MISTAKES)
+    turned = [(_best_offset(unexplained, turn)[1], index) for index, turn in enumerate(RIGHT_ANGLE_TURNS)]
+    by_turn, index = min(turned)
+    if by_turn < min(limit, cured):
+        seen = f"in {motion} the gyroscope does not turn as the legs say that the base does"
+        raise mounted_turned(robot, RIGHT_ANGLE_TURNS[index], seen)
     if cured < limit:
         raise RecordingError(
             f"in {motion} the gyroscope does not turn as the legs say that the base does: it must be in rad/s, in the axes of "

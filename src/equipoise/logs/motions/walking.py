@@ -188,7 +188,10 @@ def _pieces(bout: Sequence[_Step], duration: float) -> list[list[_Step]]:
     start, end = bout[0].start, bout[-1].end
     count = max(1, round((end - start) / duration))
     edges = np.linspace(start, end, count + 1)[1:-1]
-    cut = [[step for step in bout if np.searchsorted(edges, step.start) == place] for place in range(count)]
+    cut: list[list[_Step]] = [[] for _ in range(count)]
+    places: list[int] = np.searchsorted(edges, [step.start for step in bout]).tolist()
+    for step, place in zip(bout, places, strict=True):
+        cut[place].append(step)
     return [piece for piece in cut if piece]
 
 

@@ -20,13 +20,14 @@ _ANGLES, _IN_ANGLES = ("roll", "pitch", "yaw"), {"rpy", "euler"}
 _LETTERS = {"w": "gyro", "g": "gyro", "gyro": "gyro", "omega": "gyro", "a": "accelerometer", "acc": "accelerometer",
             "accel": "accelerometer", "q": "orientation", "quat": "orientation"}  # fmt: skip
 _QUANTITIES = {
-    "torque": {"tau", "torque", "torques", "effort", "efforts", "tauest", "trq"},
+    "torque": {"tau", "torque", "torques", "effort", "efforts", "eff", "tauest", "trq"},
     "velocity": {"dq", "qd", "dqs", "qdot", "vel", "velocity", "velocities", "speed", "speeds"},
     "position": {"q", "qs", "pos", "position", "positions", "angle", "angles", "enc", "encoder", "encoders"},
 }
 _FORCES, _AXES = {"force", "forces", "grf"}, {"x", "y", "z", "fx", "fy", "fz", "est"}
 _COMMANDS = {"cmd", "command", "commands", "commanded", "des", "desired", "target", "targets", "ref", "reference"}
 _NOT_JOINTS = {"force", "forces", "contact", "contacts", "grf", "temperature", "temp", "ddq", "qdd", "feet", "base"}
+_OF_SOME_JOINTS = {"leg", "legs"}  # `lf_hip_joint`, `lf_upper_leg_joint`: one family
 _GENERAL = {"joint", "joints", "state", "states", "motor", "motors", "data", "robot", "field", "leg", "legs", "est"}
 
 
@@ -102,9 +103,9 @@ def _joint(words: list[str], leg: str | None) -> Named | None:
         return None
     kind = "command" if commanded else quantity or "position"
     general = {*_QUANTITIES.get(quantity or "", ()), *_GENERAL, *(_COMMANDS if commanded else ())}
-    own = [word for word in words if word not in general]
-    family = tuple(word for word in words if word in general)
     if leg is not None:
+        own = [word for word in words if word not in general or word in _OF_SOME_JOINTS]
+        family = tuple(word for word in words if word in general and word not in _OF_SOME_JOINTS)
         return Named(kind, "_".join(own), family, joint=True)
     digits = [word for word in words if word.isdigit()]
     return Named(kind, digits[-1], tuple(word for word in words if not word.isdigit())) if digits else None

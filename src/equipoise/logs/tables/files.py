@@ -59,7 +59,10 @@ class TableFile:
     def clock(self, name: str) -> FloatArray:
         """(n,) a column of times; whole numbers are after their first: floats hold nanoseconds since 1970 to some 256."""
         values = self.read(self.names.index(name))
-        return np.asarray(values - values[:1] if values.dtype.kind in "iu" else values, dtype=float)
+        if values.dtype.kind not in "iu":
+            return np.asarray(values, dtype=float)
+        signed = values.astype(np.int64)  # a stamp may be less than the first
+        return np.asarray(signed - signed[:1], dtype=float)
 
 
 def open_table(path: Path) -> TableFile:

@@ -26,7 +26,7 @@ from equipoise.logs.tables.by_content import (
     unit_of_time,
     unit_of_turning,
 )
-from equipoise.logs.tables.by_name import families
+from equipoise.logs.tables.by_name import families, named
 from equipoise.logs.tables.columns import (
     ACCELEROMETER,
     ANGLES,
@@ -108,6 +108,10 @@ class _Guess:
     def time(self) -> None:
         """By name if it increases evenly; else the first column that does."""
         if TIME in self.names:
+            ours = self.names[TIME]
+            unit = unit_of_time(self.file.clock(ours)[:_MOST]) if ours in self._numbers else None
+            if unit not in (None, "s") and "time" not in self.units:
+                self._take("time", {TIME: ours}, unit, "increases evenly")
             return
         said = [name for family in self._families.get("time", []) for name in family.values()]
         for name in [*said, *(name for name in self._free if name not in said)]:
@@ -260,7 +264,10 @@ class _Guess:
         order = self._joint_order or self.robot.joint_names
         by_joints = filter(None, map(self._by_joint_names, self._families.get(kind, [])))
         named = [*by_joints, *(dict(zip(order, columns, strict=True)) for columns in self._numbered(kind))]
-        others = (dict(zip(order, columns, strict=True)) for columns in self._windows(len(order)))
+        others = (
+            self._by_their_legs(columns) or dict(zip(order, columns, strict=True))
+            for columns in self._windows(len(order))
+        )
         for joints in itertools.chain(named, [] if only_by_name else others):
             unit = unit_of(self._table([joints[joint] for joint in self.robot.joint_names]))
             if unit is not None:
@@ -268,6 +275,13 @@ class _Guess:
                 return
         if named:
             self._take(kind, _ours(kind, named[0]), None, f"by name alone: is it in {next(iter(UNITS[kind]))}?")
+
+    def _by_their_legs(self, columns: Sequence[str]) -> dict[str, str] | None:
+        """Columns of nobody knows what by the robot's joints, if their names say which is which."""
+        said = [what for what in map(named, columns) if what is not None and what.joint]
+        if len(said) < len(columns):
+            return None
+        return self._by_joint_names({what.part: name for what, name in zip(said, columns, strict=True)})
 
     def _by_joint_names(self, family: Mapping[str, str]) -> dict[str, str] | None:
         """Columns by the robot's joints, if a family's names say which is which."""
