@@ -96,3 +96,13 @@ def test_it_is_saved_shown_and_written(swung, tmp_path):
     assert "Stribeck [Nm]" in {one.label for one in motors.columns}
     (column,) = (one for one in columns_of(result, MOTORS) if one.name == "stribeck_friction")
     assert column.number("FL_hip_joint") == result.joints["FL_hip_joint"].stribeck_friction.value
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_term_that_the_fit_has_by_another_name_tells_nothing():
+    """What is left of its information is rounding, which may be below zero."""
+    rng = np.random.default_rng(1)
+    term = rng.normal(size=(1, 300, 1))
+    covariance = np.array([[(1 + 1e-6) / (term**2).sum()]])
+    design = np.moveaxis(term, 0, -1)
+    assert not is_wanted(term, design, 100 * rng.normal(size=(300, 1)), covariance, prior=np.inf)

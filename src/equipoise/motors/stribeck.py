@@ -49,7 +49,9 @@ def is_wanted(terms: FloatArray, design: FloatArray, left: FloatArray, covarianc
         score: FloatArray = (term * left).sum(axis=0)
         amounts = inverse @ score
         told.append(float(score @ amounts))
-        surest.append(float((amounts / np.sqrt(np.diag(inverse))).max()))
+        # Of what the fit could as well call something else nothing is left but rounding, below zero as well.
+        deviation = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+        surest.append(float(np.divide(amounts, deviation, out=np.zeros_like(amounts), where=deviation > 0).max()))
     best = int(np.argmax(told))
     least = _UNLIKE_NOISE * NormalDist().inv_cdf(1 - _FALSE_ALARMS / (len(terms) * terms.shape[-1]))
     return surest[best] > least
