@@ -14,6 +14,7 @@ from equipoise.errors import MissingDependencyError, ReachError, RecordingError
 from equipoise.experiments.legs_up import legs_up
 from equipoise.method.table import method_from_dict
 from equipoise.method.together import Together
+from equipoise.motors.delay import _torque_scale, position_loop_delays
 from equipoise.motors.equations import SPACING, averages, motor_samples
 from equipoise.motors.fit import _repetition
 from equipoise.motors.method import Motors
@@ -176,6 +177,19 @@ def test_torques_of_another_constant_are_no_other_delay(a1, swung, factor):
     other = Motors().estimate(a1, [dataclasses.replace(recording, joints=joints)], nominal_stance(a1))
     for name, joint in result.joints.items():
         assert other.joints[name].delay.value == pytest.approx(joint.delay.value, abs=0.3e-3)  # 10 % looked like 1.2 ms
+
+
+def test_noise_of_velocities_is_no_other_constant(a1, swung):
+    """It is in the law that torques are held against, and would draw its share of them towards zero."""
+    result, (recording,) = swung
+    joints = recording.joints
+    noise = 0.15 * np.random.default_rng(0).standard_normal(joints.velocity.shape)
+    noisy = dataclasses.replace(recording, joints=dataclasses.replace(joints, velocity=joints.velocity + noise))
+    time_scale = nominal_stance(a1).scale.time
+    assert _torque_scale([noisy], [range(12)], time_scale) == 1.0
+    delays, _ = position_loop_delays(a1, [noisy], time_scale)
+    truth = [motor.delay.truth for motor in result.motors.values()]
+    assert np.mean(delays - truth) == pytest.approx(0.0, abs=1.5e-4)
 
 
 @pytest.mark.parametrize("name", ["torque", "velocity"])

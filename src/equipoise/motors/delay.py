@@ -23,6 +23,7 @@ THOUGHT_DELAY = 4e-3  # d, where nothing tells it [s]
 _KNOT = 0.02  # of the velocities' spline, for accelerations [s] on an A1
 _ROUNDS = 4
 _EACH = 0.1e-3  # [s] by which a board may differ from the mean of all
+_LATER = (-0.01, 0.0, 0.01, 0.02, 0.04, 0.06, 0.08, 0.12)  # [s] on an A1: commands that a joint's motion follows
 _SURELY = 4.0  # standard deviations
 
 
@@ -118,6 +119,7 @@ def _fitted(recording: Recording, of: Sequence[int], time_scale: float, scale: f
     assert joints.velocity is not None
     feedback = -trial.kp * joints.position - trial.kd * joints.velocity
     acceleration = fit_spline(joints.time, joints.velocity, _KNOT * time_scale).spline.derivative()(joints.time)
+    sent = [command_at(recording, joints.time - THOUGHT_DELAY - later * time_scale)[0] for later in _LATER]
     rows = np.zeros((len(of), 4))
     for row, joint in zip(rows, of, strict=True):
         torque, row[0] = joints.torque[:, joint] / (scale or 1.0), THOUGHT_DELAY
@@ -126,9 +128,13 @@ def _fitted(recording: Recording, of: Sequence[int], time_scale: float, scale: f
             law = trial.kp * target[:, joint] + feedback[:, joint]
             terms = [-trial.kp * rate[:, joint], np.ones_like(law), trial.kd * acceleration[:, joint]]
             design, left = np.column_stack(terms if scale else [*terms, law]), torque - law
-            inverse = np.linalg.inv(design.T @ design)
-            found = inverse @ design.T @ left
-            deviation = np.sqrt(np.diag(inverse)) * np.std(left - design @ found)
+            # The law is of readings with noise, which would draw its share towards zero: what commands explain of it, which have
+            # none, stands in for it (two-stage least squares).
+            known = np.column_stack([np.ones_like(law), *(targets[:, joint] for targets in sent)])
+            stand_in = design if scale else known @ np.linalg.lstsq(known, design, rcond=None)[0]
+            inverse = np.linalg.inv(stand_in.T @ design)
+            found = inverse @ stand_in.T @ left
+            deviation = np.sqrt(np.diag(inverse @ stand_in.T @ stand_in @ inverse.T)) * np.std(left - design @ found)
             row[:] = row[0] + found[0], deviation[0], found[-1], deviation[-1]
     return rows
 
