@@ -128,8 +128,8 @@ def _fitted(recording: Recording, of: Sequence[int], time_scale: float, scale: f
             law = trial.kp * target[:, joint] + feedback[:, joint]
             terms = [-trial.kp * rate[:, joint], np.ones_like(law), trial.kd * acceleration[:, joint]]
             design, left = np.column_stack(terms if scale else [*terms, law]), torque - law
-            # The law is of readings with noise, which would draw its share towards zero: what commands explain of it, which have
-            # none, stands in for it (two-stage least squares).
+            # The law is of readings with noise, which would draw its share towards zero: what commands explain of it, which
+            # have none, stands in for it (two-stage least squares).
             known = np.column_stack([np.ones_like(law), *(targets[:, joint] for targets in sent)])
             stand_in = design if scale else known @ np.linalg.lstsq(known, design, rcond=None)[0]
             inverse = np.linalg.inv(stand_in.T @ design)
