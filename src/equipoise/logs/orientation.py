@@ -15,10 +15,8 @@ from equipoise.errors import RecordingError
 _UNIT = 0.02  # by which a quaternion's norm may differ from one
 # Between the orientation's up and the accelerometer's, the median: filters agree to a degree or two.
 _LEVEL = np.radians(15)
-_TOLD, _BETTER = (
-    np.radians(1),
-    0.6,
-)  # less says nothing; another order is better than this part of it, and not by chance
+# Less says nothing; another order that leaves less than this part of it is better, and not by chance.
+_TOLD, _BETTER = np.radians(1), 0.6
 
 
 def angular_velocity_of(time: FloatArray, quat_wxyz: FloatArray, acceleration_in_imu: FloatArray) -> FloatArray:
