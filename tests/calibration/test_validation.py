@@ -61,7 +61,7 @@ def test_the_truth_is_hardly_told_from_what_was_found(precise_run):
     result, truth = precise_run.result, precise_run.truth.composite
     true = replace(result, composite=Body.known(truth, np.eye(10), np.ones(10), result.nominal.composite))
     played = validate(result, {"truth": true})
-    assert 1000 * played.error("truth") < 1
+    assert 1000 * played.error("truth") < 1.5
     assert played.error("truth") < played.error(MODEL) / 4
 
 

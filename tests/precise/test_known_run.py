@@ -52,7 +52,7 @@ def test_a_short_run_finds_the_com_and_what_was_taken_off(a1, earlier, later, pr
     found = weigh(a1, earlier, result)
     payload = found.delta.with_truth(precise_run.truth, result.truth).payload
     assert found.answer == "removed"
-    assert payload.mass.value == pytest.approx(1.5, rel=0.1)
+    assert payload.mass.value == pytest.approx(1.5, rel=0.2)
     assert not any(quantity.missed for quantity in payload)
     assert "taken off" in found.sentence
     assert found.to_dict()["answer"] == "removed"
@@ -238,9 +238,9 @@ def test_settings_that_contradict_the_earlier_run_are_refused(earlier):
 
 
 def test_a_plan_says_what_it_buys(a1, earlier):
-    plan = Precise(known=earlier, budget=60).forecast(a1, nominal_stance(a1))
-    assert plan.robot_time <= 60
-    assert (plan.deviation[1:3] < plan.without[1:3]).all()
+    plan = Precise(known=earlier, budget=45).forecast(a1, nominal_stance(a1))
+    assert plan.robot_time <= 45
+    assert np.hypot(*plan.deviation[1:3]) < 0.85 * np.hypot(*plan.without[1:3])
     assert plan.trials()[3][0] == "search, nominal"
     with_lifts = [bool(visit.lifts) for visit in plan.visits]
     assert with_lifts == sorted(with_lifts)  # feet are put back once for all moves

@@ -19,7 +19,7 @@ LENGTHS = ("link_length", "link_length_common")
 
 OTHERS = (
     "leg_mass_common", "link_com", "link_com_common", "compliance", "play", "accelerometer_gain", *GYRO, "rolling",
-    "foot_radius_each", *LENGTHS, "hip_position", "pull", "torque_gain_common", "rotor_spin", "eccentricity",
+    "foot_radius_each", "sag", *LENGTHS, "hip_position", "pull", "torque_gain_common", "rotor_spin", "eccentricity",
     "accelerometer_drift", "gyro_drift",
 )  # fmt: skip
 
@@ -66,7 +66,7 @@ def test_gains_and_misalignment_of_the_gyroscope(a1, precise_run, beliefs):
     for name, planted in (("gyro_gain", gains), ("gyro_misalignment", beside)):
         off = (gained(found, plain, name) - planted) / found.deviation(name)
         assert np.abs(off).max() < 1.5, name
-    assert (found.deviation("gyro_gain") < (0.6 if beliefs != Priors() else 0.7) * 0.01).all()
+    assert (found.deviation("gyro_gain") < (0.65 if beliefs != Priors() else 0.7) * 0.01).all()
     assert np.abs(moved(found, plain)).max() < 1
     # Lifts integrate no attitude: it takes worse axes to shift the body.
     worse = with_gyroscope(precise_run.recordings, 3 * error)
@@ -91,7 +91,7 @@ def with_drive_train(recordings, give, play):
 
 
 @pytest.mark.parametrize(
-    ("beliefs", "surer"), [(told("compliance"), 0.8), (Priors(), 0.95)], ids=["all else known", "as usual"]
+    ("beliefs", "surer"), [(told("compliance"), 0.85), (Priors(), 0.95)], ids=["all else known", "as usual"]
 )
 def test_springs_of_the_drive_train(a1, precise_run, beliefs, surer):
     """An A1 has the same joints in every leg, hip, thigh and calf. What is not told of them leaves the body where it is."""
@@ -116,7 +116,7 @@ def test_play_of_the_drive_train(a1, precise_run, beliefs):
     found = posterior_of(a1, precise_run, recordings, beliefs)
     off = (gained(found, plain, "play") - play)[:2]
     assert np.abs(off / found.deviation("play")[:2]).max() < 1.5
-    assert (found.deviation("play")[:2] < 1.8e-3).all()
+    assert (found.deviation("play")[:2] < 1.9e-3).all()
     assert abs(off[1]) < 1e-3  # thighs turn over most
     assert np.abs(moved(found, plain)[:7]).max() < 1
 
@@ -147,8 +147,8 @@ def test_legs_that_are_heavier_and_hang_lower_than_the_model_says(a1, precise_ru
     assert np.abs(off(found, precise_run)).max() < 3
     trusting = Precise(legs="trusted").beliefs
     plain, held = (posterior_of(robot, precise_run, recordings, trusting) for robot in (a1, model))
-    assert np.abs(moved(held, plain)).max() > 2.8
-    assert np.abs(off(held, precise_run)).max() > 2.8
+    assert np.abs(moved(held, plain)).max() > 2.4
+    assert np.abs(off(held, precise_run)).max() > 2
 
 
 def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
@@ -164,6 +164,6 @@ def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
         longer = gained(found, plain, "link_length_common") + [
             part.mean() for part in gained(found, plain, "link_length").reshape(4, 2).T
         ]
-        np.testing.assert_allclose(longer, -2e-3, atol=1.2e-3)
+        np.testing.assert_allclose(longer, -2e-3, atol=1.4e-3)
         assert np.abs(off(found, precise_run)).max() < 2.5
     assert np.abs(moved(found, plain)).max() < 0.7

@@ -78,7 +78,9 @@ def seen_by(move, biases):
     tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
     before, after = (
         RestReading(
-            rest.joint_position + biases["joint_zero"], tilt.T @ rest.acceleration_in_imu + biases["accelerometer_bias"]
+            rest.joint_position + biases["joint_zero"],
+            tilt.T @ rest.acceleration_in_imu + biases["accelerometer_bias"],
+            rest.load,
         )
         for rest in (move.before, move.after)
     )
@@ -123,6 +125,24 @@ def test_the_feet_of_a_simulated_move_stay_once_their_rolling_is_known(a1, ideal
 
 def test_a_rest_is_its_means(a1, ideal_motions):
     still = ideal_motions.move.phase("rest")
-    rest = RestReading.of(still)
+    rest = RestReading.of(a1, still)
     np.testing.assert_allclose(rest.joint_position, still.joints.position.mean(axis=0))
     np.testing.assert_allclose(rest.acceleration_in_imu, still.imu.acceleration_in_imu.mean(axis=0))
+
+
+def test_feet_sag_under_what_they_carry(robot, moves):
+    """Against Pinocchio's feet, lowered by sag times load: a body that moves aside leans, and no encoder sees it."""
+    sag = 4e-5
+    for move in moves:
+        for rest in (move.before, move.after):
+            assert rest.load.sum() == pytest.approx(robot.mass * 9.81, rel=0.01)
+            assert rest.load.min() > 0
+    biases = by_the_model(robot) | {"sag": np.array([sag])}
+    displacements, heights = residuals(rows_of(robot, moves), biases)
+    for number, (move, posture) in enumerate(zip(moves, POSTURES, strict=True)):
+        for row, (rest, rotation) in enumerate(((move.before, HOME.rotation), (move.after, posture.rotation))):
+            sunk = foot_positions(robot, rest.joint_position) @ rotation[2] + sag * rest.load
+            np.testing.assert_allclose(heights[number, row], sunk - sunk.mean(), atol=1e-9)
+        sunk = sag * (move.after.load - move.before.load)
+        np.testing.assert_allclose(displacements[number], np.outer(sunk - sunk.mean(), HOME.rotation[2]), atol=1e-6)
+    assert np.abs(heights).max() > 2e-4

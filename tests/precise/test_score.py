@@ -83,7 +83,7 @@ def planted(a1, recordings):
     for leg in shorter.legs.values():
         calf = shorter.pinocchio.jointPlacements[leg.joint_ids[-1]]
         calf.translation = calf.translation * (1 + 4e-3 / np.linalg.norm(calf.translation))
-    play = np.array([4e-3, 4e-3, 0.0])
+    play = np.array([6e-3, 6e-3, 0.0])
     return {
         "play": (with_drive_train(recordings, np.zeros(3), play), a1),
         "link_length_common": (recordings, shorter),

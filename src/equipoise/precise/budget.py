@@ -57,7 +57,7 @@ GROUPS = (
     ),
     _Group("a cable's pull", ("pull",), "--cable none, where there is none; --turn"),
     _Group(
-        "feet and floor", ("rolling", "floor_slope", "floor_warp", "foothold_change"), "a hard, level floor; --turn"
+        "feet and floor", ("rolling", "sag", "floor_slope", "floor_warp", "foothold_change"), "a hard, level floor; --turn"
     ),
     _Group(
         "torque constants, friction, rotors",

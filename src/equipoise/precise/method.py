@@ -54,8 +54,8 @@ from equipoise.robot.stance import Stance, lies, lying_posture
 
 _BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known
 _CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
-_SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance and unevenness over their priors
-_OF_SURFACE = ("rolling", "floor_warp", "foothold_change")
+_SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance, sag and unevenness over their priors
+_OF_SURFACE = ("rolling", "sag", "floor_warp", "foothold_change")
 _OF_LEGS = (
     "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
 )  # fmt: skip
@@ -76,7 +76,7 @@ class Precise(Method):
         sway: the sway about all axes at the end, which tells more about friction and Izz.
         turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
             and the accelerometer's bias are told from the planar CoM.
-        surface: what the robot stands on; on a `carpet` feet may resist rolling, and footholds be uneven, three times as much.
+        surface: what the robot stands on; on a `carpet` feet may resist rolling, sag and stand uneven three times as much.
         goals: standard deviations at which a calibration is good enough to stop early.
         cable: what may pull at the robot, an Ethernet cable being light; `none` makes the planar CoM surer.
         legs: whether masses, CoMs and lengths of the legs may be off the file's, as ever, or are `trusted` to be right to 3 %

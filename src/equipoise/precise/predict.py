@@ -21,7 +21,7 @@ from equipoise.precise.lift_design import (
     offset_of,
 )
 from equipoise.precise.measurements.evidence import MotionReading, RunEvidence
-from equipoise.precise.measurements.lift_samples import REACH, LiftSamples, attitudes
+from equipoise.precise.measurements.lift_samples import KNOT, REACH, LiftSamples, attitudes
 from equipoise.precise.measurements.planted_moves import PlantedMove, RestReading
 from equipoise.precise.measurements.smoothing import fit_spline
 from equipoise.robot.inertial import composite_parameters
@@ -29,12 +29,13 @@ from equipoise.robot.kinematics import foot_jacobians, inverse_kinematics
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
+from equipoise.robot.statics import loads_on_feet
 
 RATE = 500.0  # [Hz]
 ENCODER_NOISE, VELOCITY_NOISE, GYRO_NOISE = 3e-4, 0.03, 3e-3  # [rad], [rad/s], [rad/s]
 ACCELEROMETER_NOISE = 0.05  # [m/s2]
 _IN_AIR_AFTER = 0.4  # of the lift time, the feet are off the floor
-_STEP, _KNOT = 0.020, 0.015  # [s] on an A1; half as many samples as are read teach as much
+_STEP = 0.020  # [s] on an A1; half as many samples as are read teach as much
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +83,10 @@ class Predictor:
         """Sample times of a lift; covariances of smoothed joint and angular velocities and specific forces there."""
         times, clock = Times.of(self.stance), self.stance.scale.time
         sensed = np.arange(-0.06 * clock, times.watch + 0.06 * clock, 1 / RATE)
-        knot, reach = _KNOT * clock, REACH * clock
-        time = np.arange(reach, times.watch - reach, _STEP * clock)
+        time = np.arange(REACH, times.watch - REACH, _STEP * clock)
         blank = np.zeros((len(sensed), 1))
-        joints = fit_spline(sensed, blank, knot, blank, ENCODER_NOISE / VELOCITY_NOISE, reach)
-        of_imu = fit_spline(sensed, blank, knot, reach=reach).noise(time)
+        joints = fit_spline(sensed, blank, KNOT, blank, ENCODER_NOISE / VELOCITY_NOISE, REACH)
+        of_imu = fit_spline(sensed, blank, KNOT, reach=REACH).noise(time)
         joints_move = ENCODER_NOISE**2 * joints.noise(time, derivative=1)
         return time, joints_move, GYRO_NOISE**2 * of_imu, ACCELEROMETER_NOISE**2 * of_imu
 
@@ -168,7 +168,7 @@ class Predictor:
             feet = feet_in_posture(self.stance, self.com, posture)
             position = check_posture(self.robot, self.stance, feet)
             felt = GRAVITY * posture.rotation[2] @ np.array(self.robot.imu_in_base.rotation)
-            self._rested[posture] = RestReading(position, felt)
+            self._rested[posture] = RestReading(position, felt, loads_on_feet(self.robot, position))
         return self._rested[posture]
 
     def evidence(self, lifts: list[LiftDesign], moves: list[tuple[BodyPosture, BodyPosture]]) -> RunEvidence:

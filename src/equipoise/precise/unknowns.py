@@ -103,6 +103,9 @@ AXIS = _named("x", "y", "z")
 ITSELF = Measure("", lambda robot, stance: 1.0)
 HIP_HEIGHT = Measure("hip height", lambda robot, stance: stance.hip_height)
 PER_A1_TORQUE = Measure("an A1's m g h over m g h", lambda robot, stance: 1.0 / stance.scale.torque)
+PER_A1_STIFFNESS = Measure(
+    "an A1's m g / h over m g / h", lambda robot, stance: stance.scale.length**2 / stance.scale.torque
+)
 A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
 
 
@@ -308,6 +311,13 @@ class Priors:
         0.05, "the same of each foot, beside the common part", "", LEG, "assumed: 1 mm on an A1; worn feet",
         label="foot radius of {each}",
         cause="some feet are larger or smaller than in the file: worn, or soft", opened_by="--legs unknown",
+    )  # fmt: skip
+    sag: float = unknown(
+        5e-5, "length by which a foot and the floor under it give, over the load on the foot", "m/N", ROBOT,
+        "assumed: rubber of 20 kN/m; no bench of an A1 or Go2 is known", measure=PER_A1_STIFFNESS,
+        label="sag of the feet", finding="sag of the feet", shown=1e5, notable=2e-5, drift=0.5, judged=False,
+        advice="the feet, or the floor, sag by {value:.1f} mm per 100 N (sd {deviation:.1f})",
+        cause="the feet or the floor give under load: soft rubber or a soft floor",
     )  # fmt: skip
     link_length: float = unknown(
         0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,

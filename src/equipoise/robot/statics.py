@@ -32,6 +32,19 @@ def foot_forces(robot: RobotModel, joint_position: FloatArray, legs: Collection[
     return _forces_on(robot, kinematics.foot_positions(joint_position), kinematics.com(joint_position), legs)
 
 
+def loads_on_feet(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
+    """(4,) what each of four planted feet carries of a robot at rest, along the floor's normal [N].
+
+    The smallest such forces that carry the weight and its moment: what two diagonals share differently, statics does not tell.
+
+    Args:
+        joint_position: (nj,) joint positions [rad].
+    """
+    forces = foot_forces(robot, joint_position, tuple(robot.legs))
+    carried = forces.sum(axis=0)
+    return np.asarray(forces @ carried / np.linalg.norm(carried), dtype=float)
+
+
 def _forces_on(robot: RobotModel, feet: FloatArray, com: FloatArray, legs: Collection[str]) -> FloatArray:
     standing = _indices(robot, legs)
     forces = np.zeros((4, 3))

@@ -19,7 +19,7 @@ _FRICTION_UNKNOWN = 1.0
 _FRICTION_AT_FIRST = 0.5  # [Nm] on an A1
 _TORQUE_FLOOR = 0.01  # of an A1's torque scale over 38: [Nm]
 _SAMPLES_AT_ONCE = 1024
-_TORQUE_CORRELATION = 30.0  # samples of a motion that say what one says: friction's errors last
+_TORQUE_CORRELATION = 10.0  # samples of a motion that say what one says: friction's errors last for a second
 
 
 class TorqueBlock(ResidualBlock):

@@ -25,10 +25,13 @@ from equipoise.recording.runs import true_runs
 from equipoise.robot.model import DIAGONALS, LEG_NAMES, PAIRS, RobotModel
 from equipoise.robot.stance import Stance
 
+# What sensors show of fast motions does not hang on how large a robot is: these are the same on all.
+REACH = 0.03  # [s] to either side of a moment, that readings are means over: 19 Hz are halved
+KNOT = 0.015  # [s] between the knots of the splines through readings
+
 # On an A1; lengths and times are multiplied by those of the stance's scale.
 _CLEAR = 2.5e-3  # [m] that lifted feet must be above the floor
-_KNOT, _STEP = 0.015, 0.010  # [s]
-REACH = 0.04  # [s] to either side of a moment, that readings are means over: 14 Hz are halved
+_STEP = 0.010  # [s]
 _SHORTEST = 0.06  # [s]
 _LONGEST_GAP = 0.02  # [s] without a sample
 _FEWEST = 10  # samples
@@ -175,9 +178,9 @@ def on_two_feet(
     streams = [joints.time[joint_part], imu.time[imu_part]]
     if min(map(len, streams)) <= _FEWEST:
         return "samples are missing"
-    reach, step = REACH * clock, _STEP * clock
-    start = max(window[0], *(float(stream[0]) for stream in streams)) + reach
-    end = min(window[1], *(float(stream[-1]) for stream in streams)) - reach
+    step = _STEP * clock
+    start = max(window[0], *(float(stream[0]) for stream in streams)) + REACH
+    end = min(window[1], *(float(stream[-1]) for stream in streams)) - REACH
     if end - start < shortest * clock:
         return f"two feet were up for only {max(0.0, window[1] - window[0]):.2f} s"
     time: FloatArray = np.asarray(start + step * np.arange(int((end - start) / step + 1e-9) + 1), dtype=float)
@@ -185,12 +188,12 @@ def on_two_feet(
     if longest > _LONGEST_GAP * clock:
         return f"samples are missing for {longest * 1000:.0f} ms"
     position = fit_spline(
-        joints.time[joint_part], joints.position[joint_part], _KNOT * clock,
+        joints.time[joint_part], joints.position[joint_part], KNOT,
         None if joints.velocity is None else joints.velocity[joint_part], noise.encoder / noise.velocity,
-        reach,
+        REACH,
     )  # fmt: skip
     felt = np.hstack([gyro, imu.acceleration_in_imu])[imu_part]  # read at the same times: one fit
-    of_imu = fit_spline(imu.time[imu_part], felt, _KNOT * clock, reach=reach)
+    of_imu = fit_spline(imu.time[imu_part], felt, KNOT, reach=REACH)
     angular_velocity, acceleration = np.hsplit(of_imu.at(time), 2)
     imu_noise = of_imu.noise(time)
     return LiftSamples(

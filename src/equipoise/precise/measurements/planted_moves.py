@@ -1,7 +1,8 @@
 """Moves over planted feet: what does not change tells about joint zeros and about how the IMU is mounted.
 
 While no foot slips, the feet's positions relative to each other change only by how the feet roll; and their heights above
-each other, against gravity, do not change at all. Both are read at rest, before and after the move.
+each other, against gravity, by how they sag under what they carry. Both are read at rest, before and after the move. What each
+foot carries there is statics', by the model's mass and CoM: torques that motors report hide it behind their friction.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from equipoise.precise.unknowns import TracedValues, Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
+from equipoise.robot.statics import loads_on_feet
 
 _PER_MOVE = 20
 _CENTRED = np.eye(4) - 0.25  # takes the mean over the feet off
@@ -46,19 +48,22 @@ class RestReading:
     Attributes:
         joint_position: (nj,) mean of the joint positions [rad].
         acceleration_in_imu: (3,) mean of the accelerometer, in the IMU frame [m/s2].
+        load: (4,) weight on each foot, by the model [N].
         joint_torque: (nj,) mean of the joint torques as reported [Nm]; None where none are.
     """
 
     joint_position: FloatArray
     acceleration_in_imu: FloatArray
+    load: FloatArray
     joint_torque: FloatArray | None = None
 
     @classmethod
-    def of(cls, still: Recording) -> RestReading:
+    def of(cls, robot: RobotModel, still: Recording) -> RestReading:
         """Of a recording in which nothing moves."""
         joints, acceleration = still.joints, still.imu.acceleration_in_imu.mean(axis=0)
         torque = None if joints.torque is None else joints.torque.mean(axis=0)
-        return cls(joints.position.mean(axis=0), acceleration, torque)
+        position = joints.position.mean(axis=0)
+        return cls(position, acceleration, loads_on_feet(robot, position), torque)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +95,7 @@ def read_move(
     """A move and the rests on either side of it; the three recordings follow each other."""
     rotation = np.array(robot.imu_in_base.rotation)
     attitude = attitudes(moving.imu.time, moving.imu.angular_velocity_in_imu - gyro_bias)
-    first, last = RestReading.of(before), RestReading.of(after)
+    first, last = RestReading.of(robot, before), RestReading.of(robot, after)
     up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
     joints = moving.joints
     up = at_times(joints.time, moving.imu.time, up)
@@ -115,7 +120,7 @@ class PlantedRows:
     """
 
     DEPENDS_ON = (
-        *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "floor_slope",
+        *DRIVE_TRAIN, "imu_tilt", *ACCELEROMETER, *GYRO, *LEG_SHAPE, "foot_radius", "foot_radius_each", "sag", "floor_slope",
         "floor_warp", "foothold_change",
     )  # fmt: skip
 
@@ -127,6 +132,7 @@ class PlantedRows:
         rests = [[move.before for move in moves], [move.after for move in moves]]
         self._joints = [_joints_at(legs, side) for side in rests]
         self._acceleration = [np.array([rest.acceleration_in_imu for rest in side]).T for side in rests]
+        self._load = [np.array([rest.load for rest in side]).T for side in rests]
         self._to_before = np.array([move.rotation_to_before for move in moves]).transpose(1, 2, 0)
         # Moves go straight from posture to posture: a turn about one axis, near enough for errors of the gyroscope.
         rotations = [Rotation.from_matrix(move.rotation_to_before) for move in moves]
@@ -175,22 +181,28 @@ class PlantedRows:
         floor = floor + contract("lm,m...->l...", _CENTRED, values["foothold_change"] * (heading != 0.0))
         feet: list[Traced] = []
         heights: list[Traced] = []
+        ups: list[Traced] = []
         for rest in (0, 1):
             joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
             feet.append(self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot)
             felt = specific_force(values, np.tile(self._acceleration[rest], copies), np.tile(self._when, copies))
             gravity = turned(rotation, felt)
-            above = contract("il...,i...->l...", feet[rest], gravity / length(gravity))
+            ups.append(gravity / length(gravity))
+            above = contract("il...,i...->l...", feet[rest], ups[rest]) + values["sag"] * np.tile(
+                self._load[rest], copies
+            )
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
         drifted = turned(np.tile(self._drifts, copies), values["gyro_drift"])
         off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)) + drifted)
         after = contract("ij...,jl...->il...", turn, feet[1])
+        sunk = values["sag"] * np.tile(self._load[1] - self._load[0], copies)
         moved = (
             after
             - cross(off[:, None], after)
             - feet[0]
             - (1.0 + values["foot_radius"] + values["foot_radius_each"]) * rolled
+            + ups[0][:, None] * sunk
         )
         moved = contract("lm,im...->il...", _CENTRED, moved)
         return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)

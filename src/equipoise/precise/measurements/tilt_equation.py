@@ -45,6 +45,8 @@ from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
 
 _ROLLING = 0.03  # [rad/s] at which feet roll, and do not creep
+# Of the sag: a soft foot comes nearer to what it stands on, a soft floor goes down with it, and nobody knows which gives.
+_GIVEN_BY_FEET = 0.5
 
 Derivatives = Mapping[str, FloatArray]
 """(rows, size) derivatives by each unknown, by its name, and by "inertial"."""
@@ -87,6 +89,7 @@ class TiltEquation:
         *LEG_SHAPE,
         "foot_radius",
         "foot_radius_each",
+        "sag",
         "pull",
         "floor_slope",
         "rolling",
@@ -396,6 +399,7 @@ class _Samples:
     def _radii_along(self, values: TracedValues, normal: Traced) -> list[Traced]:
         """(3, n) radii of the stance feet along the floor's normal [m]."""
         radius = self.legs.foot_radius[:, None] * (1.0 + values["foot_radius"] + values["foot_radius_each"])
+        radius = radius - _GIVEN_BY_FEET * 0.5 * GRAVITY * self.legs.robot_mass * values["sag"]
         return [radius[foot, np.arange(self.count)] * normal for foot in self.feet]
 
     def _pull(self, values: TracedValues, up: Traced) -> Traced:
