@@ -18,7 +18,8 @@ from equipoise.precise.measurements.planted_moves import PlantedRows
 from equipoise.precise.measurements.tilt_equation import TiltEquation
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.two_runs import estimate_two_runs
-from equipoise.precise.unknowns import AXIS, Priors, by_the_model, finding_names, unknown
+from equipoise.precise.unknown import AXIS, unknown
+from equipoise.precise.unknowns import Priors, by_the_model, finding_names
 from equipoise.report.contents import run_contents
 
 # A second accelerometer, which on a bench read more than the first by this [m/s2].

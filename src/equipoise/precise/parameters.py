@@ -14,7 +14,8 @@ from scipy.linalg import block_diag
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.momenta import model_parameters
-from equipoise.precise.unknowns import A1_TORQUE, Priors, Unknown, Values, by_the_model
+from equipoise.precise.unknown import A1_TORQUE, Unknown
+from equipoise.precise.unknowns import Priors, Values, by_the_model
 from equipoise.robot.inertial import InertialParameters, base_parameters, moment_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel

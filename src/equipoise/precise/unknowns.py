@@ -4,25 +4,45 @@ A field of `Priors` is a row. Its value is the standard deviation of the prior, 
 is per robot, its unit, where the prior comes from, what a report calls it and advises, and what becomes of it between two
 runs. Layout, priors, columns of the Jacobian, findings, checks, the estimate of two runs and the documents follow from it.
 A new unknown is a row here, and its name in the equation that it enters: `values["name"]`, and in what the equation says it
-depends on. Its derivatives follow from the equation (traced.py).
+depends on. Its derivatives follow from the equation (traced.py). What a row is, is in unknown.py.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError, did_you_mean
 from equipoise.precise.measurements.traced import Traced
+from equipoise.precise.unknown import (
+    A1_TORQUE,
+    AXIS,
+    HIP_AXIS,
+    HIP_HEIGHT,
+    JOINT,
+    JOINT_KIND,
+    JOINT_PHASE,
+    KIND_AXIS,
+    LEG,
+    LEG_LINK,
+    LENGTH,
+    LENGTH_KIND,
+    LINK_AXIS,
+    PER_A1_STIFFNESS,
+    PER_A1_TORQUE,
+    ROBOT,
+    ROW,
+    Unknown,
+    named,
+    unknown,
+)
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -34,147 +54,6 @@ Values = Mapping[str, FloatArray]
 
 TracedValues = Mapping[str, Traced]
 """The same in an equation of n samples, (size, n) each: a value is laid out once for every sample."""
-
-_ROW = "unknown"
-
-
-@dataclass(frozen=True)
-class Each:
-    """What there is one of an unknown of.
-
-    Attributes:
-        name: name of it in words.
-        labels: names of all of them, for a robot.
-    """
-
-    name: str
-    labels: Callable[[RobotModel], tuple[str, ...]]
-
-
-@dataclass(frozen=True)
-class Measure:
-    """What the number that a prior is given as is a fraction of.
-
-    Attributes:
-        name: name of it in words.
-        of: function that gives its size in the unknown's unit.
-    """
-
-    name: str
-    of: Callable[[RobotModel, Stance], float]
-
-
-def _named(*labels: str) -> Each:
-    return Each(", ".join(labels), lambda robot: labels)
-
-
-def _link_joints(robot: RobotModel) -> tuple[str, ...]:
-    return tuple(robot.joint_names[joint] for leg in robot.legs.values() for joint in leg.joints)
-
-
-def _kinds(robot: RobotModel) -> tuple[str, ...]:
-    return ("hip", "thigh", "calf")[-robot.leg_joints.shape[1] :]
-
-
-ROBOT = Each("robot", lambda robot: ("",))
-JOINT = Each("joint", lambda robot: tuple(robot.joint_names))
-JOINT_PHASE = Each(
-    "joint and phase",
-    lambda robot: tuple(f"{name}, {phase}" for name in robot.joint_names for phase in ("sine", "cosine")),
-)
-LEG = Each("leg", lambda robot: tuple(robot.legs))
-LENGTH = Each(
-    "thigh and calf", lambda robot: tuple(f"{leg} {link}" for leg in robot.legs for link in ("thigh", "calf"))
-)
-LENGTH_KIND = _named("thighs", "calves")
-HIP_AXIS = Each("leg and axis", lambda robot: tuple(f"{leg} {axis}" for leg in robot.legs for axis in "xyz"))
-LINK_AXIS = Each(
-    "leg link and direction",
-    lambda robot: tuple(f"{name}, {axis}" for name in _link_joints(robot) for axis in ("down", "forward", "across")),
-)
-KIND_AXIS = Each(
-    "kind of link and direction",
-    lambda robot: tuple(f"{kind}, {axis}" for kind in _kinds(robot) for axis in ("down", "forward")),
-)
-LEG_LINK = Each("leg link, by the joint that moves it", _link_joints)
-JOINT_KIND = Each("kind of joint: hip, thigh, calf", _kinds)
-AXIS = _named("x", "y", "z")
-
-ITSELF = Measure("", lambda robot, stance: 1.0)
-HIP_HEIGHT = Measure("hip height", lambda robot, stance: stance.hip_height)
-PER_A1_TORQUE = Measure("an A1's m g h over m g h", lambda robot, stance: 1.0 / stance.scale.torque)
-PER_A1_STIFFNESS = Measure(
-    "an A1's m g / h over m g / h", lambda robot, stance: stance.scale.length**2 / stance.scale.torque
-)
-A1_TORQUE = Measure("m g h over an A1's", lambda robot, stance: stance.scale.torque)
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """A row of the table.
-
-    Attributes:
-        meaning: noun phrase, with sign and frame.
-        unit: SI unit; empty for a fraction.
-        each: parts of the robot that have one each, as its joints.
-        source: source of the prior.
-        name: name in code, in settings and as a key.
-        measure: quantity that the prior's number is a fraction of.
-        label: name of one of them in prose, with {each}.
-        finding: name of one of them among the findings, in reports and JSON, with {each}; empty: not reported.
-        advice: sentence about one of them, with {each}, {value}, {deviation} and {size}, the value without its sign, in the
-            unit shown.
-        advice_below: the same where the value is not above zero; empty: no difference.
-        shown: number of the unit shown that are one in the unit.
-        notable: least value that is worth fixing.
-        drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
-        switched: change of it beside that where the robot was switched off in between, over its prior.
-        judged: whether a value far from zero speaks against a result.
-        usual: standard deviation of the prior where nobody said another, as a multiple of its measure.
-        cause: sentence on a robot that the model's value does not fit, in words of a workshop.
-        opened_by: flag that makes the row unknown where it is held; a file of priors can always.
-    """
-
-    meaning: str
-    unit: str
-    each: Each
-    source: str
-    name: str = ""
-    measure: Measure = ITSELF
-    label: str = ""
-    finding: str = ""
-    advice: str = ""
-    advice_below: str = ""
-    shown: float = 1.0
-    notable: float = math.inf
-    drift: float | None = 0.0
-    switched: float = 0.0
-    judged: bool = True
-    usual: float = 0.0
-    cause: str = ""
-    opened_by: str = ""
-
-    def sentence(self, each: str, value: float, deviation: float) -> str:
-        """What is to be said of one of them.
-
-        Args:
-            each: label of the unknown.
-            value: value in the row's unit.
-            deviation: posterior standard deviation of the value.
-        """
-        form = self.advice_below if self.advice_below and value <= 0 else self.advice
-        value, deviation = value * self.shown, deviation * self.shown
-        return form.format(each=each, value=value, deviation=deviation, size=abs(value))
-
-
-def unknown(prior: float, meaning: str, unit: str, each: Each, source: str, **more: Any) -> float:
-    """A row of the table as a field of `Priors`; the arguments are those of `Unknown`.
-
-    Args:
-        prior: standard deviation, as a multiple of the row's measure.
-    """
-    return field(default=prior, metadata={_ROW: Unknown(meaning, unit, each, source, usual=prior, **more)})
-
 
 _REALISTIC = "assumed; what the simulation's `realistic` sensors have"
 _DEGREES = math.degrees(1.0)
@@ -243,7 +122,7 @@ class Priors:
         cause="encoders err over a turn of their joints: a magnet beside its axis, or an axis askew",
     )  # fmt: skip
     imu_tilt: float = unknown(
-        6e-3, "rotation vector of the IMU in the frame where it should be", "rad", _named("roll", "pitch", "yaw"),
+        6e-3, "rotation vector of the IMU in the frame where it should be", "rad", named("roll", "pitch", "yaw"),
         "assumed; the simulation's `realistic` sensors have 5 mrad",
         label="IMU tilt in {each}", finding="IMU {each}ed", shown=_DEGREES, notable=4e-3,
         advice="the IMU is {each}ed by {value:+.2f} deg (sd {deviation:.2f})",
@@ -281,7 +160,7 @@ class Priors:
     )  # fmt: skip
     gyro_misalignment: float = unknown(
         6e-3, "angular velocity about one axis that another axis reads, over itself", "rad",
-        _named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
+        named("x of y", "x of z", "y of x", "y of z", "z of x", "z of y"),
         "assumed; data sheets: 2 mrad between the axes, 5 mrad against the accelerometer",
         label="gyroscope misalignment, {each}", drift=0.1,
         cause="the gyroscope's axes are not where the accelerometer's are",
@@ -339,12 +218,12 @@ class Priors:
     )  # fmt: skip
     pull: float = unknown(
         0.2, "constant horizontal force on the base, forward and to its left at the run's beginning: a cable", "N",
-        _named("forward", "left"),
+        named("forward", "left"),
         "half a metre of Ethernet cable, at robots of any size; none is known without one", label="pull {each}", drift=None,
         cause="it pulls to one side: a cable or a hand?", opened_by="--cable light",
     )  # fmt: skip
     floor_slope: float = unknown(
-        5e-3, "floor's normal less up, in base axes at the nominal stance and the run's beginning", "rad", _named("x", "y"),
+        5e-3, "floor's normal less up, in base axes at the nominal stance and the run's beginning", "rad", named("x", "y"),
         _REALISTIC,
         label="floor slope along {each}", finding="floor slope {each}", shown=_DEGREES, notable=8e-3, drift=None,
         advice="the floor leans along {each} by {value:+.2f} deg (sd {deviation:.2f})",
@@ -446,7 +325,7 @@ class Priors:
     @classmethod
     def rows(cls) -> tuple[Unknown, ...]:
         """The table of unknowns."""
-        return tuple(replace(row.metadata[_ROW], name=row.name) for row in fields(cls) if _ROW in row.metadata)
+        return tuple(replace(row.metadata[ROW], name=row.name) for row in fields(cls) if ROW in row.metadata)
 
     @classmethod
     def row(cls, name: str) -> Unknown:

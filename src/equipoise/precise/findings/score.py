@@ -23,7 +23,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.posterior import Posterior
-from equipoise.precise.unknowns import Unknown
+from equipoise.precise.unknown import Unknown
 
 _SEEN = 0.1  # eigenvalue of F: along its direction three times the usual size is one standard deviation of the noise
 

@@ -26,7 +26,8 @@ from equipoise.precise.known.known_run import KnownRun
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.parameters import Belief, Unknowns
 from equipoise.precise.posterior import MapProblem, Posterior
-from equipoise.precise.unknowns import Priors, Unknown
+from equipoise.precise.unknown import Unknown
+from equipoise.precise.unknowns import Priors
 from equipoise.result.findings import Check, SensorFinding
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance

@@ -21,7 +21,8 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.precise.parameters import Belief, Unknowns, base_vector
 from equipoise.precise.posterior import Posterior, total_mass
-from equipoise.precise.unknowns import ROBOT, Priors, Unknown, unknown
+from equipoise.precise.unknown import ROBOT, Unknown, unknown
+from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 
