@@ -40,7 +40,7 @@ def loads_on_feet(robot: RobotModel, joint_position: FloatArray) -> FloatArray:
     Args:
         joint_position: (nj,) joint positions [rad].
     """
-    forces = foot_forces(robot, joint_position, tuple(robot.legs))
+    forces = foot_forces(robot, joint_position, robot.legs)
     carried = forces.sum(axis=0)
     return np.asarray(forces @ carried / np.linalg.norm(carried), dtype=float)
 

@@ -181,28 +181,24 @@ class PlantedRows:
         floor = floor + contract("lm,m...->l...", _CENTRED, values["foothold_change"] * (heading != 0.0))
         feet: list[Traced] = []
         heights: list[Traced] = []
-        ups: list[Traced] = []
         for rest in (0, 1):
             joints = self._joints[rest].at(np.tile(np.arange(self._moves), copies))
-            feet.append(self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot)
+            foot = self.legs.traced_posture(joints.link_position(values), LegShape.of(self.legs, values)).foot
             felt = specific_force(values, np.tile(self._acceleration[rest], copies), np.tile(self._when, copies))
             gravity = turned(rotation, felt)
-            ups.append(gravity / length(gravity))
-            above = contract("il...,i...->l...", feet[rest], ups[rest]) + values["sag"] * np.tile(
-                self._load[rest], copies
-            )
+            up = gravity / length(gravity)
+            feet.append(foot + up[:, None] * (values["sag"] * np.tile(self._load[rest], copies)))  # as if none sagged
+            above = contract("il...,i...->l...", feet[rest], up)
             heights.append(contract("lm,m...->l...", _CENTRED, above) - floor)
         turn = contract("ij...,kj...->ik...", contract("ij...,jk...->ik...", rotation, to_before), rotation)
         drifted = turned(np.tile(self._drifts, copies), values["gyro_drift"])
         off = turned(rotation, turned_by(gyro_error(values), np.tile(self._turns, copies)) + drifted)
         after = contract("ij...,jl...->il...", turn, feet[1])
-        sunk = values["sag"] * np.tile(self._load[1] - self._load[0], copies)
         moved = (
             after
             - cross(off[:, None], after)
             - feet[0]
             - (1.0 + values["foot_radius"] + values["foot_radius_each"]) * rolled
-            + ups[0][:, None] * sunk
         )
         moved = contract("lm,im...->il...", _CENTRED, moved)
         return stacked([*(moved[axis] for axis in range(3)), *heights], axis=0)
