@@ -116,6 +116,15 @@ def run_in(folder, *arguments):
         os.chdir(before)
 
 
+def skip_without(robots):
+    """Skip the test where a package that brings one of these robots is not installed."""
+    try:
+        for robot in robots:
+            CATALOG[robot].find()
+    except MissingDependencyError as error:
+        pytest.skip(str(error))
+
+
 def runs_here(command):
     page, arguments, _ = command
     mine = page.startswith(RUN_PAGES) and "--platform" not in arguments
@@ -124,6 +133,7 @@ def runs_here(command):
 
 @pytest.mark.parametrize("command", [c for c in commands("equipoise") if runs_here(c)], ids=spoken)
 def test_commands_that_take_seconds_work(command, workspace):
+    skip_without(CATALOG.keys() & set(command[1]))
     code, printed = run_in(workspace, *command[1])
     assert code == 0, printed
 
@@ -139,10 +149,7 @@ def test_python_on_the_pages_runs(block, workspace, monkeypatch):
     monkeypatch.chdir(workspace)
     if "go2" in block.code:
         pytest.importorskip("pyarrow")
-        try:
-            CATALOG["go2"].find()
-        except MissingDependencyError as error:
-            pytest.skip(str(error))
+        skip_without({"go2"})
     printed = io.StringIO()
     with redirect_stdout(printed):
         exec(compile(block.code, block.page, "exec"), {"__name__": "page"})

@@ -143,9 +143,9 @@ def test_legs_that_are_known_are_not_looked_for():
 
 
 def test_the_command_line_plans_swings_and_refuses_them_to_other_methods(capsys):
-    assert main(["plan", "a1", "--what", "legs", "--budget", "60s"]) == 0
+    assert main(["plan", "unitree_a1", "--what", "legs", "--budget", "60s"]) == 0
     shown = capsys.readouterr().out
     assert "swing aside" in shown
     assert "links, the model file's, predicted 95 % +-" in shown
-    assert main(["plan", "a1", "--what", "legs", "--method", "paper"]) == 2
+    assert main(["plan", "unitree_a1", "--what", "legs", "--method", "paper"]) == 2
     assert "--what legs is for --method precise" in capsys.readouterr().err
