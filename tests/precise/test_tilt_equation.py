@@ -290,8 +290,12 @@ def test_springs_that_no_encoder_sees_leave_y_constant(a1, way):
     assert residual(a1, lift) < 0.01 * missed
 
 
+def with_far_imu():
+    return load_robot("unitree_a1", RobotDescription(imu_position=(0.2, -0.1, 0.15)))
+
+
 def test_an_imu_away_from_the_bases_origin_is_carried_round_by_turns(a1):
-    far = load_robot("unitree_a1", RobotDescription(imu_position=(0.2, -0.1, 0.15)))
+    far = with_far_imu()
     np.testing.assert_array_equal(far.imu_in_base.rotation, a1.imu_in_base.rotation)
     lift = toppling(far, rate=0.6)
     assert residual(far, lift) < 1e-6
@@ -321,25 +325,31 @@ def test_a_simulated_lift_with_the_body_turning_agrees_with_the_truth_and_not_wi
 def seen_by(robot, lift, biases):
     """The lift as sensors with these biases record it (their clock apart)."""
     tilt = Rotation.from_rotvec(biases["imu_tilt"]).as_matrix()
+    error = np.diag(biases["gyro_gain"])
+    error[~np.eye(3, dtype=bool)] = biases["gyro_misalignment"]
+    turning = tilt @ np.linalg.inv(np.eye(3) - error).T  # the true velocity is 1 - E times what is read
     return replace(
         lift,
         joint_position=lift.joint_position + biases["joint_zero"],
-        angular_velocity_in_imu=lift.angular_velocity_in_imu @ tilt,
-        angular_acceleration_in_imu=lift.angular_acceleration_in_imu @ tilt,
+        angular_velocity_in_imu=lift.angular_velocity_in_imu @ turning,
+        angular_acceleration_in_imu=lift.angular_acceleration_in_imu @ turning,
         acceleration_in_imu=lift.acceleration_in_imu @ tilt + biases["accelerometer_bias"],
         up_in_imu=lift.up_in_imu @ tilt,
     )
 
 
-@pytest.mark.parametrize("name", ["a1", "skewed"])
+@pytest.mark.parametrize("name", ["a1", "skewed", "far"])
 def test_known_biases_of_sensors_are_taken_off(request, name):
-    robot, generator = request.getfixturevalue(name), np.random.default_rng(4)
+    """Also where the IMU is far from the base's origin, and its errors reach what is felt there."""
+    robot, generator = with_far_imu() if name == "far" else request.getfixturevalue(name), np.random.default_rng(4)
     biases = nothing_wrong(robot) | {
         "joint_zero": 5e-3 * generator.standard_normal(len(robot.joint_names)),
         "imu_tilt": 0.02 * generator.standard_normal(3),
         "accelerometer_bias": 0.1 * generator.standard_normal(3),
+        "gyro_gain": 0.02 * generator.standard_normal(3),
+        "gyro_misalignment": 0.02 * generator.standard_normal(6),
     }
-    lift = toppling(robot, posture=POSTURES["rolled"])
+    lift = toppling(robot, posture=POSTURES["rolled"], rate=0.6)
     biased = seen_by(robot, lift, biases)
     expected, found = rows_of(robot, lift), rows_of(robot, biased, biases=biases)
     np.testing.assert_allclose(found, expected, atol=1e-12)

@@ -34,11 +34,13 @@ class _Sensed:
         rotation: (3, 3, n) rotation of the IMU to the base.
         up: (3, n) direction against gravity, in base axes: good enough for where feet touch the floor.
         turning: (3, n) angular velocity, in base axes [rad/s].
+        turning_rate: (3, n) angular acceleration, in base axes [rad/s2].
     """
 
     rotation: Traced
     up: Traced
     turning: Traced
+    turning_rate: Traced
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,16 +192,16 @@ class TiltSamples:
     def _sensed(self, values: TracedValues) -> _Sensed:
         """What the IMU says, in base axes."""
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
-        read = self.angular_velocity_in_imu
-        turning = turned(rotation, read - turned(gyro_error(values), read) - values["gyro_drift"] * self.when)
-        return _Sensed(rotation, turned(rotation, self.up_in_imu), turning)
+        error, read, rate = gyro_error(values), self.angular_velocity_in_imu, self.angular_acceleration_in_imu
+        turning = turned(rotation, read - turned(error, read) - values["gyro_drift"] * self.when)
+        turning_rate = turned(rotation, rate - turned(error, rate))
+        return _Sensed(rotation, turned(rotation, self.up_in_imu), turning, turning_rate)
 
     def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
         """(3, n) specific force at the base's origin, in base axes [m/s2]."""
         force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu, self.when))
         arm = np.broadcast_to(self.imu_in_base[:, None], (3, self.count))
-        swept = cross(turned(imu.rotation, self.angular_acceleration_in_imu), arm)
-        return force - swept - cross(imu.turning, cross(imu.turning, arm))
+        return force - cross(imu.turning_rate, arm) - cross(imu.turning, cross(imu.turning, arm))
 
     def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
