@@ -20,7 +20,7 @@ LENGTHS = ("link_length", "link_length_common")
 OTHERS = (
     "leg_mass_common", "link_com", "link_com_common", "compliance", "play", "accelerometer_gain", *GYRO, "rolling",
     "foot_radius_each", "sag", *LENGTHS, "hip_position", "pull", "torque_gain_common", "rotor_spin", "eccentricity",
-    "accelerometer_drift", "gyro_drift",
+    "accelerometer_drift", "gyro_drift", "imu_position",
 )  # fmt: skip
 
 

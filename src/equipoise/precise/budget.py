@@ -50,8 +50,8 @@ GROUPS = (
     _Group(
         "IMU: mounting, gains, biases, clock",
         (
-            "imu_tilt", "accelerometer_bias", "accelerometer_gain", "accelerometer_drift", "gyro_drift", "gyro_gain",
-            "gyro_misalignment", "clock_offset",
+            "imu_tilt", "imu_position", "accelerometer_bias", "accelerometer_gain", "accelerometer_drift", "gyro_drift",
+            "gyro_gain", "gyro_misalignment", "clock_offset",
         ),
         _TIME,
     ),

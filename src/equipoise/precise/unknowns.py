@@ -128,6 +128,13 @@ class Priors:
         advice="the IMU is {each}ed by {value:+.2f} deg (sd {deviation:.2f})",
         cause="the IMU is mounted askew",
     )  # fmt: skip
+    imu_position: float = unknown(
+        2e-3, "position of the accelerometer less the model's, in base axes", "m", AXIS,
+        "assumed: boards and drawings; a file that has it at the base's origin may just not know",
+        label="position of the IMU along {each}", finding="IMU position {each}", shown=1000.0, notable=4e-3,
+        advice="the IMU sits {value:+.1f} mm further along {each} than in the file (sd {deviation:.1f})",
+        cause="the IMU sits elsewhere than in the file",
+    )  # fmt: skip
     accelerometer_bias: float = unknown(
         0.03, "accelerometer reading less specific force, in the IMU frame", "m/s2", AXIS, _REALISTIC,
         label="accelerometer bias {each}", finding="accelerometer bias {each}", notable=0.05, drift=0.2,

@@ -80,7 +80,7 @@ class DartPlatform(SimulatedPlatform):
         mounted = robot.imu_in_base
         tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
         self._imu_rotation = np.array(mounted.rotation) @ tilt
-        self._imu_position = np.array(mounted.translation)
+        self._imu_position = mounted.translation + simulated.errors.drawn["imu_position"]
         self._held = np.zeros(len(self.joint_names))  # the targets that act
         self._settle(stance, start)
 

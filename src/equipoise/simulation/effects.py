@@ -216,6 +216,9 @@ class SensorErrors:
     gyro_turn: float = effect(
         "rotation vector of the gyroscope in the accelerometer's frame", "rad", AXIS, NORMAL, _SHEET, stress=5e-3,
     )  # fmt: skip
+    imu_position: float = effect(
+        "position of the IMU, less the model's, in base axes", "m", AXIS, NORMAL, "boards and drawings", alone=2e-3,
+    )  # fmt: skip
     accelerometer_gain: float = effect(
         "accelerometer's gain, less one", "", AXIS, NORMAL, f"{_SHEET}: 0.3 to 1 % uncalibrated", stress=3e-3,
     )  # fmt: skip

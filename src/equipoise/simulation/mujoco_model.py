@@ -343,7 +343,7 @@ def _add_actuators_and_sensors(
     angle = float(np.linalg.norm(errors.imu_tilt))
     mujoco.mju_axisAngle2Quat(tilt, errors.imu_tilt / angle if angle else np.array([1.0, 0, 0]), angle)
     mujoco.mju_mulQuat(turned, mounted, tilt)
-    base.add_site(name=IMU_SITE, pos=np.array(pose.translation), quat=turned)
+    base.add_site(name=IMU_SITE, pos=pose.translation + errors.drawn["imu_position"], quat=turned)
     for joint in robot.joint_names:
         spec.add_sensor(
             name=f"{joint}_torque",

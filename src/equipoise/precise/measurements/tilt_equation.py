@@ -76,6 +76,7 @@ class TiltEquation:
     DEPENDS_ON = (
         *DRIVE_TRAIN,
         "imu_tilt",
+        "imu_position",
         *ACCELEROMETER,
         *GYRO,
         "clock_offset",

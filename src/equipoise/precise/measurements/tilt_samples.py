@@ -48,7 +48,7 @@ class TiltSamples:
     """n samples of some lifts, components first, and the terms of the equation at each; readings are as in `LiftSamples`.
 
     Attributes:
-        imu_in_base: (3,) place of the IMU [m].
+        imu_in_base: (3,) place of the IMU, by the model [m].
         feet: (n,) indices of the left stance foot, and of the right one.
         when: (n,) time since the middle of the run over the run's duration.
         heading: (n,) angle by which the robot was turned since the run began [rad].
@@ -200,7 +200,7 @@ class TiltSamples:
     def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
         """(3, n) specific force at the base's origin, in base axes [m/s2]."""
         force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu, self.when))
-        arm = np.broadcast_to(self.imu_in_base[:, None], (3, self.count))
+        arm = values["imu_position"] + self.imu_in_base[:, None]
         return force - cross(imu.turning_rate, arm) - cross(imu.turning, cross(imu.turning, arm))
 
     def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:

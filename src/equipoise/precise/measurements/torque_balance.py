@@ -143,7 +143,7 @@ class TorqueRows:
 def torque_rows(robot: RobotModel, samples: TorqueSamples, values: Values) -> TorqueRows:
     """The balance's rows of all samples, at given values of the unknowns that are not of it."""
     rotation = mounting(np.array(robot.imu_in_base.rotation), values["imu_tilt"])
-    arm = np.array(robot.imu_in_base.translation)
+    arm = robot.imu_in_base.translation + values["imu_position"]
     angular_velocity_in_base = samples.angular_velocity_in_imu @ rotation.T
     angular_acceleration_in_base = samples.angular_acceleration_in_imu @ rotation.T
     felt = specific_force(
