@@ -92,7 +92,7 @@ def ideal_motions(a1):
 def precise_run(a1):
     """A short run of the precise method on a realistic A1 with a payload: settings, recordings, result and truth."""
     recordings = []
-    settings = Precise(budget=44, sway=False)
+    settings = Precise(budget=60, sway=False)
     with simulate(a1, "realistic", seed=4, payload="1.5,0.05,-0.02,0.06") as simulation:
         result = calibrate(simulation.platform, a1, settings, keep=recordings.append)
         return SimpleNamespace(

@@ -7,10 +7,11 @@ import pinocchio as pin
 import pytest
 from scipy.signal import savgol_filter
 
-from equipoise import Precise
+from equipoise import Precise, load_robot
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.unknowns import Priors
+from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import components
 
 GYRO = ("gyro_gain", "gyro_misalignment")
@@ -149,6 +150,19 @@ def test_legs_that_are_heavier_and_hang_lower_than_the_model_says(a1, precise_ru
     plain, held = (posterior_of(robot, precise_run, recordings, trusting) for robot in (a1, model))
     assert np.abs(moved(held, plain)).max() > 2.4
     assert np.abs(off(held, precise_run)).max() > 2
+
+
+@pytest.mark.parametrize("beliefs", [told("imu_position"), Priors()], ids=["all else known", "as usual"])
+def test_an_imu_that_sits_elsewhere_than_the_model_says(a1, precise_run, beliefs):
+    beside = np.array([3e-3, -3e-3, 2e-3])
+    model, recordings = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside))), precise_run.recordings
+    plain, found = (posterior_of(robot, precise_run, recordings, beliefs) for robot in (a1, model))
+    missed = gained(found, plain, "imu_position") + beside
+    assert np.abs(missed / found.deviation("imu_position")).max() < 1.5
+    assert np.abs(moved(found, plain)).max() < 1.2
+    assert np.abs(off(found, precise_run)).max() < 2.5
+    held = posterior_of(model, precise_run, recordings, beliefs.holding("imu_position"))
+    assert np.abs(moved(held, plain)).max() > 1.4
 
 
 def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):

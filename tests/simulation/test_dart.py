@@ -238,6 +238,18 @@ def test_joint_friction_is_felt_as_in_mujoco(robots):
     assert effect[0].std() == pytest.approx(effect[1].std(), rel=0.2)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_imu_that_sits_elsewhere_is_carried_round_by_turns(a1, engine):
+    motion, beside = rocking(a1), DrawnErrors.draw(SensorErrors(imu_position=0.05), 12, 1).drawn["imu_position"]
+    one, other = (moved(a1, motion, engine, imu_position=size).imu for size in (0.0, 0.05))
+    turning = one.angular_velocity_in_imu
+    faster = np.gradient(turning, one.time, axis=0)
+    carried = np.cross(faster, beside) + np.cross(turning, np.cross(turning, beside))
+    assert np.array_equal(turning, other.angular_velocity_in_imu)
+    off = other.acceleration_in_imu - one.acceleration_in_imu - carried
+    assert off[50:].std() < 0.05 * carried[50:].std()  # the first joints' jump is too fast to be differentiated
+
+
 # --- rotors, which DART does not have
 
 

@@ -79,8 +79,8 @@ def test_stress_has_all_of_realistic_and_more():
     }
     alone = {row.name for row in ROWS if row.in_stress == row.none}
     assert alone == {
-        "imu_clock_offset", "stribeck", "leg_inertia", "joint_axes", "gyro_drift", "sample_rate", "encoder_eccentricity",
-        "swinging_load",
+        "imu_clock_offset", "stribeck", "leg_inertia", "joint_axes", "imu_position", "gyro_drift", "sample_rate",
+        "encoder_eccentricity", "swinging_load",
     }  # fmt: skip
 
 
