@@ -59,7 +59,7 @@ def test_a_plan_with_swings_foretells_a_surer_height_and_inertia(a1):
     stance = nominal_stance(a1)
     com = composite_parameters(a1, stance.joint_position).com
     plans = [
-        make_plan(Candidates.of(a1, stance, com, Priors(pull=0.0), swings=swings), 60.0) for swings in (False, True)
+        make_plan(Candidates.of(a1, stance, com, Priors(pull=0.0), swings=swings), 90.0) for swings in (False, True)
     ]
     without, with_them = plans
     assert not any(lift.swing for visit in without.visits for lift in visit.lifts)
@@ -88,7 +88,7 @@ def test_swings_are_what_tells_it(a1, found):
         if name.endswith("thigh"):
             sds = np.array([[one.deviation for one in other.moment] for other in (link, without.links[name])])
             assert (sds[0] < sds[1]).all()
-            assert sds[0, 2] < 0.85 * sds[1, 2]
+            assert sds[0, 2] < 0.9 * sds[1, 2]
 
 
 def test_what_cannot_be_seen_is_said(found, capsys):
