@@ -14,7 +14,9 @@ from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import verdict_of
 
 BASE, SENSORS, MOTORS, LEGS = "base", "sensors", "motors", "legs"
-_OF_SENSORS = ("joint_zero", "imu_tilt", "accelerometer_bias", "accelerometer_gain", "gyro_gain", "clock_offset")
+_OF_SENSORS = (
+    "joint_zero", "imu_tilt", "imu_position", "accelerometer_bias", "accelerometer_gain", "gyro_gain", "clock_offset",
+)  # fmt: skip
 """Rows of the table of unknowns that are of sensors."""
 _OF_MOTORS = {
     "coulomb_friction": ("Nm", "friction torque that does not depend on the speed, against the motion"),

@@ -129,7 +129,7 @@ class Priors:
         cause="the IMU is mounted askew",
     )  # fmt: skip
     imu_position: float = unknown(
-        2e-3, "position of the accelerometer less the model's, in base axes", "m", AXIS,
+        2e-3, "position of the accelerometer less the model's, in base axes with x forward", "m", AXIS,
         "assumed: boards and drawings; a file that has it at the base's origin may just not know",
         label="position of the IMU along {each}", finding="IMU position {each}", shown=1000.0, notable=4e-3,
         advice="the IMU sits {value:+.1f} mm further along {each} than in the file (sd {deviation:.1f})",
