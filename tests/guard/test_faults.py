@@ -49,7 +49,7 @@ def run(a1):
 @pytest.fixture(scope="module")
 def told(a1):
     """It leans about two axes, and `run` about one only: with that alone one fault can look like another."""
-    return ran(a1, settings=replace(SETTINGS, budget=95, cable="none", legs="trusted"))
+    return ran(a1, settings=replace(SETTINGS, budget=140, cable="none", legs="trusted"))
 
 
 # --- what faults do to a log
