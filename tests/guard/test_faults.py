@@ -424,7 +424,7 @@ def test_feet_that_slip_are_named(a1):
             "calf_joint",
             ["FL", "FR", "RL", "RR"],
             "length of all thighs",
-            ("what is held", "thighs or calves are longer or shorter than in the file, in all legs alike"),
+            ("planted feet", "the legs are not the model's (lengths, foot frames)"),
         ),
         (
             "shank",
