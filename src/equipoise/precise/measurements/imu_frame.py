@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.leg_motion import cross_matrix
-from equipoise.precise.measurements.traced import Traced, contract
+from equipoise.precise.measurements.traced import Traced, contract, turned
 from equipoise.precise.unknowns import TracedValues
 
 GYRO = ("gyro_drift", "gyro_gain", "gyro_misalignment")
@@ -60,6 +60,11 @@ def gyro_error(values: TracedValues) -> Traced:
     """(3, 3, n) E: what is read of an angular velocity beside the true one."""
     gains = contract("ijk,k...->ij...", _GAINS, values["gyro_gain"])
     return gains + contract("ijk,k...->ij...", _MISALIGNMENT, values["gyro_misalignment"])
+
+
+def angular_velocity(values: TracedValues, read: FloatArray) -> Traced:
+    """(3, n) angular velocity, or its rate of change, of what the gyroscope reads less its bias, in the IMU frame."""
+    return read - turned(gyro_error(values), read)
 
 
 def turned_by(error: Traced, turns: FloatArray) -> Traced:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.precise.measurements.drive_train import JointReadings
 from equipoise.precise.measurements.heading import facing
-from equipoise.precise.measurements.imu_frame import gyro_error, specific_force, traced_mounting
+from equipoise.precise.measurements.imu_frame import angular_velocity, specific_force, traced_mounting
 from equipoise.precise.measurements.leg_motion import LegChains, LegShape
 from equipoise.precise.measurements.lift_samples import LiftSamples
 from equipoise.precise.measurements.momenta import Momenta
@@ -34,13 +34,11 @@ class _Sensed:
         rotation: (3, 3, n) rotation of the IMU to the base.
         up: (3, n) direction against gravity, in base axes: good enough for where feet touch the floor.
         turning: (3, n) angular velocity, in base axes [rad/s].
-        turning_rate: (3, n) angular acceleration, in base axes [rad/s2].
     """
 
     rotation: Traced
     up: Traced
     turning: Traced
-    turning_rate: Traced
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,16 +190,15 @@ class TiltSamples:
     def _sensed(self, values: TracedValues) -> _Sensed:
         """What the IMU says, in base axes."""
         rotation = traced_mounting(self.rotation_imu_to_base, values["imu_tilt"])
-        error, read, rate = gyro_error(values), self.angular_velocity_in_imu, self.angular_acceleration_in_imu
-        turning = turned(rotation, read - turned(error, read) - values["gyro_drift"] * self.when)
-        turning_rate = turned(rotation, rate - turned(error, rate))
-        return _Sensed(rotation, turned(rotation, self.up_in_imu), turning, turning_rate)
+        rate = angular_velocity(values, self.angular_velocity_in_imu) - values["gyro_drift"] * self.when
+        return _Sensed(rotation, turned(rotation, self.up_in_imu), turned(rotation, rate))
 
     def _specific_force(self, values: TracedValues, imu: _Sensed) -> Traced:
         """(3, n) specific force at the base's origin, in base axes [m/s2]."""
         force = turned(imu.rotation, specific_force(values, self.acceleration_in_imu, self.when))
+        turning_rate = turned(imu.rotation, angular_velocity(values, self.angular_acceleration_in_imu))
         arm = values["imu_position"] + self.imu_in_base[:, None]
-        return force - cross(imu.turning_rate, arm) - cross(imu.turning, cross(imu.turning, arm))
+        return force - cross(turning_rate, arm) - cross(imu.turning, cross(imu.turning, arm))
 
     def _to_centre(self, values: TracedValues, up: Traced) -> list[Traced]:
         """(3, n) from the contact points of the stance feet to their centres, in base axes [m]."""
