@@ -31,7 +31,7 @@ def found(a1, coarse_engine):
     kept = []
     with simulate(a1, "realistic", seed=4, effects=WRONG_LEGS, without=("cable",), timestep=1e-3) as simulation:
         weighed = simulation.truth.composite.mass
-        settings = Precise(budget=60.0, mass=weighed, mass_sd=0.005 * weighed, cable="none", sway=False, swings=True)
+        settings = Precise(budget=80.0, mass=weighed, mass_sd=0.005 * weighed, cable="none", sway=False, swings=True)
         result = calibrate(simulation.platform, a1, settings, kept.append)
         return result.with_truth(simulation.truth).with_truth_of_parts(simulation.truth_of_parts), kept
 
@@ -88,7 +88,7 @@ def test_swings_are_what_tells_it(a1, found):
         if name.endswith("thigh"):
             sds = np.array([[one.deviation for one in other.moment] for other in (link, without.links[name])])
             assert (sds[0] < sds[1]).all()
-            assert sds[0, 2] < 0.9 * sds[1, 2]
+            assert sds[0, 2] < 0.85 * sds[1, 2]
 
 
 def test_what_cannot_be_seen_is_said(found, capsys):
