@@ -22,7 +22,7 @@ from equipoise.errors import (
     SensorError,
     TrackingError,
 )
-from equipoise.guard import safe_ending
+from equipoise.guard import footing
 from equipoise.guard.guard import Guard
 from equipoise.motors.method import Motors
 from equipoise.platform.platform import Trajectory
@@ -171,7 +171,7 @@ def assert_put_down(robot, case, peer, report):
 @pytest.fixture(autouse=True)
 def _briefly_damped(monkeypatch):
     """A robot that nobody can see is damped for seconds, which test_guard.py counts."""
-    monkeypatch.setattr(safe_ending, "_LONGEST", 0.3)
+    monkeypatch.setattr(footing, "_SUNK", 0.3)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -248,7 +248,7 @@ def test_a_fault_of_a_robot_with_its_legs_up_ends_as_any_other(a1, case, tmp_pat
 )
 def test_legs_that_are_up_come_down_before_they_are_let_go(a1, case, tmp_path, monkeypatch):
     """Blindly for as long as it takes; and until nothing moves, where that is seen."""
-    monkeypatch.setattr(safe_ending, "_LONGEST", 4.0)
+    monkeypatch.setattr(footing, "_SUNK", 4.0)
     _, _, peer, _ = run(a1, [case], tmp_path / "run", settings=LEGS_UP)
     limp = np.array([command.limp for command in peer.commands])
     speed = np.abs([state.joint_velocity for state in peer.states])[limp].max(axis=1)
@@ -296,7 +296,7 @@ def test_a_fault_of_a_robot_on_three_feet_ends_as_any_other(a1, case, tmp_path):
 
 def test_a_robot_over_three_feet_is_damped_where_its_legs_carry_alike(tmp_path, monkeypatch):
     """Damped where it was, HyQ rolled over: the leg that carried most sank first."""
-    monkeypatch.setattr(safe_ending, "_LONGEST", 4.0)
+    monkeypatch.setattr(footing, "_SUNK", 4.0)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

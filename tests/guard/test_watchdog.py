@@ -117,6 +117,17 @@ def test_whatever_becomes_of_the_program_the_robot_is_damped(tmp_path, how, save
 
 
 @in_real_time
+def test_legs_that_are_up_are_damped_for_longer(tmp_path):
+    """They come down slowly, and would fall if they were let go after the time in which a body sinks."""
+    with program(tmp_path, "legs up") as run:
+        hung, seen = run.hangs(), len(run.peer.log)
+        run.wait_for("damped", hung, seen)
+        run.wait_for("released", hung, seen)
+    mode = {entry["mode"]: entry["time"] for entry in run.peer.log[seen:] if "mode" in entry}
+    assert 9.0 < mode["released"] - mode["damped"] < 12.0
+
+
+@in_real_time
 def test_over_dds_too_though_finding_services_takes_its_time(tmp_path):
     pytest.importorskip("cyclonedds")
     with program(tmp_path, "stop", wire=over_dds) as run:

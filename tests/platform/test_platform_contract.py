@@ -16,7 +16,7 @@ from robots import load_text
 
 from equipoise import simulate
 from equipoise.errors import MotionError, SettingsError
-from equipoise.guard import safe_ending
+from equipoise.guard import footing, safe_ending
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Trajectory
 
@@ -50,7 +50,7 @@ class TestGuardedRobot(PlatformContract):
     @pytest.fixture(autouse=True)
     def _robot(self, a1, a1_urdf, tmp_path, monkeypatch):
         monkeypatch.setattr(safe_ending, "LIE_DOWN", 0.1)  # the contract is over by then
-        monkeypatch.setattr(safe_ending, "_LONGEST", 0.1)
+        monkeypatch.setattr(footing, "_SUNK", 0.1)
         self.robot = a1
         self.fast = load_text(tmp_path, a1_urdf.replace('velocity="21"', 'velocity="100"'))
 

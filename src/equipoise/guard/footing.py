@@ -14,9 +14,16 @@ from equipoise.conventions import FloatArray
 from equipoise.robot.floor import Vector, floor_normal_by_diagonals
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
-from equipoise.robot.stance import Stance
+from equipoise.robot.stance import Stance, lying_posture
 
 _LIFTED = 0.003  # [m] out of the plane of the others, on an A1; the lowest of its steps is 10 mm high
+# Damped robots of the catalogue sink to the floor in 0.9 to 2.3 s (HyQ; over its scale of time), at 0.2 to 0.9 m/s (B1: what a
+# drop of 4 cm ends with). Twice the damping takes twice as long, and HyQ rolled over.
+_SUNK = 4.0  # [s] on an A1
+# Legs that are up come down slower than a body sinks: an A1's hang in their friction, and fall outward at 0.2 rad/s for up to
+# 9 s. Let go after 4 s, they fell at 5 rad/s.
+_LEGS_UP = 2.5  # times as long
+_RAISED = 0.1  # of the leg length by which a foot is then above where the lying robot has it
 
 
 def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> tuple[bool, Vector]:
@@ -33,6 +40,18 @@ def look_at_feet(robot: RobotModel, stance: Stance, joint_position: FloatArray) 
 def feet_are_lifted(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
     """The first half of `look_at_feet`."""
     return look_at_feet(robot, stance, joint_position)[0]
+
+
+def legs_are_up(robot: RobotModel, stance: Stance, joint_position: FloatArray) -> bool:
+    """Whether joints hold a foot where it is only if the robot lies with its legs turned up."""
+    folded, _ = lying_posture(robot, stance)
+    feet, lying = (foot_positions(robot, position) for position in (joint_position, folded))
+    return float((feet - lying)[:, 2].max()) > _RAISED * robot.leg_length
+
+
+def damping_time(stance: Stance, legs_up: bool) -> float:
+    """How long a robot has to be damped, until nothing moves any more, if nobody sees that [s]."""
+    return stance.scale.time * _SUNK * (_LEGS_UP if legs_up else 1.0)
 
 
 def floor_on_three_feet(

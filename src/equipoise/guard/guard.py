@@ -17,7 +17,7 @@ import numpy as np
 
 from equipoise.errors import CommunicationError, MotionError, OverrunError
 from equipoise.guard.control_loop import ControlLoop
-from equipoise.guard.footing import feet_are_lifted
+from equipoise.guard.footing import feet_are_lifted, legs_are_up
 from equipoise.guard.held_robot import HeldRobot
 from equipoise.guard.limits import Limits
 from equipoise.guard.report import GuardReport
@@ -128,6 +128,7 @@ class Guard:
                 self._loop.look_ahead(trajectory)
                 with self._held.moving():
                     self._begin(trajectory.command(0))
+                    self._tell_watchdog(trajectory)
                     steps = self._steps = StepLog(self, self._present(), self._steps)
                     self._play(trajectory, stop, steps)
                 # A robot on two feet does not wait for a disk.
@@ -205,6 +206,12 @@ class Guard:
             self._interruptions.check()
             if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
                 break
+
+    def _tell_watchdog(self, trajectory: Trajectory) -> None:
+        """How the robot would have to be let down in this motion, and until the next one begins."""
+        if self._watchdog is not None:
+            ends = trajectory.position[[0, -1]]
+            self._watchdog.legs_are_up(any(legs_are_up(self._robot, self._stance, end) for end in ends))
 
     def _step(self, command: JointCommand) -> RobotState:
         with self._held.turn():

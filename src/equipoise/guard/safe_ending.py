@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.guard.footing import feet_are_lifted
+from equipoise.guard.footing import damping_time, feet_are_lifted, legs_are_up
 from equipoise.guard.held_robot import HeldRobot
 from equipoise.guard.known import Known
 from equipoise.guard.soft_start import softened
@@ -27,7 +27,7 @@ from equipoise.platform.ramp import smooth_step
 from equipoise.platform.stepping import StepLog
 from equipoise.recording.event import PHASE, Event
 from equipoise.recording.phases import Phase
-from equipoise.robot.kinematics import Kinematics, foot_positions
+from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import LEG_NAMES, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
 from equipoise.robot.statics import static_torques
@@ -40,13 +40,6 @@ _SPEED_SHARE, _PEAK = 0.5, 1.875  # of a joint's speed limit, at most; peak over
 _HOPELESS = 0.8  # [rad] of tilt beyond which putting feet down catches nobody
 _PULL = 0.15  # [rad] from where a joint is to where it is sent: an A1's knee gives 15 Nm for it, and needs 8 to stand
 _FAR = 0.3  # [rad] from where it was sent: the joint obeys no longer, or the robot has sunk meanwhile
-# Damped robots of the catalogue sink to the floor in 0.9 to 2.3 s (HyQ; over its scale of time), at 0.2 to 0.9 m/s (B1: what a
-# drop of 4 cm ends with). Twice the damping takes twice as long, and HyQ rolled over.
-_LONGEST = 4.0  # [s] on an A1
-# Legs that are up come down slower than a body sinks: an A1's hang in their friction, and fall outward at 0.2 rad/s for up to
-# 9 s. Let go after 4 s, they fell at 5 rad/s.
-_LEGS_UP = 2.5  # times as long
-_RAISED = 0.1  # of the leg length by which a foot is then above where the lying robot has it
 _STILL_TIME, _STILL = 0.3, 0.02  # [s], [rad] that no joint moved by meanwhile
 _FAILURES, _FAILING_TIME = 25, 0.25  # in a row, [s]: nothing gets through
 
@@ -159,7 +152,7 @@ class SafeEnding:
             self.done.append("left to its own controller")
             return
         self.done.append("damped")
-        longest = self._stance.scale.time * _LONGEST * (_LEGS_UP if self._legs_are_up() else 1.0)
+        longest = damping_time(self._stance, legs_are_up(self._robot, self._stance, self._last.position))
         if found.heard:
             last = self._gentle(self._last, found)
             torque = np.zeros_like(last.position) if last.torque is None else last.torque
@@ -178,12 +171,6 @@ class SafeEnding:
                 if felt and np.abs(self._here - was).max() < _STILL:
                     return
                 was = self._here
-
-    def _legs_are_up(self) -> bool:
-        """Whether a foot was sent to where it is only if the robot lies with its legs turned up."""
-        folded, _ = lying_posture(self._robot, self._stance)
-        feet, lying = (foot_positions(self._robot, position) for position in (self._last.position, folded))
-        return float((feet - lying)[:, 2].max()) > _RAISED * self._robot.leg_length
 
     def _way_to(self, end: JointCommand, duration: float) -> list[JointCommand]:
         """Commands from the last one to another, over a time [s] or as much longer as joints need."""

@@ -25,16 +25,16 @@ import numpy as np
 
 from equipoise.drivers.hardware import Link
 from equipoise.errors import CommunicationError
+from equipoise.guard.footing import damping_time
 from equipoise.platform.platform import JointCommand
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 _BEAT, _MOVES, _GOODBYE, _READY = b".", b"m", b"q", b"r"
+_LEGS = {True: b"u", False: b"d"}
 _PATIENCE = 2.0  # [s] without a sign of life; the guard lets a hung program's robot down before
-_DAMPED = 3.0  # [s] from the first command that went out
 _REACHED = 15.0  # [s] in which a command must go out
 _AGAIN = 1.0  # [s] after which a connection over which nothing goes out is made anew
-_DAMPING = 2.0  # of the model's kd
 _STARTS = 60.0  # [s] on a busy computer
 
 
@@ -76,6 +76,10 @@ class Watchdog:
     def moves(self) -> None:
         """From now on the robot must not be left alone."""
         self._say(_MOVES)
+
+    def legs_are_up(self, up: bool) -> None:
+        """Whether legs of a lying robot are turned up in the motion that begins: damped, they come down slowly."""
+        self._say(_LEGS[up])
 
     def beat(self) -> None:
         """A sign of life."""
@@ -127,10 +131,10 @@ class _Hand:
                 self.link.close()
         self.link = None
 
-    def let_down(self) -> str:
+    def let_down(self, legs_up: bool) -> str:
         """Damp the joints, from the first command that goes out until the robot has sunk; what was done, in words."""
-        zeros = np.zeros(len(self.robot.joint_names))
-        kd = _DAMPING * self.robot.gains(nominal_stance(self.robot).hip_height)[1]
+        zeros, stance = np.zeros(len(self.robot.joint_names)), nominal_stance(self.robot)
+        kd = self.robot.gains(stance.hip_height)[1]
         limp = JointCommand(zeros, kp=zeros, kd=np.full_like(zeros, kd))
         sent, trouble = 0, "nothing went out"
         opened = time.monotonic()
@@ -141,7 +145,7 @@ class _Hand:
                 if "gains" not in link.accepts:
                     return "it holds where it was sent last: it takes no gains"
                 link.send(limp)
-                until = until if sent else now + _DAMPED
+                until = until if sent else now + damping_time(stance, legs_up)
                 sent += 1
                 opened = now
                 time.sleep(link.control_period)
@@ -168,25 +172,27 @@ def main() -> int:
     nominal_stance(hand.robot)  # computed before it is needed
     hand.open()
     os.write(sys.stdout.fileno(), _READY)
-    why = _watch(pipe)
+    why, legs_up = _watch(pipe)
     if why is None:
         hand.drop()
         return 0
-    _tell(f"watchdog: {why}; {hand.let_down()}", log)
+    _tell(f"watchdog: {why}; {hand.let_down(legs_up)}", log)
     return 1
 
 
-def _watch(pipe: int) -> str | None:
-    """Until the robot needs to be let down, and why; None if it does not."""
-    moves = False
+def _watch(pipe: int) -> tuple[str | None, bool]:
+    """Until the robot needs to be let down: why, None if it does not; and whether its legs are up."""
+    moves = legs_up = False
     while True:
         ready, _, _ = select.select([pipe], [], [], _PATIENCE)
         said = os.read(pipe, 4096) if ready else b""
         moves = moves or _MOVES in said
+        up, down = said.rfind(_LEGS[True]), said.rfind(_LEGS[False])
+        legs_up = legs_up if up == down else up > down
         if _GOODBYE in said or (ready and not said and not moves):
-            return None
+            return None, legs_up
         if moves and not said:
-            return "the program is gone" if ready else f"the program gave no sign of life for {_PATIENCE:g} s"
+            return "the program is gone" if ready else f"the program gave no sign of life for {_PATIENCE:g} s", legs_up
 
 
 def _tell(what: str, log: str | None) -> None:
