@@ -4,7 +4,7 @@
 
 The robot is an A1 that speaks as the platform does, with these settings. Says "hangs" when it stands, and then: "loop" runs in
 circles, "grip" does so without letting other threads run, "stop" is stopped as by Ctrl-Z, "kill" is killed, "motion" is killed
-in a motion, "legs up" is killed while the robot lies and swings its legs, "think" thinks for three seconds and ends in good order.
+in a motion, "legs up" while the robot lies and swings its legs, "think" thinks for three seconds and ends in good order.
 """
 
 import os
