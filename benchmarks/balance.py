@@ -28,6 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
 import mujoco
 import numpy as np
 import pinocchio as pin
+from commit import commit, made_at
 from scipy.stats import beta
 
 import equipoise
@@ -51,6 +52,7 @@ ERRORS = tuple(sorted({sign * size for size in SIZES for sign in (-1, 1)}))
 OBSERVED = (-5, -2, 0, 2, 5)  # [mm]
 PAPER = 5.0  # [mm] that the paper's balance controller is said to bear
 SEEDS = {"known": 6, "unknown": 3, "observe": 3, "payload": 3}
+FIRST = 10_000  # seeds below are for development
 # Off the centre of the back; go2 and solo12 carry about the A1's 2 kg in proportion to mass and size.
 PAYLOADS = {
     "unitree_a1": ("1,0.08,0.03,0.1", "2,0.08,0.03,0.1", "3,0.08,0.03,0.1"),
@@ -81,7 +83,7 @@ def cases(seeds: int) -> list[Case]:
     found: list[Case] = []
     for kind, count in SEEDS.items():
         for robot in ROBOTS:
-            for seed in range(min(seeds, count)):
+            for seed in range(FIRST, FIRST + min(seeds, count)):
                 if kind == "payload":
                     found += [Case(kind, robot, seed, payload=payload) for payload in PAYLOADS[robot]]
                     continue
@@ -118,7 +120,7 @@ def stand(
 def run(case: Case) -> dict[str, object]:
     """One row."""
     warnings.simplefilter("ignore")
-    row: dict[str, object] = {"key": case.key, **dataclasses.asdict(case)}
+    row: dict[str, object] = {"key": case.key, **dataclasses.asdict(case), "commit": commit()}
     try:
         return {**row, **(payload_study(case) if case.kind == "payload" else sweep(case))}
     except EquipoiseError as error:
@@ -345,7 +347,7 @@ def write_tables() -> str:
     ]
     if failed:
         lines += ["", "## Runs that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
-    text = "\n".join(lines) + "\n"
+    text = "\n".join([*lines, "", made_at(rows)]) + "\n"
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / "balance.md").write_text(text, encoding="utf-8")
     draw(rows)

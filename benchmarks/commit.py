@@ -1,6 +1,7 @@
 """The commit that a results page was made at: a page without it is of no known code."""
 
 import subprocess
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import equipoise
@@ -14,3 +15,8 @@ def commit() -> str:
         return subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, check=True).stdout
 
     return git("rev-parse", "--short", "HEAD").strip() + ("+" if git("status", "--porcelain", "src").strip() else "")
+
+
+def made_at(rows: Iterable[Mapping[str, object]]) -> str:
+    """The last line of a page that is made of rows which say their commits."""
+    return f"Made at commit {', '.join(sorted({str(row['commit']) for row in rows}))}."

@@ -28,6 +28,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from accuracy import payload_of, rms, rounded
+from commit import commit, made_at
 
 import equipoise
 from equipoise import calibrate, load_robot, simulate
@@ -39,7 +40,7 @@ RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "engines.jsonl"
 ROBOTS = ("unitree_a1", "go2", "solo12", "anymal_c")
 ENGINES = {"mujoco": "MuJoCo", "dart": "DART"}
-SEEDS = 5
+FIRST, SEEDS = 10_000, 5  # first seed, and how many
 UNITS = {"m": ("kg", 1.0, 3), "c": ("mm", 1e3, 2), "I": ("kg m2", 1.0, 4)}  # by a component's first letter
 
 
@@ -49,6 +50,7 @@ def run(name: str, seed: int, engine: str) -> dict[str, object]:
     robot = load_robot(name)
     payload = payload_of(robot, np.random.default_rng([seed, 77]))
     row: dict[str, object] = {"key": f"{name}/{seed}/{engine}", "robot": name, "seed": seed, "engine": engine}
+    row["commit"] = commit()
     begin = time.process_time()
     try:
         with simulate(robot, "realistic", payload, seed, engine=engine) as simulation:
@@ -194,7 +196,7 @@ def write_tables() -> str:
     ]
     if failed:
         lines += ["", "## Runs that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
-    text = "\n".join(lines) + "\n"
+    text = "\n".join([*lines, "", made_at(rows.values())]) + "\n"
     (RESULTS / "engines.md").write_text(text, encoding="utf-8")
     return text
 
@@ -207,7 +209,7 @@ def main() -> None:
     if not arguments.tables:
         done = load_rows()
         with ROWS.open("a", encoding="utf-8") as out:
-            for seed, robot, engine in itertools.product(range(arguments.seeds), ROBOTS, ENGINES):
+            for seed, robot, engine in itertools.product(range(FIRST, FIRST + arguments.seeds), ROBOTS, ENGINES):
                 if f"{robot}/{seed}/{engine}" not in done:
                     row = run(robot, seed, engine)
                     out.write(json.dumps(rounded(row)) + "\n")

@@ -14,6 +14,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
+from commit import commit
 
 from equipoise import Precise, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError, ModelWarning
@@ -24,7 +25,7 @@ from equipoise.robot.model import RobotModel
 
 RESULTS = Path(__file__).parent / "results"
 RUNS = (("precise", "standing"), ("precise", "lying"), ("paper", "standing"))
-SEED, BUDGET = 21, 60.0
+SEED, BUDGET = 10_000, 60.0
 
 
 def row(robot: RobotModel, method: str, start: str) -> tuple[bool, str]:
@@ -69,6 +70,8 @@ def main() -> None:
         "| robot | method | starts | commands | lean [deg] | at the end | |",
         "|---|---|---|---|---|---|---|",
         *(line for _, line in rows),
+        "",
+        f"Made at commit {commit()}.",
     ]
     (RESULTS / "guard.md").write_text("\n".join(text) + "\n", encoding="utf-8")
 

@@ -16,6 +16,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
+from commit import commit, made_at
 
 from equipoise import Payload, Recording, ScaleReadings, calibrate, find_delta, load_robot, nominal_stance, simulate
 from equipoise.errors import ModelWarning
@@ -25,7 +26,8 @@ from equipoise.robot.model import RobotModel
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "payload.jsonl"
-SEEDS = {"unitree_a1": range(20), "go2": range(8), "anymal_c": range(4)}
+SEEDS = {"unitree_a1": 20, "go2": 8, "anymal_c": 4}
+FIRST = 10_000  # seeds below are for development
 SCALE_ERROR, SCALE_STEP = 5e-3, 0.01  # [kg]
 WAYS = ("no scale", "scale")
 
@@ -55,7 +57,7 @@ def run(name: str, seed: int) -> list[dict[str, object]]:
         found = find_delta(robot, before, after, scale).with_truth(bare, loaded)
         error, sd = ([getattr(one, name) for one in found.payload] for name in ("error", "deviation"))
         truth = found.payload.mass.truth
-        rows.append({"robot": name, "seed": seed, "way": way, "mass": truth, "error": error, "sd": sd})
+        rows.append({"robot": name, "seed": seed, "way": way, "mass": truth, "error": error, "sd": sd, "commit": commit()})
     print(name, seed, flush=True)
     return rows
 
@@ -88,7 +90,7 @@ def lines(rows: list[dict[str, object]]) -> list[str]:
                 f"| {name} | {len(of)} | {way} | {told(mass, '.1f')} | {told(place[:, :2], '.1f')} | "
                 f"{told(place[:, 2], '.1f')} | {inside.mean():.0%} |"
             )
-    return text
+    return [*text, "", made_at(rows)]
 
 
 def main() -> None:
@@ -96,8 +98,8 @@ def main() -> None:
     warnings.simplefilter("ignore", ModelWarning)
     rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
     done = {(row["robot"], row["seed"]) for row in rows}
-    for name, seeds in SEEDS.items():
-        for seed in seeds:
+    for name, count in SEEDS.items():
+        for seed in range(FIRST, FIRST + count):
             if (name, seed) in done:
                 continue
             new = run(name, seed)

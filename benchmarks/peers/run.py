@@ -35,6 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import mujoco
 import numpy as np
 import pinocchio as pin
+from commit import commit, made_at
 from numpy.typing import NDArray
 
 import equipoise
@@ -54,8 +55,8 @@ FloatArray = NDArray[np.float64]
 RESULTS = Path(__file__).parents[1] / "results"
 ROWS, TABLES, NOTES = RESULTS / "peers.jsonl", RESULTS / "peers.md", Path(__file__).parent / "notes.md"
 ROBOTS = ("unitree_a1", "go2", "anymal_c")
-SEEDS = range(300, 308)  # none of them was used to tune a peer
-SLOW_SEEDS = range(300, 305)  # of mujoco.sysid
+SEEDS = range(10_000, 10_008)  # none of them was used to tune a peer
+SLOW_SEEDS = range(10_000, 10_005)  # of mujoco.sysid
 SLOW = "mujoco.sysid"
 DIGITS = 6
 
@@ -151,6 +152,7 @@ def row_of(peer: str, case: Case, kept: Path) -> dict[str, object]:
     """One row; runs in a process of its own."""
     warnings.simplefilter("ignore")
     row: dict[str, object] = {"key": key_of(peer, case), "robot": case.robot_name, "seed": case.seed, "peer": peer}
+    row["commit"] = commit()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:
         found, seconds = estimate_by(peer, case, kept)
@@ -280,6 +282,7 @@ def write_tables() -> str:
     failed = [row for row in rows if "failed" in row]
     if failed:
         lines += ["", "## Estimates that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
+    lines += ["", made_at(rows)]
     text = "\n".join(lines) + "\n\n" + NOTES.read_text(encoding="utf-8")
     TABLES.write_text(text, encoding="utf-8")
     return text
