@@ -57,7 +57,9 @@ def run(name: str, seed: int) -> list[dict[str, object]]:
         found = find_delta(robot, before, after, scale).with_truth(bare, loaded)
         error, sd = ([getattr(one, name) for one in found.payload] for name in ("error", "deviation"))
         truth = found.payload.mass.truth
-        rows.append({"robot": name, "seed": seed, "way": way, "mass": truth, "error": error, "sd": sd, "commit": commit()})
+        rows.append(
+            {"robot": name, "seed": seed, "way": way, "mass": truth, "error": error, "sd": sd, "commit": commit()}
+        )
     print(name, seed, flush=True)
     return rows
 
