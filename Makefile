@@ -111,9 +111,9 @@ bench-sources: $(DEV_STAMP)
 bench-peers: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/peers/run.py
 
-# Twelve minutes on one core; it goes on like bench-accuracy.
+# Half an hour on one core; it goes on like bench-accuracy.
 bench-engines: $(ROBOTS_STAMP)
-	$(PIP) 'dartpy>=6.20'
+	$(PIP) pybullet 'dartpy>=6.20'
 	$(BIN)/python benchmarks/engines.py
 
 # Five minutes. Processes are killed at random moments, and their runs resumed.
@@ -167,7 +167,7 @@ bench-payload: $(ROBOTS_STAMP)
 
 # Half an hour on one core, a third of it mujoco.sysid; it goes on like bench-accuracy. bench-peers says what that wants installed.
 bench-motors: $(ROBOTS_STAMP)
-	$(PIP) 'dartpy>=6.20'
+	$(PIP) pybullet 'dartpy>=6.20'
 	$(BIN)/python benchmarks/motors.py
 
 # Half a minute.

@@ -1,8 +1,9 @@
-"""Does the routine find in DART what it finds in MuJoCo? `make bench-engines`.
+"""Does the routine find in DART and in PyBullet what it finds in MuJoCo? `make bench-engines`.
 
-Robots with a payload and the preset `realistic` are calibrated by `precise` in both engines; a seed draws the same payload
-and the same errors for both. Every run appends a row to benchmarks/results/engines.jsonl, so that an interrupted benchmark
-goes on where it was; benchmarks/results/engines.md is made from the rows. All is seeded.
+Robots with a payload are calibrated by `precise` in three engines, with clean sensors (`ideal`) and with the errors of the
+preset `realistic`, as far as an engine can have them; a seed draws the same payload and the same errors for all. PyBullet is
+no part of the package, and nothing was tuned in it. Every run appends a row to benchmarks/results/engines.jsonl, so that an
+interrupted benchmark goes on where it was; benchmarks/results/engines.md is made from the rows. All is seeded.
 
     python benchmarks/engines.py             # what is missing, then the tables
     python benchmarks/engines.py --seeds 2   # the first seeds only
@@ -18,173 +19,195 @@ import os
 import platform as machine
 import time
 import warnings
+from collections.abc import Iterable
+from importlib.metadata import version
 from pathlib import Path
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
     os.environ.setdefault(_name, "1")
 
-import dartpy
-import mujoco
 import numpy as np
-import pinocchio as pin
-from accuracy import payload_of, rms, rounded
+from accuracy import load_rows, payload_of, rms, rounded
 from commit import commit, made_at
+from worlds.world import ENGINES, lacking, world
 
-import equipoise
-from equipoise import calibrate, load_robot, simulate
+from equipoise import Payload, calibrate, load_robot
 from equipoise.errors import EquipoiseError
-from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, components
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "engines.jsonl"
 ROBOTS = ("unitree_a1", "go2", "solo12", "anymal_c")
-ENGINES = {"mujoco": "MuJoCo", "dart": "DART"}
 FIRST, SEEDS = 10_000, 5  # first seed, and how many
+PRESETS = ("ideal", "realistic")
 UNITS = {"m": ("kg", 1.0, 3), "c": ("mm", 1e3, 2), "I": ("kg m2", 1.0, 4)}  # by a component's first letter
+Row = dict[str, object]
+ABOUT = """# The same routine in three engines
+
+`make bench-engines`; {versions}, Python {python}.
+Method `precise`, no scale; random payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors and
+floor for all engines; contact, joint friction and integration are each engine's own. `ideal`: clean sensors, a robot as in its
+file. Of `realistic` an engine has what it can: {lacks}. The whole robot at the
+nominal stance; the truth is what each engine says of its bodies. PyBullet is no part of the package; nothing was tuned in it.
+"""
 
 
-def run(name: str, seed: int, engine: str) -> dict[str, object]:
+def run(preset: str, name: str, seed: int, engine: str) -> Row:
     """One row."""
     warnings.simplefilter("ignore")
     robot = load_robot(name)
     payload = payload_of(robot, np.random.default_rng([seed, 77]))
-    row: dict[str, object] = {"key": f"{name}/{seed}/{engine}", "robot": name, "seed": seed, "engine": engine}
-    row["commit"] = commit()
+    row: Row = {"key": key_of(preset, name, seed, engine), "commit": commit()}
     begin = time.process_time()
     try:
-        with simulate(robot, "realistic", payload, seed, engine=engine) as simulation:
-            result = calibrate(simulation.platform, robot)
+        with world(engine, preset, robot, Payload.parse(payload), seed) as (platform, truth):
+            result = calibrate(platform, robot)
     except EquipoiseError as error:
         return {**row, "failed": f"{type(error).__name__}: {error}"}
     taken = time.process_time() - begin
     return {
         **row,
         "payload": payload,
-        "truth": components(simulation.truth.composite).tolist(),
+        "truth": components(truth).tolist(),
         "estimate": result.composite.values.tolist(),
         "sd": result.composite.deviations.tolist(),
         "lower": [quantity.lower for quantity in result.composite],
         "upper": [quantity.upper for quantity in result.composite],
         "robot_time": sum(trial.duration for trial in result.trials),
         "cpu_s": taken,
-        "warnings": list(result.warnings),
+        "alarms": [check.name for check in result.checks if not check.passed],
     }
 
 
-def load_rows() -> dict[str, dict]:
-    if not ROWS.exists():
-        return {}
-    rows = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines() if line.strip()]
-    return {row["key"]: row for row in rows}
+def key_of(preset: str, robot: str, seed: int, engine: str) -> str:
+    return f"{preset}/{robot}/{seed}/{engine}"
 
 
-def pairs_of(rows: dict[str, dict], robot: str) -> list[tuple[dict, dict]]:
-    """What both engines finished, MuJoCo's row first."""
-    seeds = sorted({row["seed"] for row in rows.values() if row["robot"] == robot})
-    found = [tuple(rows.get(f"{robot}/{seed}/{engine}", {"failed": ""}) for engine in ENGINES) for seed in seeds]
-    return [(one, other) for one, other in found if "failed" not in one and "failed" not in other]
+def cases(seeds: int) -> list[tuple[str, str, int, str]]:
+    """Preset, robot, seed and engine of all runs, the first seeds of everything first."""
+    order = itertools.product(range(FIRST, FIRST + seeds), PRESETS, ROBOTS, ENGINES)
+    return [(preset, robot, seed, engine) for seed, preset, robot, engine in order]
 
 
-def array(pairs: list[tuple[dict, dict]], engine: int, name: str) -> np.ndarray:
-    """(n, 10) of one engine's rows."""
-    return np.array([pair[engine][name] for pair in pairs])
+def rows_of(rows: dict[str, Row], preset: str, robot: str, engine: str) -> list[Row]:
+    """Finished rows of the seeds that all engines finished."""
+    found: list[Row] = []
+    for seed in range(FIRST, FIRST + SEEDS):
+        here = {other: rows.get(key_of(preset, robot, seed, other), {"failed": ""}) for other in ENGINES}
+        if not any("failed" in row for row in here.values()):
+            found.append(here[engine])
+    return found
 
 
-def differences(pairs: list[tuple[dict, dict]]) -> np.ndarray:
-    """(n, 10) DART's estimate less MuJoCo's, over both standard deviations together."""
-    apart = array(pairs, 1, "estimate") - array(pairs, 0, "estimate")
-    return apart / np.hypot(array(pairs, 0, "sd"), array(pairs, 1, "sd"))
+def array(rows: Iterable[Row], name: str) -> np.ndarray:
+    """(n, 10) of a value of rows."""
+    return np.array([row[name] for row in rows])
 
 
-def held(pairs: list[tuple[dict, dict]], engine: int) -> np.ndarray:
+def apart(one: list[Row], other: list[Row]) -> np.ndarray:
+    """(n, 10) one engine's errors less another's, over both standard deviations together.
+
+    Errors, not estimates: legs as drawn are put together by each engine itself.
+    """
+    errors = [array(rows, "estimate") - array(rows, "truth") for rows in (one, other)]
+    return (errors[0] - errors[1]) / np.hypot(array(one, "sd"), array(other, "sd"))
+
+
+def held(rows: list[Row]) -> np.ndarray:
     """(n, 10) whether the interval holds the truth."""
-    truth = array(pairs, engine, "truth")
-    return (array(pairs, engine, "lower") <= truth) & (truth <= array(pairs, engine, "upper"))
+    truth = array(rows, "truth")
+    return (array(rows, "lower") <= truth) & (truth <= array(rows, "upper"))
 
 
-def agreement_table(rows: dict[str, dict]) -> list[str]:
-    lines = [f"| robot | n | | {' | '.join(COMPONENTS)} |", "|---|---|---|" + "---|" * len(COMPONENTS)]
-    for robot in ROBOTS:
-        pairs = pairs_of(rows, robot)
-        if not pairs:
+def over_sd(rows: list[Row]) -> np.ndarray:
+    """(n, 10) errors over their standard deviations."""
+    return (array(rows, "estimate") - array(rows, "truth")) / array(rows, "sd")
+
+
+def summary(rows: dict[str, Row]) -> list[str]:
+    """A line for each preset and engine, over all robots."""
+    lines = [
+        "| | engine | runs | intervals that hold | error over sd, rms | largest | apart from MuJoCo over both sd, rms "
+        "| largest | a check fired |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for preset, (engine, called) in itertools.product(PRESETS, ENGINES.items()):
+        here, first = (
+            [row for robot in ROBOTS for row in rows_of(rows, preset, robot, one)] for one in (engine, "mujoco")
+        )
+        if not here:
             continue
-        apart = differences(pairs)
-        parts: list[tuple[str, list[str]]] = [
-            ("DART - MuJoCo over both sd, rms", [f"{value:.2f}" for value in rms(apart)]),
-            ("largest", [f"{value:.2f}" for value in np.abs(apart).max(axis=0)]),
-        ]
-        for index, engine in enumerate(ENGINES.values()):
-            error = (array(pairs, index, "estimate") - array(pairs, index, "truth")) / array(pairs, index, "sd")
-            parts.append((f"{engine}: error over sd, rms", [f"{value:.2f}" for value in rms(error)]))
-            inside = held(pairs, index).sum(axis=0)
-            parts.append((f"{engine}: intervals that hold the truth", [f"{count} of {len(pairs)}" for count in inside]))
-        for place, (label, cells) in enumerate(parts):
-            first = f"{robot} | {len(pairs)}" if place == 0 else " | "
-            lines.append(f"| {first} | {label} | {' | '.join(cells)} |")
+        z, difference = np.abs(over_sd(here)), np.abs(apart(here, first))
+        cells = ["-", "-"] if engine == "mujoco" else [f"{rms(difference.ravel()):.2f}", f"{difference.max():.2f}"]
+        alarms = sum(bool(row["alarms"]) for row in here)
+        lines.append(
+            f"| {preset} | {called} | {len(here)} | {held(here).mean():.1%} | {rms(z.ravel()):.2f} | {z.max():.2f} | "
+            f"{cells[0]} | {cells[1]} | {alarms} |"
+        )
     return lines
 
 
-def run_table(pair: tuple[dict, dict]) -> list[str]:
-    """Every quantity of one robot in both engines."""
-    lines = ["| | truth | MuJoCo | DART | difference over both sd |", "|---|---|---|---|---|"]
-    apart = differences([pair])[0]
+def robot_table(rows: dict[str, Row], preset: str) -> list[str]:
+    """Errors and intervals of each quantity."""
+    lines = [f"| robot | runs | engine | | {' | '.join(COMPONENTS)} |", "|---|---|---|---|" + "---|" * len(COMPONENTS)]
+    for robot, (engine, called) in itertools.product(ROBOTS, ENGINES.items()):
+        here = rows_of(rows, preset, robot, engine)
+        if here:
+            z, inside = rms(over_sd(here)), held(here).sum(axis=0)
+            lines.append(
+                f"| {robot} | {len(here)} | {called} | error over sd, rms | {' | '.join(f'{v:.2f}' for v in z)} |"
+            )
+            lines.append(f"| | | | intervals that hold | {' | '.join(map(str, inside))} |")
+    return lines
+
+
+def run_table(runs: list[Row]) -> list[str]:
+    """Every quantity of one robot in all engines."""
+    lines = ["| | " + " | ".join(f"{called} | truth" for called in ENGINES.values()) + " |"]
+    lines.append("|---|" + "---|---|" * len(ENGINES))
     for index, name in enumerate(COMPONENTS):
         unit, factor, digits = UNITS[name[0]]
-        cells = []
-        for row in pair:
-            half = (row["upper"][index] - row["lower"][index]) / 2
-            missed = not row["lower"][index] <= row["truth"][index] <= row["upper"][index]
-            text = f"{factor * row['estimate'][index]:.{digits}f} ± {factor * half:.{digits}f}"
-            cells.append(f"**{text}**" if missed else text)
-        truth = f"{factor * pair[0]['truth'][index]:.{digits}f}"
-        lines.append(f"| {name} [{unit}] | {truth} | {' | '.join(cells)} | {apart[index]:+.2f} |")
+        cells: list[str] = []
+        for row in runs:
+            low, high, truth, value = (row[key][index] for key in ("lower", "upper", "truth", "estimate"))
+            text = f"{factor * value:.{digits}f} ± {factor * (high - low) / 2:.{digits}f}"
+            cells += [text if low <= truth <= high else f"**{text}**", f"{factor * truth:.{digits}f}"]
+        lines.append(f"| {name} [{unit}] | {' | '.join(cells)} |")
     return lines
 
 
-def speed_table(rows: dict[str, dict]) -> list[str]:
-    lines = ["| robot | robot time | " + " | ".join(ENGINES.values()) + " |", "|---|---|---|---|"]
+def speed_table(rows: dict[str, Row]) -> list[str]:
+    lines = ["| robot | robot time | " + " | ".join(ENGINES.values()) + " |", "|---|---|" + "---|" * len(ENGINES)]
     for robot in ROBOTS:
-        pairs = pairs_of(rows, robot)
-        if pairs:
-            seconds = [np.median([pair[index]["cpu_s"] for pair in pairs]) for index in range(2)]
-            robot_time = np.mean([row["robot_time"] for pair in pairs for row in pair])
-            lines.append(f"| {robot} | {robot_time:.0f} s | {seconds[0]:.1f} s | {seconds[1]:.1f} s |")
+        runs = [rows_of(rows, "realistic", robot, engine) for engine in ENGINES]
+        if runs[0]:
+            seconds = [f"{np.median([row['cpu_s'] for row in of]):.1f} s" for of in runs]
+            robot_time = np.mean([row["robot_time"] for of in runs for row in of])
+            lines.append(f"| {robot} | {robot_time:.0f} s | {' | '.join(seconds)} |")
     return lines
 
 
 def write_tables() -> str:
-    rows = load_rows()
-    pairs = [pair for robot in ROBOTS for pair in pairs_of(rows, robot)]
-    apart = np.abs(differences(pairs))
-    inside = [float(held(pairs, index).mean()) for index in range(2)]
+    rows = load_rows(ROWS)
     failed = [row for row in rows.values() if "failed" in row]
-    told = {
-        engine: sum(bool(pair[index]["warnings"]) for pair in pairs) for index, engine in enumerate(ENGINES.values())
-    }
-    lines = [
-        "# The same routine in two engines",
-        "",
-        f"`make bench-engines`; equipoise {equipoise.__version__}, Pinocchio {pin.__version__}, MuJoCo {mujoco.__version__}, "
-        f"DART {dartpy.__version__}, Python {machine.python_version()}. Method `precise`, preset `realistic`, no scale; "
-        "random payloads of 5 to 30 % of the base's mass. A seed draws the same payload, sensors, motors and floor for both "
-        "engines; contact, joint friction and integration are each engine's own. Whole robot at the nominal stance.",
-        "",
-        f"Of {apart.size} quantities in {len(pairs)} pairs of runs the engines differ by less than {NORMAL_95} of both "
-        f"standard deviations together in {np.mean(apart < NORMAL_95):.1%}, rms {rms(apart.ravel()):.2f}, at most "
-        f"{apart.max():.2f}. "
-        f"The 95 % intervals hold the truth in {inside[0]:.1%} (MuJoCo) and {inside[1]:.1%} (DART). Checks found something in "
-        + " and ".join(f"{count} of {len(pairs)} runs in {engine}" for engine, count in told.items()) + ".",
-        "",
-        *agreement_table(rows),
-        "",
-        "## One payload of each robot",
-        "",
-        "Estimate and half of its 95 % interval; bold: it does not hold the truth. Other seeds are in engines.jsonl.",
-    ]  # fmt: skip
+    packages = ("equipoise", "pin", "mujoco", "dartpy", "pybullet")
+    versions = ", ".join(f"{name} {version(name)}" for name in packages)
+    lacks = "; ".join(
+        f"{called} lacks {', '.join(f'`{name}`' for name in names)}"
+        for engine, called in ENGINES.items()
+        if (names := lacking(engine, "realistic"))
+    )
+    lines = [ABOUT.format(versions=versions, python=machine.python_version(), lacks=lacks), *summary(rows)]
+    for preset in PRESETS:
+        lines += ["", f"## `{preset}`, by robot", "", *robot_table(rows, preset)]
+    lines += ["", "## One payload of each robot, `realistic`", ""]
+    lines += [
+        "Estimate and half of its 95 % interval; bold: it does not hold the truth. Other seeds are in engines.jsonl."
+    ]
     for robot in ROBOTS:
-        if found := pairs_of(rows, robot):
-            lines += ["", f"### {robot}", "", *run_table(found[0])]
+        runs = [rows_of(rows, "realistic", robot, engine) for engine in ENGINES]
+        if runs[0]:
+            lines += ["", f"### {robot}", "", *run_table([of[0] for of in runs])]
     lines += [
         "",
         "## Computing",
@@ -206,15 +229,14 @@ def main() -> None:
     parser.add_argument("--tables", action="store_true", help="make the tables from the rows there are")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each robot")
     arguments = parser.parse_args()
-    if not arguments.tables:
-        done = load_rows()
-        with ROWS.open("a", encoding="utf-8") as out:
-            for seed, robot, engine in itertools.product(range(FIRST, FIRST + arguments.seeds), ROBOTS, ENGINES):
-                if f"{robot}/{seed}/{engine}" not in done:
-                    row = run(robot, seed, engine)
-                    out.write(json.dumps(rounded(row)) + "\n")
-                    out.flush()
-                    print(row["key"], row.get("failed", ""), flush=True)
+    done = load_rows(ROWS)
+    with ROWS.open("a", encoding="utf-8") as out:
+        for case in [] if arguments.tables else cases(arguments.seeds):
+            if key_of(*case) not in done:
+                row = run(*case)
+                out.write(json.dumps(rounded(row)) + "\n")
+                out.flush()
+                print(row["key"], row.get("failed", ""), flush=True)
     print(write_tables())
 
 

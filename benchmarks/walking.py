@@ -20,7 +20,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,18 +28,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 from commit import commit
+from worlds.world import world
 
-from equipoise import Payload, Precise, Recording, RobotModel, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Payload, Precise, Recording, RobotModel, calibrate, load_robot, nominal_stance
 from equipoise.errors import EquipoiseError
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.reader import read_log
-from equipoise.platform.platform import Platform
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
-from equipoise.simulation.effects import PRESETS
 from equipoise.simulation.gaits.crawl import crawl
 from equipoise.simulation.gaits.trot import trot
-from equipoise.simulation.sensors import DrawnErrors
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "walking.jsonl"
@@ -87,26 +84,6 @@ def payload_of(robot: RobotModel, seed: int) -> Payload:
     return Payload(InertialParameters(0.08 * robot.mass, np.array(place), np.zeros((3, 3))))
 
 
-@contextmanager
-def world(case: Case, robot: RobotModel, seed: int) -> Iterator[tuple[Platform, InertialParameters]]:
-    """A standing robot, and what it is."""
-    stance, payload = nominal_stance(robot), payload_of(robot, seed)
-    if case.engine == "pybullet":
-        from walking_worlds.bullet import BulletPlatform  # noqa: PLC0415 - rows of other engines need no PyBullet
-
-        sizes = PRESETS[case.noise].scaled_to(stance.scale).without(BulletPlatform.LACKS)
-        platform = BulletPlatform(robot, stance, DrawnErrors.draw(sizes, len(robot.joint_names), seed), payload)
-        with platform:
-            yield platform, platform.truth(stance.joint_position)
-        return
-    preset = PRESETS[case.noise]
-    lacking = [
-        row.name for row in preset.rows() if case.engine not in row.engines and getattr(preset, row.name) != row.none
-    ]
-    with simulate(robot, case.noise, payload, seed, engine=case.engine, without=lacking) as simulation:
-        yield simulation.platform, simulation.truth.composite
-
-
 def write(recording: Recording, file: Path) -> None:
     """A table with the columns of docs/logs.md."""
     joints, imu = recording.joints, recording.imu
@@ -134,7 +111,7 @@ def run(case: Case, seed: int) -> dict[str, object]:
     scale = nominal_stance(robot).scale
     row: dict[str, object] = {"key": f"{case.key}/{seed}", "case": case.key, "seed": seed, "commit": commit()}
     try:
-        with world(case, robot, seed) as (platform, truth):
+        with world(case.engine, case.noise, robot, payload_of(robot, seed), seed) as (platform, truth):
             walked = {"trot": trot, "crawl": crawl}[case.gait]
             recording = walked(platform, robot, (1 + case.duration) * scale.time, phase=float(seed))
         weighed = truth.mass * (1 + SCALE_ERROR * float(np.random.default_rng([seed, 77]).standard_normal()))
@@ -147,7 +124,7 @@ def run(case: Case, seed: int) -> dict[str, object]:
         row |= numbers(found.result, truth)
         row["steps"] = sum(segment.steps for segment in found.report.segments)
         if case.engine == "mujoco" and case.gait == "trot":
-            with world(case, robot, seed) as (platform, truth):
+            with world(case.engine, case.noise, robot, payload_of(robot, seed), seed) as (platform, truth):
                 lifted = calibrate(
                     platform, robot, Precise(budget=BUDGET * scale.time, mass=weighed, mass_sd=SCALE_ERROR * weighed)
                 )

@@ -1,1 +1,0 @@
-"""An engine to walk in that the package does not have."""
