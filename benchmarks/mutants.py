@@ -39,7 +39,7 @@ LIMITS = {
         "_STUCK_SHARE",
     ),
     "guard/base_checks.py": ("guard/test_base_checks.py", "_COMING_DOWN", ""),
-    "guard/footing.py": ("guard/test_limits.py guard/test_footing.py", "_LIFTED", ""),
+    "guard/footing.py": ("guard/test_limits.py guard/test_footing.py", "_LIFTED _RAISED", "_SUNK _LEGS_UP"),
     "guard/sample_filter.py": (
         "guard/test_limits.py guard/test_sample_filter.py",
         "_FROZEN_TIME _FROZEN_MOVE _JUMP _JUMP_SPEED _FASTEST",
@@ -52,9 +52,9 @@ LIMITS = {
     "guard/safe_ending.py": (
         "guard/test_limits.py",
         "_SPEED_SHARE _PULL _FAR _STILL _FAILURES _FAILING_TIME _OFF_CENTRE",
-        "FEET_DOWN CENTRE LIE_DOWN FADE _LONGEST _STILL_TIME _HOPELESS",
+        "FEET_DOWN CENTRE LIE_DOWN FADE _STILL_TIME _HOPELESS",
     ),
-    "guard/watchdog.py": ("guard/test_limits.py", "_PATIENCE _AGAIN _STARTS", "_DAMPED _REACHED _DAMPING"),
+    "guard/watchdog.py": ("guard/test_limits.py", "_PATIENCE _AGAIN _STARTS", "_REACHED"),
     "drivers/checkup.py": (
         "drivers/test_checkup_limits.py drivers/test_checkup.py",
         "_PATIENCE _JITTER _LEAN _ASKEW _BIAS _STILL _BEYOND _MASS_RANGE[1] _HOT",

@@ -116,7 +116,7 @@ def record(case: Case, kept: Path) -> None:
         with simulate(case.robot, sizes, payload, case.seed) as simulation:
             if settings is None:
                 true = components(simulation.truth.composite)
-                drawn_as = accuracy.Case(case.robot_name, case.seed, "precise")
+                drawn_as = accuracy.Case(case.robot_name, case.seed, "precise", "realistic")
                 settings = accuracy.settings_of(drawn_as, float(true[0]), generator)
                 folder.mkdir(parents=True, exist_ok=True)
                 weighed = settings if isinstance(settings, Precise) else Precise()

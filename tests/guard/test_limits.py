@@ -21,10 +21,11 @@ from equipoise.errors import (
     SensorError,
     TrackingError,
 )
+from equipoise.experiments.legs_up import legs_up as turned_up
 from equipoise.guard import guard as guard_module
 from equipoise.guard import held_robot, safe_ending, watchdog
 from equipoise.guard.command_checks import CommandChecks
-from equipoise.guard.footing import feet_are_lifted
+from equipoise.guard.footing import feet_are_lifted, legs_are_up
 from equipoise.guard.guard import Guard
 from equipoise.guard.held_robot import HeldRobot
 from equipoise.guard.joint_checks import JointChecks, StuckDetector
@@ -35,7 +36,7 @@ from equipoise.guard.sample_filter import SampleFilter
 from equipoise.guard.soft_start import soft_start
 from equipoise.guard.tilt_filter import TiltFilter
 from equipoise.platform.platform import JointCommand
-from equipoise.robot.kinematics import Kinematics, inverse_kinematics
+from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
 
 KNEE, THIGH = 2, 1  # of the front left leg
 
@@ -396,21 +397,43 @@ def test_feet_that_nothing_reaches_are_given_up_and_damped_all_the_same(a1, home
 # --- the watchdog
 
 
-def let_down(robot, monkeypatch, link):
+def let_down(robot, monkeypatch, link, legs_up=False):
     """What the watchdog does, in which time, and how often it connects."""
     clock, opened = Clock(), []
     monkeypatch.setattr(watchdog, "time", clock)
     monkeypatch.setattr("equipoise.drivers.catalog.open_beside", lambda *what: opened.append(what) or link)
-    said = watchdog._Hand("unitree-a1", robot, {}).let_down()
+    said = watchdog._Hand("unitree-a1", robot, {}).let_down(legs_up)
     return said, clock.now - 100.0, len(opened)
 
 
-def test_the_watchdog_damps_for_three_seconds(a1, stance, monkeypatch):
+@pytest.mark.parametrize(("legs_up", "seconds"), [(False, 4.05), (True, 10.1)])
+def test_the_watchdog_damps_until_a_body_has_sunk_or_legs_are_down(a1, stance, monkeypatch, legs_up, seconds):
     link = MemoryLink(a1)
-    said, took, _ = let_down(a1, monkeypatch, link)
+    said, took, _ = let_down(a1, monkeypatch, link, legs_up)
     assert said == f"its joints were damped ({len(link.sent)} commands)"
-    assert 2.9 < took < 3.1
-    assert link.sent[0].kd == pytest.approx(2 * a1.gains(stance.hip_height)[1])
+    assert took == pytest.approx(seconds, abs=0.1)
+    assert link.sent[0].kd == pytest.approx(a1.gains(stance.hip_height)[1])
+
+
+def test_the_watchdog_remembers_what_it_was_told_of_legs_last(monkeypatch):
+    said = iter([b"md..u", b".", b"..", b"ud.", b"d", b".u.", b""])
+    monkeypatch.setattr(watchdog, "select", SimpleNamespace(select=lambda *_: ([0], [], [])))
+    seen = []
+    monkeypatch.setattr(watchdog, "os", SimpleNamespace(read=lambda pipe, size: seen.append(next(said)) or seen[-1]))
+    assert watchdog._watch(0) == ("the program is gone", True)
+    said = iter([b"mu", b"d", b"...", b""])
+    assert watchdog._watch(0) == ("the program is gone", False)
+
+
+def test_a_foot_a_tenth_of_a_leg_above_where_it_lies_is_up(a1, stance):
+    up = turned_up(a1, stance)
+    way = up.folded + np.linspace(0.0, 1.0, 400)[:, None] * (up.joint_position - up.folded)
+    lying = foot_positions(a1, up.folded)[:, 2]
+    height = np.array([(foot_positions(a1, position)[:, 2] - lying).max() for position in way]) / a1.leg_length
+    below, above = way[np.flatnonzero(height < 0.09)[-1]], way[np.flatnonzero(height > 0.11)[0]]
+    assert not legs_are_up(a1, stance, below)
+    assert legs_are_up(a1, stance, above)
+    assert not legs_are_up(a1, stance, stance.joint_position)
 
 
 def test_the_watchdog_tries_for_fifteen_seconds_and_connects_anew_every_second(a1, monkeypatch):
@@ -432,7 +455,7 @@ def test_the_watchdogs_patience(monkeypatch):
 
     monkeypatch.setattr(watchdog, "select", SimpleNamespace(select=select))
     monkeypatch.setattr(watchdog, "os", SimpleNamespace(read=lambda pipe, size: b"m"))
-    assert watchdog._watch(0) == "the program gave no sign of life for 2 s"
+    assert watchdog._watch(0) == ("the program gave no sign of life for 2 s", False)
     assert waited == [2.0, 2.0]
     ready = iter([[]])
     dog = object.__new__(watchdog.Watchdog)

@@ -102,9 +102,7 @@ def gain_lines(robot: RobotModel, platform: str) -> list[str]:
     if driver is None:
         return []
     kp, kd = robot.gains(nominal_stance(robot).hip_height)
-    lines = [
-        f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad; up to {2 * kd:.1f} Nm s/rad alone to let it down."
-    ]
+    lines = [f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad; the latter alone to let it down."]
     if driver.makers_gains is not None and driver.makers_gains != (kp, kd):
         theirs = "{:g} and {:g}; --kp {:g} --kd {:g}".format(*driver.makers_gains, *driver.makers_gains)
         lines.append(f"The maker's example stands with {theirs} takes these.")
