@@ -181,3 +181,46 @@ def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
         np.testing.assert_allclose(longer, -2e-3, atol=1.4e-3)
         assert np.abs(off(found, precise_run)).max() < 2.5
     assert np.abs(moved(found, plain)).max() < 0.7
+
+
+def estimated(model, run, beliefs=None):
+    """By the method, which asks the run whether it contradicts the beliefs."""
+    mass = run.truth.composite.mass
+    return Precise(mass=mass, mass_sd=0.06, priors=beliefs or Priors()).estimate(model, run.recordings, run.stance)
+
+
+def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(a1, precise_run):
+    """Three centimetres: by the usual prior they are split between the place and the inertia, and nothing else is unfit."""
+    beside = np.array([0.02, -0.01, 0.03])
+    model = load_robot("unitree_a1", RobotDescription(imu_position=tuple(beside)))
+    plain, found = estimated(a1, precise_run), estimated(model, precise_run)
+    place = [next(one for one in found.sensors if one.name == f"IMU position {axis}") for axis in "xyz"]
+    assert all(abs(one.value + off) < 3 * one.deviation for one, off in zip(place, beside, strict=True))
+    assert max(one.deviation for one in place) < 1e-2
+    assert found.assumptions == ("the IMU sits elsewhere than in the file, which the run contradicts",)
+    assert plain.assumptions == ()
+    apart = (found.composite.values - plain.composite.values) / found.composite.deviations
+    assert np.abs(apart).max() < 1.5
+    believed = estimated(model, precise_run, Priors(imu_position=2.1e-3))  # who says so is believed
+    assert believed.assumptions == ()
+    wrong = (believed.composite.values - plain.composite.values) / believed.composite.deviations
+    assert np.abs(wrong).max() > 4
+
+
+def test_legs_of_another_length_are_found_without_the_files(a1, precise_run):
+    """Thighs and calves of a robot that is larger by 15 mm in both."""
+    model = another_model(a1)
+    for leg in model.legs.values():
+        calf, foot = model.pinocchio.jointPlacements[leg.joint_ids[-1]], model.pinocchio.frames[leg.foot_frame_id]
+        calf.translation = calf.translation * (1 + 15e-3 / np.linalg.norm(calf.translation))
+        placement = foot.placement
+        placement.translation = placement.translation * (1 + 15e-3 / np.linalg.norm(placement.translation))
+        foot.placement = placement
+    found = estimated(model, precise_run)
+    lengths = [
+        next(one for one in found.sensors if one.name == f"length of the {kind}") for kind in ("thighs", "calves")
+    ]
+    assert all(abs(one.value + 15e-3) < 4e-3 for one in lengths)
+    assert any("in all legs alike" in assumption for assumption in found.assumptions)
+    error = found.composite.values - components(precise_run.truth.composite)
+    assert np.abs(error / found.composite.deviations).max() < 3

@@ -144,7 +144,7 @@ def test_assumptions_make_a_result_surer_and_stand_beside_it(a1, precise_run, tm
     assert Calibration.load(tmp_path / "a1.json").assumptions == said.assumptions
     print_calibration(result, [])
     shown = " ".join(capsys.readouterr().out.split())
-    assert all(f"assumed, as you said: {assumption}" in shown for assumption in said.assumptions)
+    assert all(f"assumed: {assumption}" in shown for assumption in said.assumptions)
 
 
 def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):

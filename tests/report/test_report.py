@@ -172,7 +172,7 @@ def test_the_lead_says_the_change_against_the_model(precise, precise_run, a1):
 def test_the_lead_says_what_was_assumed(precise):
     assert "Assumed" not in run_contents(precise)["lead"]
     told = dataclasses.replace(precise, assumptions=("no cable pulls", "the legs are light"))
-    assert run_contents(told)["lead"].endswith(" Assumed, as was said: no cable pulls; the legs are light.")
+    assert run_contents(told)["lead"].endswith(" Assumed: no cable pulls; the legs are light.")
 
 
 def test_failed_checks_are_alerts_and_warnings_where_there_are_no_checks(precise, paper):

@@ -16,6 +16,7 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import judge
+from equipoise.precise.contradicted import estimate_uncontradicted, not_believed
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
@@ -305,7 +306,7 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-            assumptions=self.assumptions,
+            assumptions=(*self.assumptions, *not_believed(posterior)),
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
             held_out=predicted,
             budget=budget_of(posterior),
@@ -317,9 +318,14 @@ class Precise(Method):
         self, robot: RobotModel, stance: Stance, evidence: RunEvidence, lifts_needed: bool
     ) -> tuple[Posterior, tuple[Change, ...]]:
         if self.known is None:
-            told = robot, stance, evidence, self.beliefs, self.scale
-            # Lengths of legs come from planted moves: where legs are looked for, these say themselves how quiet the feet are.
-            return estimate_posterior(*told, lifts_needed=lifts_needed, quiet_feet=self.swings), ()
+
+            def estimate(priors: Priors) -> Posterior:
+                # Lengths of legs come from planted moves, which say how quiet feet are where legs are looked for.
+                return estimate_posterior(
+                    robot, stance, evidence, priors, self.scale, lifts_needed=lifts_needed, quiet_feet=self.swings
+                )
+
+            return estimate_uncontradicted(estimate, self.beliefs), ()
         return estimate_after(robot, stance, evidence, self.beliefs, self.scale, self.known, lifts_needed)
 
 

@@ -110,6 +110,8 @@ class Unknown:
         switched: change of it beside that where the robot was switched off in between, over its prior.
         judged: whether a value far from zero speaks against a result.
         usual: standard deviation of the prior where nobody said another, as a multiple of its measure.
+        otherwise: the same of a robot of which the model's number is not at all, taken where a run contradicts the usual
+            prior; zero: there is none.
         cause: sentence on a robot that the model's value does not fit, in words of a workshop.
         opened_by: flag that makes the row unknown where it is held; a file of priors can always.
     """
@@ -130,6 +132,7 @@ class Unknown:
     switched: float = 0.0
     judged: bool = True
     usual: float = 0.0
+    otherwise: float = 0.0
     cause: str = ""
     opened_by: str = ""
 

@@ -131,6 +131,7 @@ class Priors:
     imu_position: float = unknown(
         2e-3, "position of the accelerometer less the model's, in base axes with x forward", "m", AXIS,
         "assumed: boards and drawings; a file that has it at the base's origin may just not know",
+        otherwise=0.1,
         label="position of the IMU along {each}", finding="IMU position {each}", shown=1000.0, notable=4e-3,
         advice="the IMU sits {value:+.1f} mm further along {each} than in the file (sd {deviation:.1f})",
         cause="the IMU sits elsewhere than in the file",
@@ -208,19 +209,20 @@ class Priors:
     link_length: float = unknown(
         0.0026, "length of a thigh or calf less the model's, beside the common part", "m", LENGTH,
         "0.7 mm on an A1: tolerances",
-        measure=HIP_HEIGHT, label="length of {each}",
+        otherwise=0.02, measure=HIP_HEIGHT, label="length of {each}",
         cause="thighs or calves are longer or shorter than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     link_length_common: float = unknown(
         0.0037, "the same of all thighs, and of all calves, in common", "m", LENGTH_KIND, "assumed: 1 mm on an A1; worn feet",
-        measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0, notable=2e-3,
+        otherwise=0.1, measure=HIP_HEIGHT, label="length of all {each}", finding="length of the {each}", shown=1000.0,
+        notable=2e-3,
         advice="the {each} are longer than the model's by {value:+.1f} mm (sd {deviation:.1f})",
         cause="thighs or calves are longer or shorter than in the file, in all legs alike", opened_by="--legs unknown",
     )  # fmt: skip
     hip_position: float = unknown(
         0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
         "0.7 mm on an A1: tolerances",
-        measure=HIP_HEIGHT, label="hip position {each}",
+        otherwise=0.03, measure=HIP_HEIGHT, label="hip position {each}",
         cause="hips sit elsewhere than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     pull: float = unknown(

@@ -114,7 +114,7 @@ def _lead(result: Calibration) -> str:
         names = ", ".join(label.split(" [")[0] for label in missing)
         said.append(f"The method {result.method} does not find the whole robot's {names}.")
     if result.assumptions:
-        said.append(f"Assumed, as was said: {'; '.join(result.assumptions)}.")
+        said.append(f"Assumed: {'; '.join(result.assumptions)}.")
     return " ".join(said)
 
 

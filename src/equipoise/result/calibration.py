@@ -157,7 +157,7 @@ class Calibration:
         settings: settings of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
         warnings: sentences that speak against the result, worst first.
-        assumptions: what the user said to be so, and the intervals rest on.
+        assumptions: what the intervals rest on: what the user said to be so, and what of the model file the run contradicts.
         evidence: data that pictures show; not in the JSON form.
         robot_model: model that was used; not in the JSON form.
         motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.

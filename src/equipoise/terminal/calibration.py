@@ -82,7 +82,7 @@ def print_calibration(
     for parts in parts_of(result):
         print_parts(console, result.robot, parts)
     for assumption in result.assumptions:
-        console.print(escape(f"assumed, as you said: {assumption}"))
+        console.print(escape(f"assumed: {assumption}"))
     for warning in () if result.checks else result.warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     if verbose:

@@ -58,14 +58,21 @@ def score_tests(posterior: Posterior) -> list[ScoreTest]:
         # The gradient by the open ones is zero at the mode, but for the last small step.
         score = -equations.gradient[own]
         values = np.linalg.solve(information + np.eye(len(own)), score) * unknowns.scale[own]
-        tests.append(ScoreTest(row, _deviate(information, score), values))
+        tests.append(ScoreTest(row, deviate(information, score, _SEEN), values))
     return sorted(tests, key=lambda test: -test.deviate)
 
 
-def _deviate(information: FloatArray, score: FloatArray) -> float:
-    """The statistic's cube root, which is almost normal (Wilson and Hilferty 1931)."""
-    sizes, directions = np.linalg.eigh(information)
-    seen = sizes > _SEEN
+def deviate(covariance: FloatArray, score: FloatArray, least: float) -> float:
+    """Normal deviate as unlikely as a normal (k,) vector about zero is; -inf if it has no variance in any direction.
+
+    Of s^T V^-1 s, chi2(k), the cube root, which is almost normal (Wilson and Hilferty 1931).
+
+    Args:
+        covariance: (k, k) of the vector.
+        least: variance in a direction below which the direction is left out.
+    """
+    sizes, directions = np.linalg.eigh(covariance)
+    seen = sizes > least
     if not seen.any():
         return -np.inf
     mean_square = np.mean((score @ directions[:, seen]) ** 2 / sizes[seen])
