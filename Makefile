@@ -58,7 +58,8 @@ docs-pictures: $(DEV_STAMP)
 docs-check: $(DEV_STAMP)
 	$(BIN)/python -m pytest tests/test_readme.py tests/test_documents.py tests/test_site.py
 
-# Every robot of the catalogue that a package brings (0.4 GB): the benchmarks use them, the tests if they are there.
+# Every robot of the catalogue that example-robot-data brings (0.4 GB): the benchmarks use them, the tests if they are there. Aliengo and
+# Mini Cheetah come with pybullet, which some benchmarks install.
 robots: $(ROBOTS_STAMP)
 
 # Ten thousand damaged files over all readers: a minute. SEED=2 reads others.
@@ -190,7 +191,7 @@ bench-validate: $(ROBOTS_STAMP)
 bench-report: $(DEV_STAMP)
 	$(BIN)/python benchmarks/report.py
 
-# Calibrations over the links of ROS 2 and of UDP, in the robots' own time: a quarter of an hour each.
+# Calibrations over the links of ROS 2 and of UDP, in the robots' own time: an hour for ROS 2, a quarter of one for UDP.
 bench-ros2 bench-udp: bench-%: $(DEV_STAMP)
 	$(BIN)/python benchmarks/$*.py
 

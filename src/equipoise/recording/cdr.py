@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from equipoise.errors import RecordingError
 
 _LITTLE_ENDIAN = b"\0\1\0\0"
-_STAMP = ("sec", "nanosec")
 
 
 @dataclass(frozen=True, eq=False)

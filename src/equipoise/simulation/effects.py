@@ -4,7 +4,7 @@ A field of `SensorErrors` is a row. Its value is the effect's size; the rest of 
 values are drawn, its size in each preset and why, what it grows with on another robot, and which engines have it. Flags,
 draws, studies, refusals and the documents follow from it. A new effect is a row here, and its name where it acts.
 
-The estimator knows nothing of this table, and shares no number with it: what is believed beforehand is said, with sources of
+The estimator knows nothing of this table, and reads no number of it: what is believed beforehand is said, with sources of
 its own, in `precise/unknowns.py`.
 """
 

@@ -1,6 +1,6 @@
 """The low-level packets of the Unitree A1 and Go1, both ways: as the driver and as the robot.
 
-What is held against packets of the makers' SDKs and what is not, `unitree_formats` says.
+What is held against packets of the makers' SDKs and what is not, `equipoise.drivers.unitree.formats` says.
 """
 
 from __future__ import annotations

@@ -43,12 +43,10 @@ class PlaneReading:
     Attributes:
         com: (3,) CoM at the nominal stance, in the base frame [m].
         deviation: (3,) standard deviations, from how well the planes meet [m].
-        misses: (n,) distance by which each plane misses the CoM [m].
     """
 
     com: FloatArray
     deviation: FloatArray
-    misses: FloatArray
 
 
 def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSamples]) -> PlaneReading | None:
@@ -68,7 +66,7 @@ def com_by_planes(robot: RobotModel, com: FloatArray, lifts: Sequence[LiftSample
     misses = distances - normals @ solution
     variance = float(misses @ misses) / max(1, len(misses) - 3)
     covariance = variance * np.linalg.pinv(normals.T @ normals)
-    return PlaneReading(com + solution, np.sqrt(np.diag(covariance)), misses)
+    return PlaneReading(com + solution, np.sqrt(np.diag(covariance)))
 
 
 def centre_shift(robot: RobotModel, lift: LiftSamples) -> CentreShift:
