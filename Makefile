@@ -13,7 +13,7 @@ ROBOTS_STAMP := $(VENV)/.robots-installed
 MADE_AT = printf '\nMade at commit %s.\n' "$$(git rev-parse --short HEAD)"
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors footholds legs weigh validate size walking)
+  guard report view robots motors footholds legs weigh validate size walking wrong-files)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -178,6 +178,10 @@ bench-footholds: $(ROBOTS_STAMP)
 # Half an hour on one core; it goes on like bench-accuracy.
 bench-legs: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/legs.py
+
+# Ten minutes on one core; it goes on like bench-accuracy.
+bench-wrong-files: $(ROBOTS_STAMP)
+	$(BIN)/python benchmarks/wrong_files.py
 
 # An hour on one core; it goes on like bench-accuracy.
 bench-weigh: $(ROBOTS_STAMP)
