@@ -97,8 +97,9 @@ def test_a_posture_within_reach_has_its_feet_where_they_should_be(robot, stance,
 # --- what is refused
 
 
-def synthetic(tmp_path, description=None, **changes):
-    robot = load_text(tmp_path, quadruped_urdf(**changes), description)
+def synthetic(tmp_path, hip_limit=0.9, **changes):
+    text = quadruped_urdf(**changes).replace('lower="-0.9" upper="0.9"', f'lower="-{hip_limit}" upper="{hip_limit}"')
+    robot = load_text(tmp_path, text)
     stance = nominal_stance(robot)
     return robot, stance, composite_parameters(robot, stance.joint_position).com
 
@@ -175,6 +176,5 @@ def test_a_motor_too_weak_is_named(tmp_path):
     [(BodyPosture(ahead=0.62, crouch=0.3), "front or rear"), (BodyPosture(aside=0.52, crouch=0.3), "left or right")],
 )
 def test_a_com_near_the_edge_of_the_feet_is_refused(tmp_path, posture, where):
-    limits = {f"{leg}_0": (-1.4, 1.4) for leg in ("FL", "FR", "RL", "RR")}
-    robot, stance, com = synthetic(tmp_path, RobotDescription(joint_limits=limits))
+    robot, stance, com = synthetic(tmp_path, hip_limit=1.4)
     assert f"the {where} feet" in refusal(robot, stance, com, posture)

@@ -1,6 +1,7 @@
 """What the audit says of models that are right, and of models with one thing made wrong."""
 
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -8,6 +9,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from robots import load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise.errors import MissingDependencyError, ModelWarning
 from equipoise.robot.audit import audit
@@ -27,6 +29,7 @@ KNOWN_WRONG = {
     },
     "hyq": {("warning", "trunk_imu")},
     "mini_cheetah": {
+        ("warning", ""),  # no limits of torque and speed
         ("error", "thigh_fr, thigh_fl, thigh_hr, thigh_hl"),
         ("warning", "abduct_fl, abduct_fr, abduct_hl, abduct_hr"),
         ("warning", "thigh_fl, thigh_fr, thigh_hl, thigh_hr"),
@@ -246,6 +249,58 @@ def test_a_robot_without_a_stance_is_audited_and_told_why(edited_a1):
     assert "give one under [stance] in a robot description" in finding.text
     assert the_finding(report, "mirror").body == "FL_thigh, FR_thigh"
     assert json.loads(json.dumps(report.to_dict(), allow_nan=False))["composite"] is None
+
+
+def test_a_base_with_hardly_any_mass_is_an_error(tmp_path):
+    (finding,) = suspicions(audit(load_text(tmp_path, quadruped_urdf(trunk_mass=0.001))))
+    assert (finding.severity, finding.body) == ("error", "trunk")
+    assert finding.text == (
+        "hardly any mass, 0.001 of the robot's 7.601 kg, though motors and battery are there: give its link an "
+        "<inertial> with mass, centre of mass and inertia"
+    )
+
+
+def test_the_mass_of_a_base_may_be_in_a_link_fixed_to_it(tmp_path):
+    text = quadruped_urdf(
+        trunk_mass=0.0,
+        extra=f"""
+      <link name="shell"><inertial><mass value="6"/><inertia {
+            " ".join(f'{key}="{value}"' for key, value in diagonal_inertia(0.02, 0.06, 0.065).items())
+        }/></inertial></link>
+      <joint name="shell_joint" type="fixed"><parent link="trunk"/><child link="shell"/></joint>""",
+    )
+    assert suspicions(audit(load_text(tmp_path, text))) == []
+
+
+LIMIT = 'effort="30" velocity="20"'
+
+
+def test_joints_without_limits_of_torque_and_speed_are_named_with_what_the_guard_cannot_tell(tmp_path):
+    text = quadruped_urdf().replace(LIMIT, 'effort="0" velocity="20"', 1).replace(LIMIT, 'effort="30"', 1)
+    assert [str(finding) for finding in suspicions(audit(load_text(tmp_path, text)))] == [
+        "warning: no torque limit of FL_0: the guard cannot tell torques that are too large; give it as effort [Nm] of their "
+        "<limit>",
+        "warning: no speed limit of FL_1: the guard cannot tell joints that turn too fast, nor targets that jump; give it as "
+        "velocity [rad/s] of their <limit>",
+    ]
+
+
+def test_a_file_without_any_limits_is_told_so_once_a_kind(tmp_path):
+    report = audit(load_text(tmp_path, quadruped_urdf().replace(LIMIT, "")))
+    torque, speed = (finding.text for finding in suspicions(report))
+    assert torque.startswith("no torque limit of any leg joint: ")
+    assert speed.startswith("no speed limit of any leg joint: ")
+
+
+def test_of_mjcf_limits_of_torque_are_missed_and_of_speed_none(tmp_path):
+    text = quadruped_mjcf()
+    (finding,) = suspicions(audit(load_text(tmp_path, text)))
+    assert finding.text == (
+        "no torque limit of any leg joint: the guard cannot tell torques that are too large; give it as forcerange [Nm] of "
+        "their actuators"
+    )
+    limited = re.sub(r'(<joint name="[FR][LR]_. *")', r'\1 actuatorfrcrange="-30 30"', text)
+    assert suspicions(audit(load_text(tmp_path, limited))) == []
 
 
 def mjcf_quadruped(fl_thigh_inertia):

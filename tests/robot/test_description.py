@@ -122,6 +122,7 @@ REFUSED = [
     ("stance_height = nan", "stance_height is nan; it must be a positive number"),
     ("stance_height = 1", "stance_height is 1.0; it is a fraction of the leg length and must be below 1"),
     ("imu_position = [0, nan, 0]", "imu_position must be finite, got 0.0, nan, 0.0"),
+    ("imu_rpy = [0, 0, 90]", "imu_rpy is 0.0, 0.0, 90.0, which is beyond a whole turn; radians, not degrees?"),
     ("[held]\narm = nan", "held.arm must be finite, got nan"),
     ("[stance]\nFL_hip = inf", "stance.FL_hip must be finite, got inf"),
     ("[joint_limits]\nFL_hip = [1, 1]", "joint_limits of 'FL_hip' are 1.0 to 1.0; the lower one comes first"),
@@ -147,6 +148,12 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path):
     assert str(error.value) == f"robot description '{tmp_path / 'none.toml'}' does not exist"
     with pytest.raises(SettingsError, match="cannot be read: Is a directory"):
         RobotDescription.from_toml(tmp_path)
+
+
+def test_an_imu_may_be_turned_by_a_whole_turn():
+    assert RobotDescription(imu_rpy=(0.0, 0.0, -2 * math.pi)).imu_rpy == (0.0, 0.0, -2 * math.pi)
+    with pytest.raises(SettingsError, match=r"radians, not degrees\?$"):
+        RobotDescription(imu_rpy=(0.0, 0.0, -2.01 * math.pi))
 
 
 def test_numbers_given_in_python_are_checked_alike():

@@ -175,10 +175,20 @@ def test_files_in_other_units_are_refused(refusal, text, said):
     assert refusal(text) == f"robot model 'robot' {said}"
 
 
-@pytest.mark.parametrize("kind", ["planar", "floating"])
-def test_a_leg_joint_of_several_axes_is_refused(refusal, kind):
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("prismatic", "prismatic"),
+        ("planar", "one of more than one axis (Planar)"),
+        ("floating", "one of more than one axis (FreeFlyer)"),
+    ],
+)
+def test_a_leg_joint_that_does_not_turn_about_one_axis_is_refused(refusal, kind, said):
     text = quadruped_urdf().replace('name="FL_0" type="revolute"', f'name="FL_0" type="{kind}"')
-    assert refusal(text) == "robot model 'robot' has a leg joint with more than one axis"
+    assert refusal(text) == (
+        f"robot model 'robot': leg joint 'FL_0' is {said}, and legs need joints that turn about one axis (revolute, "
+        "continuous or hinge); if it does not move, make it fixed in a copy of the file"
+    )
 
 
 # --- joints that are no leg's
@@ -389,6 +399,36 @@ def test_described_limits_win(load, refusal):
     )
 
 
+@pytest.mark.parametrize(
+    ("joint", "limits", "said"),
+    [
+        ("FL_1", (-2.5, 2.502), "-2.5 to 2.502 rad, beyond the model's -2.500 to 2.500 rad"),
+        ("FL_1", (-2.502, 0.0), "-2.502 to 0 rad, beyond the model's -2.500 to 2.500 rad"),
+        ("FL_2", (-155.0, -52.0), "-155 to -52 rad, beyond the model's -2.700 to 2.700 rad"),
+    ],
+)
+def test_described_limits_that_are_wider_are_refused(refusal, joint, limits, said):
+    degrees = "; rad, not degrees?" if joint == "FL_2" else ""
+    assert refusal(quadruped_urdf(), RobotDescription(joint_limits={joint: limits}), SettingsError) == (
+        f"joint_limits of {joint!r} are {said}; they may be narrower, not wider{degrees}"
+    )
+
+
+def test_described_limits_may_be_the_files_with_fewer_digits(load):
+    robot = load(quadruped_urdf(), RobotDescription(joint_limits={"FL_1": (-2.5009, 2.5009)}))
+    joint = robot.joint_names.index("FL_1")
+    assert (robot.lower_limit[joint], robot.upper_limit[joint]) == (-2.5, 2.5)
+
+
+def test_described_limits_are_all_there_is_where_the_file_has_none(load, refusal):
+    described = RobotDescription(joint_limits={"FL_1": (-3.0, 6.0)})
+    robot = load(quadruped_urdf(continuous=True), described)
+    joint = robot.joint_names.index("FL_1")
+    assert (robot.lower_limit[joint], robot.upper_limit[joint]) == (-3.0, 6.0)
+    degrees = RobotDescription(joint_limits={"FL_1": (-90.0, 90.0)})
+    assert refusal(quadruped_urdf(continuous=True), degrees, SettingsError).endswith("rad, not degrees?")
+
+
 @pytest.mark.parametrize("name", ["lower_limit", "upper_limit", "velocity_limit", "effort_limit"])
 def test_limits_cannot_be_changed_by_accident(quadruped, name):
     with pytest.raises(ValueError, match="read-only"):
@@ -423,9 +463,44 @@ def test_a_described_imu_pose_wins_part_by_part(load):
     turned = load(quadruped_urdf(extra=IMU), RobotDescription(imu_rpy=(0.0, 0.0, np.pi))).imu_in_base
     np.testing.assert_allclose(turned.translation, [0.1, -0.02, 0.03])
     np.testing.assert_allclose(turned.rotation, np.diag([-1, -1, 1]), atol=1e-12)
-    moved = load(quadruped_urdf(extra=IMU), RobotDescription(imu_position=(1.0, 2.0, 3.0))).imu_in_base
-    np.testing.assert_allclose(moved.translation, [1, 2, 3])
+    moved = load(quadruped_urdf(extra=IMU), RobotDescription(imu_position=(0.1, 0.2, 0.3))).imu_in_base
+    np.testing.assert_allclose(moved.translation, [0.1, 0.2, 0.3])
     np.testing.assert_allclose(moved.rotation, rotation_of([0.1, 0.2, 0.3]), atol=1e-12)
+
+
+def test_a_described_imu_is_no_farther_than_the_robot_is_large(load, refusal):
+    hips = np.array(list(HIPS.values()))[[0, 1, 4, 5]] * (1, 1.8)  # pitch axes are 0.08 m outwards
+    size = 2 * np.hypot(*hips[0]) + 0.4
+    load(quadruped_urdf(), RobotDescription(imu_position=(0.0, 0.0, size - 0.01)))
+    assert refusal(quadruped_urdf(), RobotDescription(imu_position=(0.0, 0.0, size + 0.01)), SettingsError) == (
+        f"imu_position is 0, 0, {size + 0.01:g} m in the base frame, 0.948 m from the middle of the hips, and 'robot' is "
+        "0.94 m large; metres, not millimetres?"
+    )
+
+
+LIGHTEST_BASE = 0.05 / 0.95 * 4 * sum(mass for mass, _, _ in LINKS)  # [kg]
+
+
+def test_a_base_with_hardly_any_mass_is_said(tmp_path):
+    path = tmp_path / "spot.urdf"
+    path.write_text(quadruped_urdf(trunk_mass=0.99 * LIGHTEST_BASE), encoding="utf-8")
+    with pytest.warns(ModelWarning) as caught:
+        RobotModel.from_file(path)
+    assert str(caught[-1].message) == (
+        "spot: the base 'trunk' has hardly any mass, 0.396 of the robot's 7.996 kg, though motors and battery are there: "
+        "give its link an <inertial> with mass, centre of mass and inertia"
+    )
+
+
+def test_a_base_without_mass_is_refused(refusal):
+    assert refusal(quadruped_urdf(trunk_mass=0.0)) == (
+        "robot model 'robot': the base 'trunk' has hardly any mass, 0 of the robot's 7.6 kg, though motors and battery are "
+        "there: give its link an <inertial> with mass, centre of mass and inertia"
+    )
+
+
+def test_a_base_may_be_light(load):
+    assert load(quadruped_urdf(trunk_mass=1.01 * LIGHTEST_BASE)).defect_of_base is None
 
 
 def test_the_base_is_the_first_link_with_mass_or_the_described_one(load, quadruped):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from robots import FOUR_LEGS, quadruped_mjcf, quadruped_urdf
+from robots import FOUR_LEGS, load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise.errors import ModelError, ModelWarning
 from equipoise.robot.model import RobotModel
@@ -207,6 +207,15 @@ def test_a_joint_without_limits_gets_the_element_that_readers_want(read):
     }
 
 
+@pytest.mark.parametrize(
+    ("pattern", "replacement"),
+    [(r' ixy="[^"]*"', ""), ('xyz="0.01 0.002', 'xyz=" 0.01\\n0.002')],
+    ids=["no product of inertia", "a line break"],
+)
+def test_what_another_reader_takes_keeps_its_mass(tmp_path, pattern, replacement):
+    assert load_text(tmp_path, edited(pattern, replacement)).mass == load_text(tmp_path, quadruped_urdf()).mass
+
+
 def test_names_may_look_like_numbers_that_are_none(read):
     assert "nan" in links_of(read(quadruped_urdf(trunk="nan")))
 
@@ -254,6 +263,14 @@ DEFECTS = [
         ": joint 'FL_0': effort is 'strong', which is not a number",
     ),
     (edited("ixx=", 'ixx="round" unused='), ": link 'trunk': ixx is 'round', which is not a number"),
+    (
+        edited('xyz="0.01 0.002', 'xyz="0,01 0.002'),
+        ": link 'trunk': xyz of its <inertial> is '0,01', which is not a number; write decimals with a point",
+    ),
+    (
+        edited('xyz="0.01 0.002 ', 'xyz="0.01 '),
+        ": link 'trunk': xyz of its <inertial> is '0.01 0.005'; it must be three numbers",
+    ),
     (edited("<inertia [^>]*>", ""), ": link 'trunk' has a mass and no <inertia>"),
     (
         edited('<parent link="trunk"/>', '<parent link="truck"/>'),

@@ -39,7 +39,8 @@ class RobotDescription:
         stance_height: nominal hip height as a fraction of the leg length; default about 0.75.
         kp: joint position gain [Nm/rad]; default 100 x m g h / 38 Nm.
         kd: joint velocity gain [Nm s/rad]; default 3 x m g h / 38 Nm.
-        joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad].
+        joint_limits: position limits by joint name, where the model's are missing or too wide: lower upper [rad]; wider
+            ones are refused.
         held: positions of joints that are no leg's and are held still, by joint name [rad]; default the
             file's keyframe "home", else 0.
     """
@@ -76,6 +77,10 @@ class RobotDescription:
         for name, values in numbers.items():
             if values is not None and not all(map(math.isfinite, values)):
                 raise SettingsError(f"{name} must be finite, got {', '.join(map(str, values))}")
+        if self.imu_rpy is not None and max(map(abs, self.imu_rpy)) > 2 * math.pi:
+            raise SettingsError(
+                f"imu_rpy is {', '.join(map(str, self.imu_rpy))}, which is beyond a whole turn; radians, not degrees?"
+            )
         for joint, (lower, upper) in self.joint_limits.items():
             if not lower < upper:
                 raise SettingsError(f"joint_limits of {joint!r} are {lower} to {upper}; the lower one comes first")

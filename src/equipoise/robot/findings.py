@@ -1,4 +1,4 @@
-"""What speaks against a model's inertias: impossible, made-up and lopsided numbers."""
+"""What speaks against a model: impossible, made-up and lopsided inertias, and limits that it lacks."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def find(
         composite: inertial parameters of the whole robot at the stance; None without a stance.
         stance: the nominal stance.
     """
-    impossible = [*_impossible_in_file(robot, links), *_impossible_as_read(bodies.values(), links)]
+    impossible = [*_impossible_in_file(robot, links), *_impossible_as_read(bodies.values(), links), *_light_base(robot)]
     suspects = {finding.body for finding in impossible}
     return _merged(
         [
@@ -86,6 +86,7 @@ def find(
             *_too_compact([body for body in bodies.values() if body.name not in suspects]),
             *_asymmetries(robot, bodies, stance),
             *_lateral_offsets(robot, composite),
+            *_missing_limits(robot),
         ]
     )
 
@@ -111,6 +112,11 @@ def _impossible_as_read(bodies: Iterable[RigidBody], links: list[LinkInertial]) 
     for body in bodies:
         if body.mass <= 0:
             yield ModelFinding("error", body.name, "no mass, though it moves")
+
+
+def _light_base(robot: RobotModel) -> Iterator[ModelFinding]:
+    if robot.defect_of_base is not None:
+        yield ModelFinding("error", robot.base_link, robot.defect_of_base)
 
 
 def _severity_of_impossible(link: LinkInertial) -> Severity:
@@ -240,6 +246,24 @@ def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) ->
     middle = float(hip_positions(robot)[:, 1].mean())
     if abs(middle) >= _SMALLEST_OFFSET:
         yield ModelFinding("note", "", f"the hips' middle is at y = {middle * 1000:+.1f} mm in the base frame")
+
+
+def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:
+    """Leg joints that the guard has no limit for. MJCF has none of speeds, so nobody can give one there."""
+    urdf = robot.source.format == "urdf"
+    place = "effort [Nm] of their <limit>" if urdf else "forcerange [Nm] of their actuators"
+    yield from _unlimited(robot, robot.effort_limit, "torque", "torques that are too large", place)
+    if urdf:
+        unseen, place = "joints that turn too fast, nor targets that jump", "velocity [rad/s] of their <limit>"
+        yield from _unlimited(robot, robot.velocity_limit, "speed", unseen, place)
+
+
+def _unlimited(robot: RobotModel, limit: FloatArray, what: str, unseen: str, place: str) -> Iterator[ModelFinding]:
+    joints = [name for name, most in zip(robot.joint_names, limit, strict=True) if not math.isfinite(most)]
+    if joints:
+        which = "any leg joint" if len(joints) == len(robot.joint_names) else ", ".join(joints)
+        text = f"no {what} limit of {which}: the guard cannot tell {unseen}; give it as {place}"
+        yield ModelFinding("warning", "", text)
 
 
 def _merged(findings: list[ModelFinding]) -> tuple[ModelFinding, ...]:

@@ -23,7 +23,7 @@ from equipoise.robot.legs import Leg, add_legs, leg_length
 from equipoise.robot.scale import HEAVIEST, Scale
 from equipoise.robot.source import ModelSource, read_model_source
 from equipoise.robot.tree import hips_of, hold_other_joints, leg_chains, read_pinocchio
-from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
+from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION, UNLIMITED_JOINT_RANGE
 
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
 """The two diagonals; each support line runs from the right foot to the left one."""
@@ -33,7 +33,8 @@ PAIRS = DIAGONALS | {"FL_RL": ("FL", "RL"), "FR_RR": ("FR", "RR"), "FL_FR": ("FL
 
 _LONGEST_LEG = 5.0  # [m]; files in other units are a hundred to a thousand times the robot
 _CENTIMETRES = 50.0  # [m] of leg below which the unit is not told: millimetres would make it a toy's
-
+_LIGHTEST_BASE = 0.05  # of its robot's mass; bases of the catalogue have 0.37 to 0.70
+_ROUNDED = 1e-3  # [rad] by which a described limit may be beyond the file's, where somebody wrote it with fewer digits
 
 _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
 
@@ -143,12 +144,17 @@ class RobotModel:
         for repair in source.repairs:
             warnings.warn(f"{name}: {repair}", ModelWarning, stacklevel=3)
         model, held = hold_other_joints(full.copy(), chains, description, source.home)
-        if any(joint.nq != 1 or joint.nv != 1 for joint in model.joints[2:]):
-            raise ModelError(f"robot model {str(source.path)!r} has a leg joint with more than one axis")
         legs = add_legs(model, chains, spheres, description, name, source.path)
         lower, upper = _position_limits(model, description, name)
         velocity, effort = _velocity_and_effort_limits(model, source)
-        return cls(name, source, description, model, full, held, legs, lower, upper, velocity, effort)
+        robot = cls(name, source, description, model, full, held, legs, lower, upper, velocity, effort)
+        _refuse_far_imu(robot, hips_of(model, chains))
+        if robot.defect_of_base is not None:
+            said = f"the base {robot.base_link!r} has {robot.defect_of_base}"
+            if model.inertias[1].mass <= NEGLIGIBLE_MASS_FRACTION * robot.mass:
+                raise ModelError(f"robot model {str(source.path)!r}: {said}")
+            warnings.warn(f"{name}: {said}", ModelWarning, stacklevel=3)
+        return robot
 
     def with_base(self, base: pin.Inertia) -> RobotModel:
         """The same robot with another base, as a plan or a feed-forward torque takes it to be.
@@ -174,6 +180,17 @@ class RobotModel:
     def mass(self) -> float:
         """Of the whole robot [kg]."""
         return float(pin.computeTotalMass(self.pinocchio))
+
+    @property
+    def defect_of_base(self) -> str | None:
+        """What is wrong with the mass that the file gives the base, or None if nothing is."""
+        mass = float(self.pinocchio.inertias[1].mass)
+        if mass >= _LIGHTEST_BASE * self.mass:
+            return None
+        return (
+            f"hardly any mass, {mass:.3g} of the robot's {self.mass:.4g} kg, though motors and battery are there: give its "
+            "link an <inertial> with mass, centre of mass and inertia"
+        )
 
     @property
     def imu_in_base(self) -> pin.SE3:
@@ -269,16 +286,40 @@ def _joint_index(joint_names: Sequence[str], joint: str, key: str, robot: str) -
 
 
 def _position_limits(model: pin.Model, description: RobotDescription, robot: str) -> tuple[FloatArray, FloatArray]:
-    """(nj,) lower and upper position limits [rad]: the described ones, or the model's where it gives any."""
+    """(nj,) lower and upper position limits [rad]: the model's where it gives any, or narrower described ones."""
     lower, upper = np.array(model.lowerPositionLimit[7:]), np.array(model.upperPositionLimit[7:])
     unlimited = ~(upper > lower)
     lower[unlimited | (lower < -UNLIMITED_JOINT_RANGE)] = -UNLIMITED_JOINT_RANGE
     upper[unlimited | (upper > UNLIMITED_JOINT_RANGE)] = UNLIMITED_JOINT_RANGE
     names = _joint_names(model)
-    for joint, limits in description.joint_limits.items():
+    for joint, (least, most) in description.joint_limits.items():
         index = _joint_index(names, joint, "joint_limits", robot)
-        lower[index], upper[index] = limits
+        if max(lower[index] - least, most - upper[index]) > _ROUNDED:
+            units = "; rad, not degrees?" if max(-least, most) > UNLIMITED_JOINT_RANGE else ""
+            raise SettingsError(
+                f"joint_limits of {joint!r} are {least:g} to {most:g} rad, beyond the model's {lower[index]:.3f} to "
+                f"{upper[index]:.3f} rad; they may be narrower, not wider{units}"
+            )
+        lower[index], upper[index] = max(least, lower[index]), min(most, upper[index])
     return lower, upper
+
+
+def _refuse_far_imu(robot: RobotModel, hips: FloatArray) -> None:
+    """Refuse a described IMU that is farther from the robot than the robot is large.
+
+    Args:
+        hips: (4, 3) hips in the base frame [m].
+    """
+    position, middle = robot.description.imu_position, hips.mean(axis=0)
+    if position is None:
+        return
+    size = 2 * float(np.linalg.norm(hips - middle, axis=1).max()) + robot.leg_length
+    away = float(np.linalg.norm(position - middle))
+    if away > size:
+        raise SettingsError(
+            f"imu_position is {', '.join(f'{value:g}' for value in position)} m in the base frame, {away:.3g} m from the "
+            f"middle of the hips, and {robot.name!r} is {size:.2g} m large; metres, not millimetres?"
+        )
 
 
 def _velocity_and_effort_limits(model: pin.Model, source: ModelSource) -> tuple[FloatArray, FloatArray]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
@@ -22,11 +24,15 @@ Spheres = dict[str, list[tuple[pin.SE3, float]]]
 
 def joint_axis(model: pin.Model, joint: int) -> FloatArray:
     """(3,) axis of a one-axis joint, in the joint's own frame."""
+    motion = _motion_of(model, joint)
+    return motion[3:] if motion[3:].any() else motion[:3]
+
+
+def _motion_of(model: pin.Model, joint: int) -> FloatArray:
+    """(6,) what a one-axis joint moves along and turns about, in its own frame: linear, then angular."""
     data = model.joints[joint].createData()
     model.joints[joint].calc(data, pin.neutral(model))
-    motion = np.asarray(data.S).reshape(6)
-    rotation = motion[3:]
-    return np.array(rotation if np.linalg.norm(rotation) > 0 else motion[:3])
+    return np.array(data.S, dtype=float).reshape(6)
 
 
 def read_pinocchio(source: ModelSource) -> tuple[pin.Model, Spheres]:
@@ -88,7 +94,22 @@ def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
             f"robot model {str(path)!r} is no quadruped that equipoise knows: it needs exactly four legs of two or three "
             f"joints each; limbs found: {found}"
         )
+    for joint in itertools.chain(*legs[0]):
+        if (kind := _kind_unless_revolute(model, joint)) is not None:
+            raise ModelError(
+                f"robot model {str(path)!r}: leg joint {str(model.names[joint])!r} is {kind}, and legs need joints that turn "
+                "about one axis (revolute, continuous or hinge); if it does not move, make it fixed in a copy of the file"
+            )
     return [[str(model.names[joint]) for joint in chain] for chain in legs[0]]
+
+
+def _kind_unless_revolute(model: pin.Model, joint: int) -> str | None:
+    """What a joint is, in words, that does not turn about one axis; None for one that does."""
+    at = model.joints[joint]
+    if at.nq != 1 or at.nv != 1:
+        name = str(cast("Any", at).shortname())
+        return f"one of more than one axis ({name.removeprefix('JointModel')})"
+    return None if _motion_of(model, joint)[3:].any() else "prismatic"
 
 
 def _turns_freely(model: pin.Model, joint: int) -> bool:

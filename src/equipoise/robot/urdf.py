@@ -76,6 +76,11 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
         element = inertial.find("inertia")
         if element is None:
             raise ModelError(f"robot model {str(path)!r}: link {name!r} has a mass and no <inertia>")
+        # Of an <inertial> of which urdfdom cannot read one number it drops all, the mass too, and goes on.
+        for key in _INERTIA_KEYS:
+            element.attrib.setdefault(key, "0")
+        for key in ("xyz", "rpy"):
+            _tidy_vector(inertial.find("origin"), key, f"link {name!r}: {key} of its <inertial>", path)
         inertia = _read_inertia(element, name, path)
         repaired = physical_inertia(inertia, masses[name])
         if np.array_equal(repaired, inertia):
@@ -202,13 +207,26 @@ def _link_mass(link: ET.Element, path: Path) -> float:
     return mass
 
 
+def _tidy_vector(element: ET.Element | None, key: str, what: str, path: Path) -> None:
+    """Write three numbers with one space between, as urdfdom wants them; refuse what are not three."""
+    if element is None or (text := element.get(key)) is None:
+        return
+    words = text.split()
+    for word in words:
+        _number(word, 0.0, what, path)
+    if len(words) != 3:
+        raise ModelError(f"robot model {str(path)!r}: {what} is {text!r}; it must be three numbers")
+    element.set(key, " ".join(words))
+
+
 def _number(text: str | None, default: float, what: str, path: Path) -> float:
     if text is None:
         return default
     try:
         return float(text)
     except ValueError:
-        raise ModelError(f"robot model {str(path)!r}: {what} is {text!r}, which is not a number") from None
+        remedy = "; write decimals with a point" if "," in text else ""
+        raise ModelError(f"robot model {str(path)!r}: {what} is {text!r}, which is not a number{remedy}") from None
 
 
 def _child(element: ET.Element, tag: str) -> ET.Element:
