@@ -244,7 +244,7 @@ def test_settings_of_an_older_run_are_those_of_its_method(tmp_path, method):
     [
         ({"method": "magic"}, "method 'magic' is not known; there are precise, paper, static"),
         ({"method": "precise", "budget": "long"}, "setting 'budget' is 'long'; it must be float"),
-        ({"method": "precise", "budget": 1}, "budget is 1.0; it must be from 20"),
+        ({"method": "precise", "budget": -1}, "budget is -1.0; it must be above zero, up to 3600"),
         ({"method": "paper", "com_search": 3}, "setting 'com_search' is 3; it must be a table"),
         ({"method": "paper", "com_search": {"steps": 3}}, "unknown setting 'com_search.steps'; known are lower"),
         ({"method": "paper", "com_search": {"tolerance": [1]}}, r"setting 'com_search.tolerance' is \[1\]"),
@@ -437,7 +437,7 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name):
         (b'{"schema": ', "is no run of equipoise: .*run.json' is not JSON"),
         (b"\xff\xfe\x00", "is no run of equipoise: .*run.json' is not JSON"),
         (b"[1, 2]", "is no run of equipoise: .*run.json' holds no JSON object"),
-        (b"{}", "is None; this version reads 'equipoise.run/3'"),
+        (b"{}", "is damaged: its run.json lacks 'schema'; copy it again from where it is whole"),
         (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/3'"),
         (b'{"schema": "equipoise.run/4"}', "is 'equipoise.run/4'; this version reads 'equipoise.run/3'"),
         (
@@ -481,8 +481,25 @@ def test_a_damaged_model_is_told(run, content):
         (run / "model.xml").unlink()
     else:
         (run / "model.xml").write_text(content)
-    with pytest.raises(RecordingError, match=r"the run '.*copy' is damaged"):
+    with pytest.raises(
+        RecordingError, match=r"the run '.*copy' is damaged: its .*model.xml .*; copy it again from where"
+    ):
         RunFolder.open(run).estimate()
+
+
+@pytest.mark.parametrize("missing", [1, 99])
+def test_a_recording_that_was_cut_is_told_also_to_who_reads_it_alone(run, missing):
+    (run / "recording.mcap").write_bytes((run / "recording.mcap").read_bytes()[:-missing])
+    folder = RunFolder.open(run)
+    with pytest.warns(
+        UserWarning, match=r"lack motions that the run's calibration.json was made of.* copy recording.mcap again"
+    ):
+        folder.recordings()
+    with pytest.warns(UserWarning, match="ends in the middle: it was cut"):
+        assert folder.shown().to_json() == folder.result().to_json()
+    (run / "calibration.json").unlink()
+    with pytest.warns(UserWarning, match="was killed, or is not over; go on with: equipoise calibrate --resume"):
+        assert folder.shown().to_json() == folder.estimate().to_json()
 
 
 def test_a_damaged_recording_is_named(run):

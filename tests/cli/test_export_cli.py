@@ -60,9 +60,30 @@ def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
     heavier = dataclasses.replace(result, composite=dataclasses.replace(result.composite, mass=mass))
     heavier.save(run / "weighed.json")
     assert main(["export", str(run / "weighed.json"), "--to", "json", "--json"]) == 0
+    own = run / "export" / "a1.urdf"
+    assert main(["export", str(run), "--to", "urdf", "--quiet"]) == 0
+    before = own.read_bytes()
     assert main(["export", str(run / "weighed.json"), "--to", "urdf"]) == 0
-    assert f"from run {run / 'weighed.json'}" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"from run {run / 'weighed.json'}" in printed
+    assert f"saved: {own.with_name('a1_weighed.urdf')}" in printed
+    assert own.read_bytes() == before
     (run / "weighed.json").unlink()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        (["urdf", "--what", "motors"], "a1_motors.urdf"),
+        (["urdf", "--what", "motors,base"], "a1_base_motors.urdf"),
+        (["urdf", "--what", "base"], "a1.urdf"),
+        (["json", "--what", "all"], "inertia_base_sensors_motors.json"),
+        (["toml", "--what", "all"], "sensors_and_motors.toml"),
+    ],
+)
+def test_a_file_is_called_by_what_is_in_it(arguments, name, run, capsys):
+    assert main(["export", str(run), "--to", *arguments]) == 0
+    assert f"saved: {run / 'export' / name}\n" in capsys.readouterr().out
 
 
 def test_what_can_be_exported_is_said_with_the_format_of_its_model(run, tmp_path, capsys):
@@ -97,8 +118,10 @@ def test_quiet_prints_nothing(run, capsys):
 @pytest.mark.parametrize("arguments", [[], ["--list"], ["RUN"]])
 def test_without_a_format_the_table_is_shown(arguments, run, capsys):
     assert main(["export", *(str(run) if word == "RUN" else word for word in arguments)]) == 0
-    printed = capsys.readouterr().out
+    printed, told = capsys.readouterr()
     assert all(name in printed for name in FORMATS)
+    nothing = f"nothing was written; name a format, as in: equipoise export {run} --to urdf\n"
+    assert told == (nothing if arguments == ["RUN"] else "")
     assert max(map(len, printed.splitlines()[: len(FORMATS) + 3])) <= 80
     assert main(["export", *(str(run) if word == "RUN" else word for word in arguments), "--json"]) == 0
     table = json.loads(capsys.readouterr().out)
@@ -144,14 +167,19 @@ def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     assert "cannot write" in fails(capsys, 6, "export", str(lone), "--to", "yaml")
 
 
+@pytest.mark.parametrize("what", [["--to", "urdf"], ["--all"]])
+def test_no_folder_is_made_for_a_mistyped_path(what, run, tmp_path, capsys):
+    out = tmp_path / "nosuch" / "a1"
+    message = fails(capsys, 6, "export", str(run), *what, "--out", str(out))
+    assert f"{str(out)!r}: No such file or directory; is " in message
+    assert not out.parent.exists()
+
+
 def test_all_formats_go_into_a_folder_and_what_cannot_be_is_said(run, tmp_path, capsys):
     assert main(["export", str(run), "--all", "--what", "all", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    outputs = {row.output for row in FORMATS.values()}
-    assert len(outputs) == len(FORMATS)
-    assert {path.name for path in tmp_path.iterdir()} == outputs - {"robot.urdf", "robot.xml", "robot.usd"} | {
-        "a1.urdf"
-    }
+    assert len({row.output for row in FORMATS.values()}) == len(FORMATS)
+    assert len([*tmp_path.iterdir()]) == len(FORMATS) - 2
     assert "mjcf: not written: the run's model is URDF" in printed
     assert "usd: not written: usd edits a stage of yours" in printed
     assert printed.count("weakly identified: joint_zero (FL_thigh_joint)") == 1

@@ -73,6 +73,21 @@ def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(tmp_path, cap
     assert main(["estimate", str(run), "--feet", "guessed"]) == 2
 
 
+@pytest.mark.parametrize(
+    "verb", [["estimate"], ["report"], ["calibrate", "--no-pictures", "--resume"]], ids=lambda verb: verb[0]
+)
+def test_where_a_recording_was_cut_the_page_stays_that_of_the_result(verb, copy, capsys):
+    whole = (copy / "recording.mcap").read_bytes()
+    (copy / "recording.mcap").write_bytes(whole[: int(0.97 * len(whole))])
+    (copy / "report.html").unlink()
+    kept = (copy / "calibration.json").read_bytes()
+    main([*verb, str(copy)])
+    told = capsys.readouterr()
+    assert told.err.count("ends in the middle: it was cut, and may lack motions") == 1
+    assert (copy / "calibration.json").read_bytes() == kept
+    assert (copy / "report.html").exists() == (verb != ["estimate"])
+
+
 def test_estimate_gives_its_numbers_also_where_the_page_cannot_be_written(copy, capsys):
     (copy / "report.html").unlink()
     (copy / "report.html").mkdir()

@@ -66,9 +66,9 @@ def test_a_run_that_was_killed_goes_on_to_the_same_result(whole, tmp_path, capsy
     size = (whole / "recording.mcap").stat().st_size
     killed_at([*QUICK[:2], *QUICK[3:], *ROBOT, "--out", str(folder)], folder, moments[0] * size)
     for moment in moments[1:]:
-        before = RunFolder.open(folder).recordings()
+        before = RunFolder.open(folder).read().recordings
         killed_at(["--resume", str(folder)], folder, moment * size)
-        now = RunFolder.open(folder).recordings()
+        now = RunFolder.open(folder).read().recordings
         assert len(now) >= len(before)
         assert all(one.equals(other) for one, other in zip(before, now, strict=False))
     assert main(["calibrate", "--resume", str(folder), "--json", "--no-pictures"]) == 0
@@ -148,10 +148,10 @@ def test_a_run_that_cannot_be_repeated_is_told_and_stays_as_it_is(cut, facts, me
     if facts.get("seed", 0) is None:
         del header["provenance"]["seed"]
     (cut / "run.json").write_text(json.dumps(header), encoding="utf-8")
-    before = RunFolder.open(cut).recordings()
+    before = RunFolder.open(cut).read().recordings
     assert main(["calibrate", "--resume", str(cut), "--quiet"]) in (2, 5)
     assert message in capsys.readouterr().err
-    now = RunFolder.open(cut).recordings()
+    now = RunFolder.open(cut).read().recordings
     assert len(now) == len(before) > 0
     assert all(one.equals(other) for one, other in zip(now, before, strict=True))
 

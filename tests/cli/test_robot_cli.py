@@ -17,6 +17,7 @@ from peer_processes import free_port, running_peer
 from equipoise import Precise, RunFolder, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
+from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.formats import FORMS
 from equipoise.recording.run_log_reader import read_log
 from equipoise.terminal.platform import print_checkup, print_rehearsal
@@ -78,6 +79,16 @@ def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
     assert not any(entry.get("mode") == "commanded" for entry in peer.log)
     assert main(["record", "--duration", "1s", "--out", str(path)]) == 6
     assert "exists; name a new file with --out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["doctor", "record"])
+def test_a_robot_that_is_silent_is_told_and_leaves_no_file(verb, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(HardwarePlatform.__init__, "__defaults__", (0.2,))
+    flags = ["--set", "address=127.0.0.1", "--set", f"port={free_port()}", "--set", f"local_port={free_port()}"]
+    assert main([verb, "--platform", "unitree-go1", *flags]) == 10
+    assert capsys.readouterr().err.endswith("is this the right network interface?\n")
+    assert not [*tmp_path.rglob("*.mcap")]
 
 
 @pytest.mark.realtime

@@ -39,7 +39,9 @@ def written(robot, tmp_path, **options):
     """The file that is exported for a robot that is found heavier than its file; the file, the export and the result."""
     result = found(robot)
     out = export(result, robot.source.format, **options)
-    return out.save(tmp_path / "exported" / robot.source.path.name), out, result
+    folder = tmp_path / "exported"
+    folder.mkdir(exist_ok=True)
+    return out.save(folder / robot.source.path.name), out, result
 
 
 def assert_only_inertial_changed(before, after):

@@ -9,7 +9,7 @@ import pytest
 from equipoise import Precise, RunFolder, calibrate, estimate, nominal_stance, simulate
 from equipoise.calibration.weighing import weigh
 from equipoise.cli import main
-from equipoise.errors import NotEstimatedError, SettingsError
+from equipoise.errors import NotEstimatedError, RecordingError, SettingsError
 from equipoise.experiments.stand import stand_up
 from equipoise.precise.known.both_runs import both_runs
 from equipoise.precise.known.changes import check_of_changes, estimate_after
@@ -206,23 +206,29 @@ def test_a_default_run_says_nothing_of_it():
 def test_a_damaged_posterior_is_refused_by_name(folder, harm, message):
     path = folder / POSTERIOR
     path.write_text(json.dumps(harm(json.loads(path.read_text(encoding="utf-8")))), encoding="utf-8")
-    with pytest.raises(SettingsError, match=f"--known .*last: .*{message}"):
+    with pytest.raises(RecordingError, match=f"--known .*last: .*{message}"):
         KnownRun.read(folder)
 
 
 def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
     (folder / POSTERIOR).unlink()
-    with pytest.raises(SettingsError, match="make it with: equipoise estimate"):
+    with pytest.raises(RecordingError, match="make it with: equipoise estimate"):
         KnownRun.read(folder)
     (folder / "calibration.json").unlink()
-    with pytest.raises(SettingsError, match="came to no result; go on with"):
+    with pytest.raises(RecordingError, match="came to no result; go on with"):
         KnownRun.read(folder)
     header = folder / "run.json"
     header.write_text(header.read_text(encoding="utf-8").replace('"precise"', '"paper"'), encoding="utf-8")
     with pytest.raises(SettingsError, match="of the method 'paper'"):
         KnownRun.read(folder)
-    with pytest.raises(SettingsError, match="no run folder"):
+    with pytest.raises(RecordingError, match="no run folder"):
         KnownRun.read(tmp_path)
+
+
+@pytest.mark.parametrize("verb", [["weigh", "unitree_a1"], ["plan"], ["calibrate"]], ids=lambda verb: verb[0])
+def test_a_run_that_is_not_there_ends_every_verb_alike(verb, tmp_path, capsys):
+    assert main([*verb, "--known", str(tmp_path / "nowhere")]) == RecordingError.exit_code
+    assert "this is no run folder of a calibration" in capsys.readouterr().err
 
 
 def test_another_robot_is_refused(two_jointed, earlier):

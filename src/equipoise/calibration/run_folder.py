@@ -36,6 +36,7 @@ from equipoise.errors import (
 )
 from equipoise.method.method import Method
 from equipoise.method.table import method_from_dict, method_named
+from equipoise.recording.mcap_reader import was_closed
 from equipoise.recording.recording import Recording
 from equipoise.recording.rosbag2 import METADATA, write_metadata
 from equipoise.recording.run_log import RunLog
@@ -56,6 +57,7 @@ LOG = "recording.mcap"
 HEADER = "run.json"
 UNRECORDED = "unrecorded.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
+_REMEDY = "copy it again from where it is whole"
 _READ = ("equipoise.run/2",)  # whose settings are those of all methods
 _EARLIER = {
     "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
@@ -126,13 +128,14 @@ class RunFolder:
         if path.is_file() and (path.parent / HEADER).is_file():
             raise RecordingError(f"{str(path)!r} is a file of a run; give the run's folder, {str(path.parent)!r}")
         header = _read_json(path / HEADER, f"{str(path)!r} is no run of equipoise")
-        schema = header.get("schema")
+        if (schema := header.get("schema")) is None:
+            raise _damaged(path, f"its {HEADER} lacks 'schema'")
         if schema not in (SCHEMA, *_READ):
             by = _EARLIER.get(str(schema), "")
             raise RecordingError(f"the run {str(path)!r} is {schema!r}{by}; this version reads {SCHEMA!r}")
         for key in ("model", "description", "settings", "provenance"):
             if not isinstance(header.get(key), dict):
-                raise RecordingError(f"the run {str(path)!r} is damaged: its {HEADER} lacks {key!r}")
+                raise _damaged(path, f"its {HEADER} lacks {key!r}")
         return cls(path, header)
 
     @classmethod
@@ -167,6 +170,15 @@ class RunFolder:
         return (self.path / RESULT).exists()
 
     @property
+    def cut(self) -> bool:
+        """Whether the recording lost its end since the run came to its result, as where a copy of it broke off."""
+        return self.complete and self._ends_early
+
+    @property
+    def _ends_early(self) -> bool:
+        return self._log is None and not was_closed(self.path / LOG)
+
+    @property
     def provenance(self) -> Mapping[str, Any]:
         """When, on what and how the run was made."""
         return self._header["provenance"]
@@ -185,12 +197,25 @@ class RunFolder:
             )
 
     def recordings(self) -> list[Recording]:
-        """All complete recordings, in order."""
-        return list(self.read().recordings)
+        """All complete recordings, in order; warns if the log ends in the middle."""
+        recordings = list(self.read().recordings)
+        if self._ends_early:
+            warnings.warn(self._told_of_end(), stacklevel=2)
+        return recordings
 
     def read(self) -> LogContent:
         """All that was logged."""
         return read_log(self.path / LOG)
+
+    def _told_of_end(self) -> str:
+        """What is said of a log that was not closed."""
+        ends = f"the recording of the run {str(self.path)!r} ends in the middle"
+        if self.cut:
+            return (
+                f"{ends}: it was cut, and may lack motions that the run's {RESULT} was made of, which stays as it is; copy "
+                f"{LOG} again from where it is whole"
+            )
+        return f"{ends}: the run was killed, or is not over; go on with: equipoise calibrate --resume {self.path}"
 
     def close(self) -> None:
         """End the log. May be called twice."""
@@ -215,7 +240,7 @@ class RunFolder:
         try:
             xml = (self.path / _MODEL).read_text(encoding="utf-8")
             if _sha256(xml) != model["xml_sha256"]:
-                raise RecordingError(f"{_MODEL} of the run {str(self.path)!r} is not the one that it was recorded with")
+                raise RecordingError("the model is not the one that it was recorded with")
             source = ModelSource(
                 Path(model["path"]),
                 model["format"],
@@ -229,8 +254,10 @@ class RunFolder:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)
                 return RobotModel.from_source(source, self._header["robot"], RobotDescription.from_dict(description))
-        except (OSError, KeyError, TypeError, ValueError) as error:
-            raise RecordingError(f"the run {str(self.path)!r} is damaged: {_told(error)}") from error
+        except OSError as error:
+            raise _damaged(self.path, f"its {_MODEL} cannot be read ({error.strerror})") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise _damaged(self.path, f"its {HEADER} and {_MODEL} make no robot ({_told(error)})") from error
 
     def method(self) -> Method:
         """The method of the run with its settings; raises PluginError if the package that brings it cannot be used."""
@@ -238,12 +265,13 @@ class RunFolder:
         try:
             return method_from_dict(_settings_before_3(table) if self._header["schema"] in _READ else table)
         except (AttributeError, TypeError, SettingsError) as error:
-            raise RecordingError(f"the settings of run {str(self.path)!r} are damaged: {_told(error)}") from error
+            raise RecordingError(
+                f"the settings of run {str(self.path)!r} are damaged: {_told(error)}; they stand in its {HEADER}: {_REMEDY}"
+            ) from error
 
     def _attached(self) -> dict[str, Any]:
         """Settings that have a file each."""
-        damaged = f"the run {str(self.path)!r} is damaged"
-        return {name: _read_json(self.path / f"{name}.json", damaged) for name in self._header.get("attachments", ())}
+        return {name: self._read_table(f"{name}.json") for name in self._header.get("attachments", ())}
 
     def save_truth(self, truth: RobotInertia, of_parts: PartsTruth | None = None) -> None:
         """Keep a simulated robot's truth beside its recordings; only `estimate` reads it, and after estimating."""
@@ -268,12 +296,13 @@ class RunFolder:
         try:
             return inertia_from_dict(self._truth_table())
         except (KeyError, TypeError, ValueError) as error:
-            raise RecordingError(
-                f"the run {str(self.path)!r} is damaged: {_TRUTH} holds no truth ({error!r})"
-            ) from error
+            raise _damaged(self.path, f"its {_TRUTH} holds no truth ({error!r})") from error
 
     def _truth_table(self) -> dict[str, Any]:
-        return _read_json(self.path / _TRUTH, f"the run {str(self.path)!r} is damaged")
+        return self._read_table(_TRUTH)
+
+    def _read_table(self, name: str) -> dict[str, Any]:
+        return _read_json(self.path / name, f"the run {str(self.path)!r} is damaged", f"; {_REMEDY}")
 
     def result(self) -> Calibration:
         """The result that was saved, with the robot's model; raises RecordingError if the run came to none."""
@@ -282,6 +311,13 @@ class RunFolder:
                 f"the run {str(self.path)!r} came to no result; go on with: equipoise calibrate --resume {self.path}"
             )
         return dataclasses.replace(Calibration.load(self.path / RESULT), robot_model=self.robot())
+
+    def shown(self) -> Calibration:
+        """The result with all that a page can show of its recordings; where these were cut, which is warned of, without."""
+        if not self.cut:
+            return self.estimate()
+        warnings.warn(self._told_of_end(), stacklevel=2)
+        return self.result()
 
     def save(self, calibration: Calibration) -> Path:
         """Write the result, and what the next run may know of this one."""
@@ -309,17 +345,21 @@ def _told(error: Exception) -> str:
     return str(error) if isinstance(error, EquipoiseError) else repr(error)
 
 
+def _damaged(path: Path, what: str) -> RecordingError:
+    return RecordingError(f"the run {str(path)!r} is damaged: {what}; {_REMEDY}")
+
+
 def _sha256(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _read_json(path: Path, otherwise: str) -> dict[str, Any]:
+def _read_json(path: Path, otherwise: str, remedy: str = "") -> dict[str, Any]:
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise RecordingError(f"{otherwise}: {str(path)!r} cannot be read ({error.strerror})") from error
+        raise RecordingError(f"{otherwise}: {str(path)!r} cannot be read ({error.strerror}){remedy}") from error
     except ValueError as error:
-        raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error})") from error
+        raise RecordingError(f"{otherwise}: {str(path)!r} is not JSON ({error}){remedy}") from error
     if not isinstance(table, dict):
-        raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object")
+        raise RecordingError(f"{otherwise}: {str(path)!r} holds no JSON object{remedy}")
     return cast("dict[str, Any]", table)

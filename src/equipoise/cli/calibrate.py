@@ -265,7 +265,7 @@ def _resume(
     if folder.complete:
         print(f"the run in {resume} is complete; this is what its recordings say", file=sys.stderr)
         with output.watch.over(folder, output.silent):
-            output.show(folder.estimate(), folder)
+            output.show(folder.shown(), folder)
         return
     model, method, place = folder.robot(), folder.method(), Place.of(folder)
     confirm(place, model, method, yes)

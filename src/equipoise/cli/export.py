@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json as json_module
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,6 +42,7 @@ def export(
     """Write a result into the file that a controller or simulator reads. Without --to: which formats there are.
 
     urdf and mjcf are the run's own model file with another inertial of the base link, and otherwise the same to the byte.
+    Another --what, and another result than the run's own, go into files of their own: a1_motors.urdf, a1_weighed.urdf.
     Every file says which body it holds, in which frame, at which stance and from which run. What the run did not identify is
     refused.
 
@@ -54,7 +56,8 @@ def export(
         what: 'base' (mass, centre of mass, inertia), 'sensors' (joint zeros, IMU, clock), 'motors' (friction, armature, gain,
             delay), 'legs' (masses and first moments of their links; a model file takes them with the base), several with
             commas, or 'all' that the format holds. Default: base, or all where a format holds no base.
-        out: File to write; default export/ in the run folder. Your own file is overwritten only if it is named here.
+        out: File to write, in a folder that is there; default export/ in the run folder. Your own file is overwritten only if
+            it is named here.
         file: Your file to edit: for urdf and mjcf in place of the run's model file; sdf and xacro write a new one without it.
         force: Write what is not identified or doubtful, or the nearest body to what was added, all the same; the file says so.
         add_payload_link: Leave the base link as it is and write what was added as a fixed link equipoise_payload.
@@ -68,6 +71,8 @@ def export(
         if (all or to) and not list:
             raise SettingsError(f"name a run: equipoise export RUN {f'--to {to}' if to else '--all'}")
         _show_formats(output.json)
+        if run is not None and not list:
+            print(f"nothing was written; name a format, as in: equipoise export {run} --to urdf", file=sys.stderr)
         return
     if all:
         if to or file or add_payload_link or samples:
@@ -107,8 +112,8 @@ def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str |
     refused = {name: one for name, one in found.items() if not isinstance(one, Export)}
     if not written:
         raise next(iter(refused.values()))
-    folder = out or _folder(run)
-    paths = {name: one.save(folder / one.file_name) for name, one in written.items()}
+    folder = _made(out or _folder(run))
+    paths = {name: one.save(folder / _file_name(run, one)) for name, one in written.items()}
     if output.json:
         files = {name: {"path": str(paths[name]), **one.to_dict()} for name, one in written.items()}
         left_out = {name: str(error) for name, error in refused.items()}
@@ -121,6 +126,25 @@ def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str |
 
 def _folder(run: Path) -> Path:
     return (run.parent if run.is_file() else run) / _FOLDER
+
+
+def _made(folder: Path) -> Path:
+    """A folder that is there now. What should hold it is not made: its path may be mistyped."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot write into {str(folder)!r}: {error.strerror}; is the folder there that holds it, may you write there?"
+        ) from error
+    return folder
+
+
+def _file_name(run: Path, written: Export) -> str:
+    """With the result's own name, if it is not that of a run: one result would replace the other."""
+    from equipoise.calibration.run_folder import RESULT
+
+    name = Path(written.file_name)
+    return name.with_stem(f"{name.stem}_{run.stem}").name if run.is_file() and run.name != RESULT else name.name
 
 
 def _show_formats(json: bool) -> None:
@@ -158,7 +182,7 @@ def _result(run: Path) -> Calibration:
 
 def _place(run: Path, written: Export, file: Path | None) -> Path:
     """Where a file goes that was given no place; never over the user's."""
-    path = _folder(run) / written.file_name
+    path = _made(_folder(run)) / _file_name(run, written)
     if file is not None and path.exists() and path.samefile(file):
         raise OutputError(f"{str(path)!r} is the file to edit; to overwrite it name it with --out too")
     return path

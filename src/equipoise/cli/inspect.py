@@ -193,14 +193,15 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     method = folder.method()
     asked = method.having(given)
     result = folder.estimate(asked)
+    own = asked == method and not folder.cut  # the run's page, and what the next run may know, are of the run's result
     files: list[Path] = []
     if output.out is not None:
         result.save(output.out)
         files = [output.out, *(try_to_save(result, output.out.with_suffix(".html")) if output.report else [])]
-    elif asked == method:  # the run's page is of the run's result
+    elif own:
         files = try_to_save(result, path) if output.report else []
-    kept = output.out or (path if asked == method and folder.complete else None)
-    if asked == method and folder.complete:
+    kept = output.out or (path if own and folder.complete else None)
+    if own and folder.complete:
         folder.keep_for_the_next(result)
     if output.json:
         print(result.to_json(), end="")
@@ -208,7 +209,7 @@ def _estimate_run(path: Path, given: Mapping[str, Any], output: EstimateOutput) 
     print_calibration(result, files, output.verbose, kept)
     if output.explain:
         print_budget(result)
-    if asked != method and output.out is None:
+    if not own and output.out is None:
         file = path / "again.json"
         print(f"not kept, and not what {path / RESULT} holds: to keep, see and export it add --out {file}")
     return result

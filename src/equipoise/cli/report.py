@@ -62,11 +62,11 @@ def _runs(path: Path) -> list[Path]:
 
 
 def _estimated(path: Path) -> Calibration:
-    """With everything that its recordings tell, where there are any."""
+    """With everything that its recordings tell, where they are whole."""
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.result.calibration import Calibration
 
-    return Calibration.load(path) if path.is_file() else RunFolder.open(path).estimate()
+    return Calibration.load(path) if path.is_file() else RunFolder.open(path).shown()
 
 
 def _named(paths: list[Path]) -> dict[str, Calibration]:

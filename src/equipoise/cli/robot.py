@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json as json_module
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -127,8 +129,9 @@ def record(
         print(f"what it can tell: equipoise estimate {out} --robot {robot}", file=sys.stderr)
 
 
-def _log_at(path: Path) -> RunLog:
-    """A new log; raises OutputError if there is a file already, or it cannot be written."""
+@contextmanager
+def _log_at(path: Path) -> Generator[RunLog]:
+    """A new log, gone if nothing comes; raises OutputError if there is a file already, or it cannot be written."""
     from equipoise.recording.run_log import RunLog
 
     if path.exists():
@@ -137,4 +140,9 @@ def _log_at(path: Path) -> RunLog:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write into {str(path.parent)!r}: {error.strerror}") from error
-    return RunLog(path)
+    with RunLog(path) as log:
+        try:
+            yield log
+        finally:
+            if log.empty:  # the robot was silent
+                path.unlink(missing_ok=True)

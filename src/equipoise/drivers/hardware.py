@@ -241,7 +241,7 @@ class HardwarePlatform:
         if self._newest is None:
             raise CommunicationError(
                 f"{self.name} sent nothing for {self._patience:g} s: is the robot on, is the cable in, is this the right "
-                "network interface? 'equipoise doctor' looks closer"
+                "network interface?"
             )
         return self._newest
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from equipoise._version import __version__
-from equipoise.errors import EquipoiseError, NotEstimatedError, OutputError, SettingsError, did_you_mean
+from equipoise.errors import EquipoiseError, NotEstimatedError, SettingsError, did_you_mean
 from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, usd, xacro
 from equipoise.exports.found import BASE, LEGS, MOTORS, SENSORS, columns_of
 from equipoise.exports.judgement import judge, judge_columns
@@ -111,7 +111,7 @@ class Export:
     Attributes:
         format: row of the format in the table.
         content: bytes of the file.
-        file_name: name of the file by default.
+        file_name: name of the file by default; names the parts where others are written than by default.
         header: lines that the file begins with: which body in which frame, from which run, at which stance.
         notes: sentences that speak against the numbers, worst first.
         parts: what of the result was written, of "base", "sensors", "motors" and "legs".
@@ -130,12 +130,8 @@ class Export:
         return self.content.decode()
 
     def save(self, path: str | Path) -> Path:
-        """Write the file, whole or not at all; raises OutputError if it cannot be written."""
+        """Write the file, whole or not at all, into a folder that is there; raises OutputError if it cannot be written."""
         path = Path(path)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"cannot write {str(path)!r}: {error.strerror}") from error
         write_file(path, self.content)
         return path.resolve()
 
@@ -203,6 +199,8 @@ def export(
         subject = replace(subject, notes=subject.base_notes + subject.notes)
     written = row.write(subject)
     name = Path(users.path.name if users else row.output)
+    if parts != _parts(row, result, None):  # else one part would replace another that was written before
+        name = name.with_stem("_".join((name.stem, *parts)))
     if payload_link:
         name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)

@@ -54,6 +54,8 @@ from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
 
 _BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known
+_LONGEST = 3600.0  # [s]
+_FINEST, _COARSEST = 1e-4, 500.0  # [kg]
 _CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
 _SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance, sag and unevenness over their priors
 _OF_SURFACE = ("rolling", "sag", "floor_warp", "foothold_change")
@@ -115,10 +117,10 @@ class Precise(Method):
     def __post_init__(self) -> None:
         if self.mass is not None:
             check_mass(self.mass)
-        for name, least, most in (("budget", 20.0, 3600.0), ("mass_sd", 1e-4, 500.0)):
-            value = getattr(self, name)
-            if value is not None and not least <= value <= most:
-                raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
+        if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
+            raise SettingsError(f"budget is {self.budget}; it must be above zero, up to {_LONGEST:g}")
+        if self.mass_sd is not None and not _FINEST <= self.mass_sd <= _COARSEST:
+            raise SettingsError(f"mass_sd is {self.mass_sd}; it must be from {_FINEST:g} to {_COARSEST:g}")
         if self.mass_sd is not None and self.mass is None:
             raise SettingsError("mass_sd says how sure a scale is; give its mass too")
         for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted")), ("surface", _SURFACES)):

@@ -62,6 +62,17 @@ def read_mcap(path: Path) -> McapContent:
         raise RecordingError(f"the recording {str(path)!r} is damaged: {error or repr(error)}") from error
 
 
+def was_closed(path: Path) -> bool:
+    """Whether a file was closed; else its writer was killed, or a copy of it broke off. Looks at its end alone."""
+    try:
+        with open(path, "rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(size - len(MAGIC), 0))
+            return size > len(MAGIC) and file.read() == MAGIC
+    except OSError as error:
+        raise RecordingError(f"the recording {str(path)!r} cannot be read: {error.strerror}") from error
+
+
 def _read(data: bytes) -> McapContent:
     topics: dict[int, str] = {}
     channels: dict[str, Mapping[str, str]] = {}

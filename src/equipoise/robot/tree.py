@@ -135,7 +135,8 @@ def hold_other_joints(
     others = [str(name) for name in model.names[2:] if str(name) not in leg_joints]
     for joint in description.held:
         if joint not in others:
-            raise SettingsError(f"held names {joint!r}, which is a leg joint or none; others are {', '.join(others)}")
+            there = f"others are {', '.join(others)}" if others else "this robot has no others, so leave it out"
+            raise SettingsError(f"held names {joint!r}, which is a leg joint or none; {there}")
     if not others:
         return model, {}
     configuration, held = pin.neutral(model), dict.fromkeys(others, 0.0)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import SettingsError
+from equipoise.errors import EquipoiseError, RecordingError, SettingsError
 from equipoise.precise.parameters import Belief, Unknowns, base_vector
 from equipoise.precise.posterior import Posterior, total_mass
 from equipoise.precise.unknown import ROBOT, Unknown, unknown
@@ -112,7 +112,8 @@ class KnownRun:
         """From a run folder.
 
         Raises:
-            SettingsError: it is none, or no run of this method, or came to no result, or is damaged, or of another version.
+            RecordingError: it is none, or came to no result, or is damaged, or of another version.
+            SettingsError: it is a run of another method.
         """
         try:
             table = json.loads((path / POSTERIOR).read_text(encoding="utf-8"))
@@ -120,13 +121,13 @@ class KnownRun:
                 raise SettingsError(f"its {POSTERIOR} is {found!r}; this version reads {SCHEMA!r}: calibrate it anew")
             return replace(cls(**table), run=str(path))
         except FileNotFoundError as error:
-            raise SettingsError(f"--known {path}: {_why_none(path)}") from error
+            raise _why_none(path) from error
         except OSError as error:
-            raise SettingsError(f"--known {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
+            raise RecordingError(f"--known {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
         except SettingsError as error:
-            raise SettingsError(f"--known {path}: {error}") from error
+            raise RecordingError(f"--known {path}: {error}") from error
         except (ValueError, TypeError, KeyError) as error:
-            raise SettingsError(
+            raise RecordingError(
                 f"--known {path}: its {POSTERIOR} is damaged ({error!r}); remove it, and make it again with: "
                 f"equipoise estimate {path}"
             ) from error
@@ -256,15 +257,21 @@ def model_hash(robot: RobotModel) -> str:
     return hashlib.sha256(f"{robot.source.xml}\0{robot.description!r}".encode()).hexdigest()
 
 
-def _why_none(path: Path) -> str:
+def _why_none(path: Path) -> EquipoiseError:
     """Why a folder holds no posterior."""
     try:
         header = json.loads((path / "run.json").read_text(encoding="utf-8"))
         method = header["settings"]["method"]
     except (OSError, ValueError, KeyError, TypeError):
-        return "this is no run folder of a calibration"
+        return RecordingError(f"--known {path}: this is no run folder of a calibration")
     if method != "precise":
-        return f"this run is of the method {method!r}; only runs of 'precise' know a robot's sensors"
+        return SettingsError(
+            f"--known {path}: this run is of the method {method!r}; only runs of 'precise' know a robot's sensors"
+        )
     if not (path / "calibration.json").exists():
-        return f"this run came to no result; go on with: equipoise calibrate --resume {path}"
-    return f"this run was made before runs kept what the next one needs; make it with: equipoise estimate {path}"
+        return RecordingError(
+            f"--known {path}: this run came to no result; go on with: equipoise calibrate --resume {path}"
+        )
+    return RecordingError(
+        f"--known {path}: this run was made before runs kept what the next one needs; make it with: equipoise estimate {path}"
+    )
