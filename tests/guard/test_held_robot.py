@@ -173,7 +173,7 @@ def test_a_program_that_was_stopped_does_not_go_on_holding(link, a1):
             guard.read()
 
 
-def test_a_sender_that_hangs_does_not_keep_the_motors_from_being_released(link, dog, a1):
+def test_a_robot_whose_sender_hangs_is_left_to_the_watchdog_and_not_dropped(link, dog, a1):
     guard = Guard(HardwarePlatform(link), a1, BUSY, watchdog=lambda: dog)
     hold(guard, link, 0.1)
     hanging, gate = threading.Event(), threading.Event()
@@ -184,8 +184,10 @@ def test_a_sender_that_hangs_does_not_keep_the_motors_from_being_released(link, 
 
     link.act = hang
     wait_until(hanging.is_set)
-    guard.close()
-    assert (link.released, link.closed, dog.dismissed) == (1, 1, 1)
+    with pytest.raises(CommunicationError, match="is left to the watchdog"):
+        guard.close()
+    assert (link.released, link.closed, dog.dismissed) == (0, 0, 0)
+    assert guard.report().ending == ("left to the watchdog",)
     gate.set()
 
 

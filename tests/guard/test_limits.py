@@ -37,6 +37,7 @@ from equipoise.guard.soft_start import soft_start
 from equipoise.guard.tilt_filter import TiltFilter
 from equipoise.platform.platform import JointCommand
 from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
+from equipoise.robot.stance import lying_posture
 
 KNEE, THIGH = 2, 1  # of the front left leg
 
@@ -392,6 +393,20 @@ def test_feet_that_nothing_reaches_are_given_up_and_damped_all_the_same(a1, home
     assert sum(command.kp is None for command in ending.sent) == tries
     assert sum(command.kp is not None for command in ending.sent) * slept == pytest.approx(4.05, abs=0.2)
     assert sum(is_limp(command) for command in ending.sent) * slept == pytest.approx(3.5, abs=0.2)
+
+
+@pytest.mark.parametrize("legs", [4, 3, 2])
+def test_a_robot_that_somebody_else_let_down_is_not_pulled_up_again(a1, stance, gains, legs):
+    """Its joints are far from where they were sent, with three legs at least."""
+    there, _ = lying_posture(a1, stance)
+    there[a1.leg_joints[legs:]] = stance.joint_position[a1.leg_joints[legs:]]
+    ending = Ending(a1, gains, lambda count: there)
+    done = ending.put_down(JointCommand(stance.joint_position), well=False)
+    if legs == 2:
+        assert any(not is_limp(command) for command in ending.sent)
+    else:
+        assert done == ["damped"]
+        assert all(is_limp(command) for command in ending.sent)
 
 
 # --- the watchdog

@@ -10,7 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from equipoise.drivers.hardware import LoopTiming
-from equipoise.errors import CommunicationError, FallError, HungError, MotionError, SensorError, TrackingError
+from equipoise.errors import (
+    CommunicationError,
+    FallError,
+    HungError,
+    MotionError,
+    OverrunError,
+    SensorError,
+    TrackingError,
+)
 from equipoise.guard.base_checks import BaseChecks
 from equipoise.guard.clearance_checks import ClearanceChecks
 from equipoise.guard.command_checks import CommandChecks
@@ -140,7 +148,8 @@ class ControlLoop:
             return None
         heard = not isinstance(error, CommunicationError)
         believed = heard and not isinstance(error, SensorError)
-        well = self.known.well and believed and not isinstance(error, (FallError, TrackingError, HungError))
+        ill = FallError, TrackingError, HungError, OverrunError
+        well = self.known.well and believed and not isinstance(error, ill)
         state = self.known.state
         if believed:
             with contextlib.suppress(Exception):

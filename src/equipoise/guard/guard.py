@@ -210,6 +210,7 @@ class Guard:
     def _tell_watchdog(self, trajectory: Trajectory) -> None:
         """How the robot would have to be let down in this motion, and until the next one begins."""
         if self._watchdog is not None:
+            self._watchdog.check()
             ends = trajectory.position[[0, -1]]
             self._watchdog.legs_are_up(any(legs_are_up(self._robot, self._stance, end) for end in ends))
 
@@ -262,8 +263,8 @@ class Guard:
             self._held.stop()
             atexit.unregister(self.close)
             failures: list[BaseException] = []
-            put_down = [lambda: self._put_down(error)] if alone else []
-            for act in (*put_down, self._release, self._log.close):
+            let_go = [lambda: self._put_down(error), self._release] if alone else [self._leave]
+            for act in (*let_go, self._log.close):
                 try:
                     act()
                 except BaseException as failure:  # nothing may keep the next act from being tried
@@ -290,6 +291,20 @@ class Guard:
         if found is not None:
             steps = None if self._steps is None else StepLog(self, self._steps.state, self._steps)
             self._ending.put_down(found, steps)
+
+    def _leave(self) -> None:
+        """Of a robot whose link does not come back from a command: nobody else may use the link meanwhile.
+
+        Released, it would drop. The watchdog, which gets no sign of life any more, damps it over a link of its own.
+        """
+        if self._watchdog is None:
+            self._release()
+            return
+        self._ending.done.append("left to the watchdog")
+        raise CommunicationError(
+            f"the link has not come back from a command for {_HANGS:g} s, and the robot is left to the watchdog, which damps "
+            "it. Its motors may still hold it: use its own emergency stop"
+        )
 
     def _release(self) -> None:
         try:

@@ -73,12 +73,14 @@ class SafeEnding:
         self._last = JointCommand(stance.joint_position)
         self._here: FloatArray = stance.joint_position
         self._steps: StepLog | None = None
+        self._sunk = False
         self.done: list[str] = []
 
     def put_down(self, found: Known, steps: StepLog | None) -> None:
         """All stages that make sense, noted as these steps."""
         self._last, self._here, self._steps = found.sent, found.state.joint_position, steps
-        for stage in (self._put_feet_down, self._centre, self._lie_down, self._damp):
+        self._sunk = found.believed and self._has_sunk()
+        for stage in (self._damp,) if self._sunk else (self._put_feet_down, self._centre, self._lie_down, self._damp):
             count = len(self.done)
             self._failures, self._failing_since = 0, 0.0
             try:
@@ -153,7 +155,7 @@ class SafeEnding:
             return
         self.done.append("damped")
         longest = damping_time(self._stance, legs_are_up(self._robot, self._stance, self._last.position))
-        if found.heard:
+        if found.heard and not self._sunk:
             last = self._gentle(self._last, found)
             torque = np.zeros_like(last.position) if last.torque is None else last.torque
             for share in 1 - smooth_step(self._periods(FADE)):
@@ -171,6 +173,14 @@ class SafeEnding:
                 if felt and np.abs(self._here - was).max() < _STILL:
                     return
                 was = self._here
+
+    def _has_sunk(self) -> bool:
+        """Whether the robot is no longer where it was sent, with nearly all its legs: somebody else has let it down meanwhile.
+
+        Whatever pulls joints on their way then would lift the robot, from where people may be.
+        """
+        away = np.abs(self._last.position - self._here)[self._robot.leg_joints].max(axis=1)
+        return int((away > _FAR).sum()) >= len(away) - 1
 
     def _way_to(self, end: JointCommand, duration: float) -> list[JointCommand]:
         """Commands from the last one to another, over a time [s] or as much longer as joints need."""

@@ -12,6 +12,7 @@ import contextlib
 import os
 import pickle
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -72,6 +73,14 @@ class Watchdog:
             )
         if self._process.stdin is not None:  # one that hangs must not keep the robot waiting
             os.set_blocking(self._process.stdin.fileno(), False)
+
+    def check(self) -> None:
+        """Before a motion; raises CommunicationError if it watches no longer."""
+        if self._process.poll() is not None:
+            raise CommunicationError(
+                "the watchdog, which lets the robot down if this program dies, has ended itself (exit code "
+                f"{self._process.returncode}): start again"
+            )
 
     def moves(self) -> None:
         """From now on the robot must not be left alone."""
@@ -162,7 +171,10 @@ class _Hand:
 
 
 def main() -> int:
-    """The other side."""
+    """The other side. What ends the program, or all of its service, is not to end this before the robot is down."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
     pipe = sys.stdin.fileno()
     size = int.from_bytes(_exactly(pipe, 4), "little")
     platform, source, name, description, given, log = pickle.loads(_exactly(pipe, size))
