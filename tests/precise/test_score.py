@@ -157,10 +157,10 @@ def test_deviates_of_a_robot_as_believed_are_normal():
         sizes = np.concatenate([np.geomspace(0.2, 500, seen), [0.05]])
         turn = np.linalg.qr(generator.standard_normal((seen + 1, seen + 1)))[0]
         scores = (np.sqrt(sizes) * generator.standard_normal((20_000, seen + 1))) @ turn.T
-        deviates = np.array([score._deviate(turn @ np.diag(sizes) @ turn.T, drawn) for drawn in scores])
+        deviates = np.array([score.deviate(turn @ np.diag(sizes) @ turn.T, drawn, 0.1) for drawn in scores])
         for share in (0.5, 0.05, 0.001):
             assert np.quantile(deviates, 1 - share) == pytest.approx(NormalDist().inv_cdf(1 - share), abs=0.25)
-    assert score._deviate(0.05 * np.eye(2), np.ones(2)) == -np.inf
+    assert score.deviate(0.05 * np.eye(2), np.ones(2), 0.1) == -np.inf
 
 
 def test_the_limit_is_that_of_chance_over_all_that_is_tested(a1, precise_run, monkeypatch):

@@ -16,7 +16,7 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import judge
-from equipoise.precise.contradicted import estimate_uncontradicted, not_believed
+from equipoise.precise.findings.contradicted import estimate_uncontradicted, not_believed
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
