@@ -84,7 +84,7 @@ def test_who_only_looked_has_nothing_to_release(platform, link):
     assert (link.released, link.closed) == (0, 1)
 
 
-def test_a_computer_that_stalls_ends_the_run_and_the_robot_lies_down(a1):
+def test_a_computer_that_stalls_ends_the_run_and_the_robot_is_damped(a1):
     """What the link sees: the motion, nothing for a while, nothing that continues the motion, and the ending."""
     link = MemoryLink(a1, simulate(a1, "realistic", seed=3).platform)
     guard = Guard(HardwarePlatform(link), a1)
@@ -98,7 +98,7 @@ def test_a_computer_that_stalls_ends_the_run_and_the_robot_lies_down(a1):
         " ms while the robot moved: end other programs, or give this one a core of its own"
     )
     report = guard.report()
-    assert report.ending == ("lying down", "damped", "released")
+    assert report.ending == ("damped", "released")  # not pulled anywhere: a watchdog may have let it sink meanwhile
     assert is_damped(link.sent[-1])
     assert (link.released, link.closed) == (1, 1)
     assert report.overruns >= 1
