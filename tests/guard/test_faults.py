@@ -174,11 +174,6 @@ def test_a_run_without_a_fault_raises_no_alarm(run):
     assert run.result.trustworthy
 
 
-def test_looking_for_faults_takes_less_time_than_what_it_looks_at(run):
-    spent = run.result.timings
-    assert spent["screen the sensors"] + spent["check"] < spent["read the recordings"] + spent["estimate"]
-
-
 def test_true_values_lie_where_they_should(run):
     off = run.result.composite.values - components(run.truth)
     assert np.abs(off / run.result.composite.deviations).max() < 4.0
