@@ -165,14 +165,20 @@ def test_an_imu_that_sits_elsewhere_than_the_model_says(a1, precise_run, beliefs
     assert np.abs(moved(held, plain)).max() > 1.4
 
 
-def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
-    model, recordings = another_model(a1), precise_run.recordings
+def with_longer_legs(robot, longer):
+    """A model of which thighs and calves are longer [m]."""
+    model = another_model(robot)
     for leg in model.legs.values():
         calf, foot = model.pinocchio.jointPlacements[leg.joint_ids[-1]], model.pinocchio.frames[leg.foot_frame_id]
-        calf.translation = calf.translation * (1 + 2e-3 / np.linalg.norm(calf.translation))
         placement = foot.placement
-        placement.translation = placement.translation * (1 + 2e-3 / np.linalg.norm(placement.translation))
+        for part in (calf, placement):
+            part.translation = part.translation * (1 + longer / np.linalg.norm(part.translation))
         foot.placement = placement
+    return model
+
+
+def test_legs_that_are_shorter_than_the_model_says(a1, precise_run):
+    model, recordings = with_longer_legs(a1, 2e-3), precise_run.recordings
     for beliefs in (told(*LENGTHS), Priors()):
         plain, found = (posterior_of(robot, precise_run, recordings, beliefs) for robot in (a1, model))
         longer = gained(found, plain, "link_length_common") + [
@@ -209,14 +215,7 @@ def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(
 
 def test_legs_of_another_length_are_found_without_the_files(a1, precise_run):
     """Thighs and calves of a robot that is larger by 15 mm in both."""
-    model = another_model(a1)
-    for leg in model.legs.values():
-        calf, foot = model.pinocchio.jointPlacements[leg.joint_ids[-1]], model.pinocchio.frames[leg.foot_frame_id]
-        calf.translation = calf.translation * (1 + 15e-3 / np.linalg.norm(calf.translation))
-        placement = foot.placement
-        placement.translation = placement.translation * (1 + 15e-3 / np.linalg.norm(placement.translation))
-        foot.placement = placement
-    found = estimated(model, precise_run)
+    found = estimated(with_longer_legs(a1, 15e-3), precise_run)
     lengths = [
         next(one for one in found.sensors if one.name == f"length of the {kind}") for kind in ("thighs", "calves")
     ]
