@@ -31,8 +31,13 @@ from equipoise.robot.inertial import components
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "wrong_files.jsonl"
 FIRST = 10_000  # seeds below are for development
-SEEDS = {("unitree_a1", "realistic"): 6, ("unitree_a1", "stress"): 6, ("go2", "stress"): 4}
-OTHER = {"unitree_a1": "go2", "go2": "unitree_a1"}
+SEEDS = {
+    ("unitree_a1", "realistic"): 6,
+    ("unitree_a1", "stress"): 6,
+    ("go2", "stress"): 4,
+    ("anymal_c", "stress"): 4,
+}
+OTHER = {"unitree_a1": "go2", "go2": "unitree_a1", "anymal_c": "anymal_b"}
 SILENT = 4.0  # standard deviations
 Row = dict[str, Any]
 
@@ -142,9 +147,9 @@ def table(rows: list[Row]) -> Iterator[str]:
     yield (
         "`make bench-wrong-files`: simulated robots with random payloads, a scale of 0.5 %, 120 s (an A1's), seeds from "
         "10,000. The recordings of each run are estimated with the file that the robot was made of, and with others. Another "
-        "robot's: a Go2's for the runs of an A1, an A1's for those of a Go2. Told: runs whose result says that they "
-        "contradict the file; doubtful: a check failed. Silent: a quantity is off by more than four of its standard "
-        "deviations, and neither. Root mean square errors."
+        "robot's: a Go2's for the runs of an A1, an A1's for those of a Go2, an ANYmal B's for those of a C. Told: runs whose "
+        "result says that they contradict the file; doubtful: a check failed. Silent: a quantity is off by more than four of "
+        "its standard deviations, and neither. Root mean square errors."
     )
     yield ""
     yield (

@@ -8,6 +8,7 @@ import pytest
 from scipy.signal import savgol_filter
 
 from equipoise import Precise, load_robot
+from equipoise.precise.findings import contradicted
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.posterior import estimate_posterior
 from equipoise.precise.unknowns import Priors
@@ -211,6 +212,29 @@ def test_a_place_of_the_imu_that_the_run_contradicts_is_found_without_the_files(
     assert believed.assumptions == ()
     wrong = (believed.composite.values - plain.composite.values) / believed.composite.deviations
     assert np.abs(wrong).max() > 4
+
+
+def test_a_place_of_the_imu_that_hides_behind_its_prior_is_found(a1, precise_run, monkeypatch):
+    """At the usual prior what does not fit makes all noise seem larger, and the place seem likely enough."""
+    model = load_robot("unitree_a1", RobotDescription(imu_position=(0.0, 0.0, 0.027)))
+    found = estimated(model, precise_run)
+    assert found.assumptions == ("the IMU sits elsewhere than in the file, which the run contradicts",)
+    assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
+    monkeypatch.setattr(contradicted, "_SUSPECTED", contradicted._CONTRADICTED)
+    assert estimated(model, precise_run).assumptions == ()  # what is likely enough at the usual prior
+
+
+def test_a_body_is_composed_with_hips_as_they_are_found(a1, precise_run):
+    """A centimetre each way: with legs at the file's hips Iyy and Izz would be three and four percent too large."""
+    model = another_model(a1)
+    for leg in model.legs.values():
+        place = model.pinocchio.jointPlacements[leg.joint_ids[0]]
+        place.translation = place.translation + 0.01 * np.sign(place.translation) * [1, 0, 0]
+    found, right = estimated(model, precise_run), estimated(a1, precise_run)
+    assert "hips sit elsewhere than in the file, which the run contradicts" in found.assumptions
+    apart = found.composite.values / right.composite.values - 1
+    assert np.abs(apart[4:7]).max() < 0.015
+    assert np.abs(off(found.evidence.posterior, precise_run)).max() < 2.5
 
 
 def test_legs_of_another_length_are_found_without_the_files(a1, precise_run):

@@ -10,6 +10,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.precise.findings.score import ScoreTest, score_tests
 from equipoise.precise.measurements.evidence import RunEvidence
+from equipoise.precise.measurements.leg_motion import LEG_SHAPE
 from equipoise.precise.measurements.support_planes import com_by_planes
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
 from equipoise.recording.trials import DesignedLift, LiftTrial
@@ -58,6 +59,7 @@ def judge(
         _torques_carry_the_mass(posterior),
         _converged(posterior),
         _held_fits(posterior),
+        _file_is_of_this_robot(posterior),
         _halves_agree(posterior),
         _no_motion_outweighs(evidence, posterior),
         *([] if predicted is None else [_predicts(predicted)]),
@@ -224,6 +226,18 @@ def _cause(posterior: Posterior, test: ScoreTest) -> str:
         f"{row.cause} ({test.deviate:.1f} normal deviates; {most}). It is held at the model's: make it unknown with "
         f"{opened}{row.name} = {row.usual:g} in --priors"
     )
+
+
+def _file_is_of_this_robot(posterior: Posterior) -> Check:
+    """Legs of another shape alone, or an IMU elsewhere alone, are found. Both, and what nobody looks for is wrong as well."""
+    rows = posterior.unknowns.priors.not_of_this_robot
+    if not rows:
+        return Check("model file", True, "nothing speaks against legs and IMU being where the file has them")
+    message = "; ".join(row.cause for row in rows)
+    legs = [row for row in rows if row.name in LEG_SHAPE]
+    if 0 < len(legs) < len(rows):
+        return Check("model file", False, f"{message}: it may be the file of another robot. Give this robot's own")
+    return Check("model file", True, f"{message}: found without it")
 
 
 def _halves_agree(posterior: Posterior) -> Check:

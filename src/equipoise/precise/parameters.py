@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from equipoise.conventions import FloatArray
-from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.leg_motion import LEG_SHAPE, LegChains, LegShape
 from equipoise.precise.measurements.momenta import model_parameters
+from equipoise.precise.measurements.traced import Traced
 from equipoise.precise.unknown import A1_TORQUE, Unknown
-from equipoise.precise.unknowns import Priors, Values, by_the_model
+from equipoise.precise.unknowns import Priors, Values, by_the_model, inputs_of
 from equipoise.robot.inertial import InertialParameters, base_parameters, moment_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
@@ -62,6 +63,8 @@ class Unknowns:
         torque_scale: m g h of the robot over that of an A1.
         model_links: (4 links,) inertial parameters of the leg links by the model, as of `momenta`.
         of_links: (4 links, open) derivative of these by the values of LINKS that are not held.
+        composing: names of the unknowns that bodies are made of: the inertial ones; where the model's lengths or places of
+            hips are not the robot's, also what legs are found to be like. Tolerances of a drawing do nothing that is seen.
         belief: what an earlier run says of them; None: there is none, and priors are as the table has them.
     """
 
@@ -82,8 +85,11 @@ class Unknowns:
         self._links = self.columns(*LINKS)
         counts = [(self.estimates(name), len(self._by_the_model[name])) for name in LINKS]
         open_links = np.concatenate([np.full(count, estimated) for estimated, count in counts])
-        self.of_links, self.model_links = _by_values(LegChains(robot))[:, open_links], model_parameters(robot)[10:]
-        self._joined, self._above_knees = _joined_bodies(robot, stance)
+        self._legs = LegChains(robot)
+        self.of_links, self.model_links = _by_values(self._legs)[:, open_links], model_parameters(robot)[10:]
+        self._joined_by_the_model, self._above_knees = _joined_bodies(robot, stance)
+        found_shape = any(row.name in LEG_SHAPE for row in priors.not_of_this_robot)
+        self.composing = (*INERTIAL, *LEG_SHAPE) if found_shape else INERTIAL
         self.model_base = base_parameters(robot)
         self.model_base_vector = self.model_base.vector
 
@@ -155,11 +161,20 @@ class Unknowns:
 
     def robot_body(self, x: FloatArray) -> InertialParameters:
         """The whole robot frozen at the nominal stance, in the base frame."""
-        return InertialParameters.from_vector(self.inertial(x) @ self._joined)
+        return InertialParameters.from_vector(self.inertial(x) @ self._joined(x))
 
     def stance_effective_body(self, x: FloatArray) -> InertialParameters:
         """The paper's body: base, hips and thighs, about its own CoM."""
-        return InertialParameters.from_vector(self.inertial(x) @ (self._joined * self._above_knees))
+        return InertialParameters.from_vector(self.inertial(x) @ (self._joined(x) * self._above_knees))
+
+    def _joined(self, x: FloatArray) -> FloatArray:
+        """(10 + 4 links, 10) as of `_joined_bodies`, with legs as they are found where bodies are composed so."""
+        if self.composing == INERTIAL:
+            return self._joined_by_the_model
+        position = Traced(self.stance.joint_position[:, None])
+        shape = LegShape.of(self._legs, inputs_of(self.values(x), LEG_SHAPE, 1))
+        found, model = (self._legs.traced_posture(position, legs).com.value[..., 0] for legs in (shape, None))
+        return _joined_bodies(self.robot, self.stance, (found - model).T.reshape(-1, 3))[0]
 
 
 def _by_values(legs: LegChains) -> FloatArray:
@@ -175,8 +190,11 @@ def _by_values(legs: LegChains) -> FloatArray:
     )
 
 
-def _joined_bodies(robot: RobotModel, stance: Stance) -> tuple[FloatArray, FloatArray]:
+def _joined_bodies(robot: RobotModel, stance: Stance, aside: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
     """What the inertial parameters of `Unknowns.inertial` add up to, frozen at a stance.
+
+    Args:
+        aside: (links, 3) place of each leg link less the model's, in the base frame [m].
 
     Returns:
         (10 + 4 links, 10) parameters in the base frame, about its origin, of the base, each leg link and each moment;
@@ -184,8 +202,12 @@ def _joined_bodies(robot: RobotModel, stance: Stance) -> tuple[FloatArray, Float
     """
     poses = Kinematics(robot).joint_poses(stance.joint_position)
     joints = [(leg, joint) for leg in robot.legs.values() for joint in leg.joint_ids]
-    bodies = [poses[joint].act(robot.pinocchio.inertias[joint]) for _, joint in joints]
-    turns = [poses[joint].rotation for _, joint in joints]
+    placed = [
+        pin.SE3(poses[joint].rotation, poses[joint].translation + off)
+        for (_, joint), off in zip(joints, np.broadcast_to(aside, (len(joints), 3)), strict=True)
+    ]
+    bodies = [place.act(robot.pinocchio.inertias[joint]) for place, (_, joint) in zip(placed, joints, strict=True)]
+    turns = [place.rotation for place in placed]
     moments = [(moment_parameters(body.lever) @ turn).T for body, turn in zip(bodies, turns, strict=True)]
     above = [float(joint != leg.joint_ids[-1]) for leg, joint in joints]
     joined = np.concatenate([np.eye(10), [body.toDynamicParameters() for body in bodies], *moments])

@@ -30,7 +30,7 @@ from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.gauss_newton import NormalEquations, descend, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
-from equipoise.precise.parameters import INERTIAL, Belief, Unknowns
+from equipoise.precise.parameters import Belief, Unknowns
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel
@@ -293,7 +293,7 @@ def body_jacobian(unknowns: Unknowns, x: FloatArray, body: Callable[[FloatArray]
         body: one of `unknowns.robot_body`, `base_body` and `stance_effective_body`.
     """
     jacobian = np.zeros((len(COMPONENTS), unknowns.size))
-    for index in unknowns.columns(*INERTIAL):
+    for index in unknowns.columns(*unknowns.composing):
         ahead, behind = x.copy(), x.copy()
         ahead[index] += 1e-5
         behind[index] -= 1e-5

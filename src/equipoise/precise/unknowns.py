@@ -222,7 +222,7 @@ class Priors:
     hip_position: float = unknown(
         0.0026, "place of a leg's first joint less the model's, in the base frame", "m", HIP_AXIS,
         "0.7 mm on an A1: tolerances",
-        otherwise=0.03, measure=HIP_HEIGHT, label="hip position {each}",
+        otherwise=0.1, measure=HIP_HEIGHT, label="hip position {each}",
         cause="hips sit elsewhere than in the file", opened_by="--legs unknown",
     )  # fmt: skip
     pull: float = unknown(
@@ -330,6 +330,11 @@ class Priors:
     def estimated(self) -> tuple[Unknown, ...]:
         """The rows that are not held."""
         return tuple(row for row in self.rows() if getattr(self, row.name) > 0)
+
+    @property
+    def not_of_this_robot(self) -> tuple[Unknown, ...]:
+        """Rows that are believed as nobody's number is."""
+        return tuple(row for row in self.rows() if row.otherwise and getattr(self, row.name) == row.otherwise)
 
     @classmethod
     def rows(cls) -> tuple[Unknown, ...]:

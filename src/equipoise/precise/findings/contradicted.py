@@ -3,11 +3,14 @@
 A drawing is good to millimetres; a file made from none, or of another robot, is off by centimetres. A prior that is right for
 the first hides the second: what the run says is split between the row and the inertia, and no equation is left unfit. So a
 run is asked whether it contradicts the prior, and where it does the row is believed as nobody's number is.
+
+A prior that is false hides that, too: what does not fit it raises the noise levels, or is left out. A row that is suspected
+is estimated as nobody's number, and what the run says of it then is judged by the prior.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from statistics import NormalDist
 
@@ -18,7 +21,8 @@ from equipoise.precise.posterior import Posterior
 from equipoise.precise.unknown import Unknown
 from equipoise.precise.unknowns import Priors
 
-_BY_CHANCE = 0.01  # of the runs of robots whose errors are drawn from the priors
+_SUSPECTED = 1.0  # normal deviate: one of six robots whose errors are drawn from the prior
+_CONTRADICTED = NormalDist().inv_cdf(0.99)
 _TOLD = 0.02  # variance that a run took away at least, in units of the prior: of what it hardly tells it says nothing
 _ROUNDS = 3  # lengths of legs may hide where the hips are
 
@@ -27,36 +31,40 @@ def estimate_uncontradicted(estimate: Callable[[Priors], Posterior], priors: Pri
     """An estimate with priors that the run does not contradict: these, or wider ones."""
     posterior = estimate(priors)
     for _ in range(_ROUNDS):
-        wider = {row.name: row.otherwise for row in contradicted(posterior)}
-        if not wider:
+        suspected = [row for row in _asked(posterior) if _conflict(posterior, [row]) > _SUSPECTED]
+        if not suspected:
             break
-        priors = replace(priors, **wider)
-        posterior = estimate(priors)
+        wider = estimate(replace(posterior.unknowns.priors, **{row.name: row.otherwise for row in suspected}))
+        if _conflict(wider, suspected) < _CONTRADICTED:
+            break
+        posterior = wider
     return posterior
 
 
-def contradicted(posterior: Posterior) -> list[Unknown]:
-    """Rows that a run contradicts, of those that have another prior for that.
+def _asked(posterior: Posterior) -> list[Unknown]:
+    """Rows that have another prior for robots that are not the file's. One that somebody gave is not doubted."""
+    priors = posterior.unknowns.priors
+    return [row for row in posterior.unknowns.rows if row.otherwise and getattr(priors, row.name) == row.usual]
 
-    The estimate of a row is, before the run, normal about zero with the covariance that the run takes away, I - P in units of
-    the prior, with P its posterior covariance. Prior and data are in conflict where it lies far out there (Evans, Moshonov,
-    Bayesian Analysis 1, 2006). A prior that somebody gave is not doubted.
+
+def _conflict(posterior: Posterior, rows: Sequence[Unknown]) -> float:
+    """Normal deviate as unlikely as what the run says of rows, if their errors are of the usual size.
+
+    The estimate is then normal about zero with the covariance that the run takes away, I - P in units of the usual prior, with
+    P the posterior covariance. Prior and data are in conflict where it lies far out there (Evans, Moshonov, Bayesian Analysis
+    1, 2006). An estimate by another prior is brought to the usual one, to first order.
     """
-    unknowns, found, most = posterior.unknowns, list[Unknown](), NormalDist().inv_cdf(1 - _BY_CHANCE)
-    for row in unknowns.rows:
-        if row.otherwise and getattr(unknowns.priors, row.name) == row.usual:
-            block = unknowns[row.name]
-            taken_away = np.eye(block.stop - block.start) - posterior.covariance[block, block]
-            if deviate(taken_away, posterior.x[block], _TOLD) > most:
-                found.append(row)
-    return found
+    unknowns = posterior.unknowns
+    at = unknowns.columns(*(row.name for row in rows))
+    shrunk = np.concatenate(
+        [np.full(len(unknowns.columns(row.name)), row.usual / getattr(unknowns.priors, row.name)) for row in rows]
+    )
+    precision = np.linalg.inv(posterior.covariance[np.ix_(at, at)])
+    data = np.outer(shrunk, shrunk) * (precision - np.eye(len(at)))
+    covariance = np.linalg.inv(data + np.eye(len(at)))
+    return deviate(np.eye(len(at)) - covariance, covariance @ (shrunk * (precision @ posterior.x[at])), _TOLD)
 
 
 def not_believed(posterior: Posterior) -> tuple[str, ...]:
     """What an estimate takes to be otherwise than in the model file, a sentence each."""
-    unknowns = posterior.unknowns
-    return tuple(
-        f"{row.cause}, which the run contradicts"
-        for row in unknowns.rows
-        if row.otherwise and getattr(unknowns.priors, row.name) == row.otherwise
-    )
+    return tuple(f"{row.cause}, which the run contradicts" for row in posterior.unknowns.priors.not_of_this_robot)
