@@ -1,5 +1,6 @@
 """What becomes of a guarded robot while nobody moves it: in real time, with a robot at rest on the other side."""
 
+import ctypes
 import threading
 import time
 from dataclasses import replace
@@ -171,6 +172,16 @@ def test_a_program_that_was_stopped_does_not_go_on_holding(link, a1):
         wait_until(lambda: link.closed)
         with pytest.raises(OverrunError, match=r"^this computer sent nothing for"):
             guard.read()
+
+
+def test_a_call_that_keeps_the_interpreter_for_long_ends_the_run(link, a1):
+    """Neither thread sends meanwhile; whichever comes next, looks."""
+    with Guard(HardwarePlatform(link), a1) as guard:
+        hold(guard, link, 0.1)
+        ctypes.PyDLL(None).usleep(400_000)
+        with pytest.raises(OverrunError, match=r"^this computer sent nothing for 4\d\d ms"):
+            guard.step(JointCommand(link.sent[-1].position))
+    assert is_damped(link.sent[-1])
 
 
 def test_a_robot_whose_sender_hangs_is_left_to_the_watchdog_and_not_dropped(link, dog, a1):

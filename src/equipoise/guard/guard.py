@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.errors import CommunicationError, MotionError
 from equipoise.guard.control_loop import ControlLoop
 from equipoise.guard.footing import feet_are_lifted, legs_are_up
 from equipoise.guard.held_robot import HeldRobot
@@ -80,7 +80,6 @@ class Guard:
         self._motion_log, self._log = log, PieceLog(log, platform.control_period)
         self._steps: StepLog | None = None
         self.phase = ""
-        self._stepped = 0.0
         self._ended = False
         self._trouble: BaseException | None = None  # what went wrong while nobody moved the robot
         atexit.register(self.close)
@@ -113,6 +112,7 @@ class Guard:
             TrackingError: a joint does not follow.
             FallError: the base tilts.
             SensorError, CommunicationError: samples cannot be believed, or none arrive.
+            OverrunError: this computer sent nothing for too long.
         """
         with self._ending_on_trouble(), self._interruptions.held():
             self._begin(command)
@@ -120,7 +120,7 @@ class Guard:
             return self._step(command)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        """As a platform's; raises what `step` raises, with what was recorded so far, OverrunError and OutputError."""
+        """As a platform's; raises what `step` raises, with what was recorded so far, and OutputError."""
         steps: StepLog | None = None
         try:
             with self._ending_on_trouble(), self._interruptions.held():
@@ -195,12 +195,10 @@ class Guard:
         test = TiltTest(stop, self.control_period)
         phases = [event for event in trajectory.events if event.name == PHASE]
         self._log.begin(steps, len(trajectory.position), trajectory.events)
-        self._stepped = time.monotonic()
         for index in range(len(trajectory.position)):
             while phases and phases[0].time <= (index + 0.5) * self.control_period:
                 self.phase = str(phases.pop(0).data.get("name"))
             command = trajectory.command(index)
-            self._check_pace(steps.state)
             state = steps.add(command.position, lambda command=command: self._step(command))
             self._log.step()
             self._interruptions.check()
@@ -227,16 +225,6 @@ class Guard:
     def _present(self) -> RobotState:
         """The present state, and with it the last one of the motion before, which no recording has yet."""
         return following(self._held.present(), self._steps)
-
-    def _check_pace(self, state: RobotState) -> None:
-        """Nothing is sent to a robot that has had to do without for too long: it may be somewhere else by now."""
-        now = time.monotonic()
-        if state.received is not None and now - self._stepped > self._limits.stall:
-            raise OverrunError(
-                f"this computer sent nothing for {(now - self._stepped) * 1000:.0f} ms while the robot moved: end other "
-                "programs, or give this one a core of its own"
-            )
-        self._stepped = now
 
     # --- ending
 
