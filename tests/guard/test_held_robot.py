@@ -1,6 +1,8 @@
 """What becomes of a guarded robot while nobody moves it: in real time, with a robot at rest on the other side."""
 
 import ctypes
+import os
+import signal
 import threading
 import time
 from dataclasses import replace
@@ -105,6 +107,16 @@ def test_what_goes_wrong_meanwhile_ends_the_run_and_is_told_at_the_next_call(lin
     assert guard.report().trouble == str(caught.value)
     assert is_damped(link.sent[-1])
     assert dog.dismissed == 1
+
+
+@pytest.mark.usefixtures("ctrl_c_raises")
+def test_ctrl_c_while_the_holding_thread_puts_the_robot_down_is_heard_once_it_is_down(guard, link):
+    hold(guard, link, 0.1)
+    link.act = lambda count: os.kill(os.getpid(), signal.SIGINT) if is_damped(link.sent[-1]) else None
+    sampled(link, health=Health(fault="a motor is off"))
+    with pytest.raises(KeyboardInterrupt):
+        wait_until(lambda: False)
+    assert (link.released, link.closed) == (1, 1)
 
 
 def test_a_link_that_fails_meanwhile_ends_the_run(guard, link):
