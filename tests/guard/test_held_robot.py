@@ -119,6 +119,25 @@ def test_ctrl_c_while_the_holding_thread_puts_the_robot_down_is_heard_once_it_is
     assert (link.released, link.closed) == (1, 1)
 
 
+def test_a_motion_that_is_prepared_when_the_run_ends_is_told_why(guard, link, dog, monkeypatch):
+    """Not that the link or the watchdog is gone: they are because of that."""
+    begin = guard._begin
+
+    def end_meanwhile(first):
+        begin(first)
+        sampled(link, health=Health(fault="a motor is off"))
+        wait_until(lambda: dog.dismissed)
+        link.receive = dog.check = fail
+
+    def fail():
+        raise CommunicationError("it is closed")
+
+    hold(guard, link, 0.1)
+    monkeypatch.setattr(guard, "_begin", end_meanwhile)
+    with pytest.raises(LimitError, match="a motor is off"):
+        hold(guard, link, 0.1)
+
+
 def test_a_link_that_fails_meanwhile_ends_the_run(guard, link):
     hold(guard, link, 0.1)
     sent = len(link.sent)

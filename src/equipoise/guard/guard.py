@@ -128,8 +128,10 @@ class Guard:
                 self._loop.look_ahead(trajectory)
                 with self._held.moving():
                     self._begin(trajectory.command(0))
-                    self._tell_watchdog(trajectory)
-                    steps = self._steps = StepLog(self, self._present(), self._steps)
+                    with self._held.turn():  # the thread that holds may have ended the run meanwhile
+                        self._check_going()
+                        self._tell_watchdog(trajectory)
+                        steps = self._steps = StepLog(self, self._present(), self._steps)
                     self._play(trajectory, stop, steps)
                 # A robot on two feet does not wait for a disk.
                 lifted = feet_are_lifted(self._robot, self._stance, trajectory.position[steps.count - 1])
