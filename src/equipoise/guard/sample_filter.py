@@ -79,8 +79,9 @@ class SampleFilter:
         joints, imu = self._joints, self._imu
         self._counting = target is not None  # who only reads may find what is there already
         fresh = tuple(sample for sample in (*state.earlier, state) if self._look(sample))
-        self._joints_without = 0.0 if self._joints != joints else self._joints_without + self._period
-        self._imu_without = 0.0 if self._imu != imu else self._imu_without + self._period
+        passed = self._period if self._counting else 0.0
+        self._joints_without = 0.0 if self._joints != joints else self._joints_without + passed
+        self._imu_without = 0.0 if self._imu != imu else self._imu_without + passed
         self.counts.longest_silence = max(self.counts.longest_silence, self._joints_without, self._imu_without)
         if max(self._joints_without, self._imu_without) > self._silence:
             self._complain()
