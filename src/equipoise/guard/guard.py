@@ -77,7 +77,7 @@ class Guard:
             platform.control_period,
             lambda: self._interruptions.asked,
         )
-        self._motion_log, self._log = log, PieceLog(log, platform.control_period)
+        self._log = PieceLog(log, platform.control_period)
         self._steps: StepLog | None = None
         self.phase = ""
         self._ended = False
@@ -254,14 +254,11 @@ class Guard:
             atexit.unregister(self.close)
             failures: list[BaseException] = []
             let_go = [lambda: self._put_down(error), self._release] if alone else [self._leave]
-            for act in (*let_go, self._log.close):
+            for act in (*let_go, self._keep_ending, self._log.close):
                 try:
                     act()
                 except BaseException as failure:  # nothing may keep the next act from being tried
                     failures.append(failure)
-            if self._motion_log is not None:
-                with contextlib.suppress(Exception):  # samples of a robot that went wrong may be no recording
-                    self._ending.keep(self._motion_log)
             if error is None and failures:
                 raise failures[0]
 
@@ -281,6 +278,10 @@ class Guard:
         if found is not None:
             steps = None if self._steps is None else StepLog(self, self._steps.state, self._steps)
             self._ending.put_down(found, steps)
+
+    def _keep_ending(self) -> None:
+        with contextlib.suppress(Exception):  # samples of a robot that went wrong may be no recording
+            self._ending.keep(self._log)
 
     def _leave(self) -> None:
         """Of a robot whose link does not come back from a command: nobody else may use the link meanwhile.
