@@ -52,8 +52,8 @@ class SampleFilter:
         self._why = "missing"
         self._since = np.zeros(len(robot.joint_names))  # [s] that an encoder has read the same
         self._imu_since = 0.0
-        self._sent_low, self._sent_high = np.zeros((2, len(robot.joint_names)))
-        self._imu_target = np.zeros(len(robot.joint_names))
+        self._sent_low, self._sent_high = np.full((2, len(robot.joint_names)), [[np.inf], [-np.inf]])
+        self._imu_target: FloatArray | None = None
         self._moved = 0.0
         self.counts = SampleCounts()
 
@@ -153,7 +153,7 @@ class SampleFilter:
     def _check_frozen(self, target: FloatArray) -> None:
         """Sensors that do not change while the joints are sent elsewhere."""
         self._check_frozen_joints(target)
-        if self._imu_since == 0.0:
+        if self._imu_since == 0.0 or self._imu_target is None:
             self._moved, self._imu_target = 0.0, target
             return
         self._moved = max(self._moved, float(np.abs(target - self._imu_target).max()))
