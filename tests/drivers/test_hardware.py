@@ -95,7 +95,8 @@ def test_a_computer_that_stalls_ends_the_run_and_the_robot_is_damped(a1):
         hold(guard, link, 0.5)
     assert str(caught.value).startswith("this computer sent nothing for ")
     assert str(caught.value).endswith(
-        " ms while the robot moved: end other programs, or give this one a core of its own"
+        " ms while it moved or held the robot: end other programs, or give this one a core of its own; do not stop it "
+        "(Ctrl-Z), nor have it call what keeps Python's other threads waiting"
     )
     report = guard.report()
     assert report.ending == ("damped", "released")  # not pulled anywhere: a watchdog may have let it sink meanwhile

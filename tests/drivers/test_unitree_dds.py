@@ -286,6 +286,45 @@ def test_a_standing_robot_is_not_dropped_and_who_does_not_ask_is_ignored(tmp_pat
             assert peer.said("sport_mode") == ["ended"]
 
 
+COMMANDS = """
+import sys, time
+from equipoise.drivers.dds.domain import DdsDomain, raw
+from equipoise.drivers.unitree.dds import COMMAND_TOPIC
+from equipoise.drivers.unitree.messages import LowCmd
+from equipoise.drivers.unitree.samples import COMMAND, Message
+sample, domain = raw(LowCmd), DdsDomain(int(sys.argv[1]), "lo")
+commands, message = domain.outbox(COMMAND_TOPIC, sample), Message(COMMAND)
+print("ready", flush=True)
+sys.stdin.readline()
+while True:
+    commands.send(sample(message.encoded()))
+    print("sent", flush=True)
+    time.sleep(2e-3)
+"""
+
+
+def test_a_second_commander_is_refused_and_one_that_says_nothing_is_not(tmp_path_factory, a1):
+    with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
+        lying = JointCommand(platform.read().joint_position)
+        other = [sys.executable, "-c", COMMANDS, str(peer.domain)]
+        with subprocess.Popen(other, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stdout.readline() == "ready\n"
+                platform.step(lying)
+                platform._link.release()
+                process.stdin.write("go\n")
+                process.stdin.flush()
+                assert process.stdout.readline() == "sent\n"
+                with pytest.raises(MotionError) as caught:
+                    platform.step(lying)
+            finally:
+                process.kill()
+        assert str(caught.value).startswith("another program commands the motors of unitree-go2 on lo: ")
+        assert "end that program, on this computer or on the robot" in str(caught.value)
+        hold(platform, lying.position, 0.1)
+        assert platform._link._commands._listeners == 1  # the robot; nobody listens here any more
+
+
 def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, target):
     with running(tmp_path_factory, "--start", "standing", "--bare") as peer:
         with connected(peer, a1) as platform, pytest.raises(CommunicationError, match="release_sport_mode=false"):

@@ -7,7 +7,7 @@ import pytest
 from guarded import PERIOD, at_rest
 
 from equipoise import nominal_stance
-from equipoise.errors import MotionError
+from equipoise.errors import CommunicationError, MotionError, SensorError
 from equipoise.guard.control_loop import ControlLoop
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand
@@ -79,6 +79,43 @@ def test_a_command_that_is_refused_is_not_sent_and_says_nothing_of_the_robot(a1)
         loop.step(JointCommand(stance.joint_position + 0.3))
     assert robot.sent == []
     assert loop.known_after(None).well
+
+
+@pytest.mark.parametrize(
+    ("moves", "error", "message"),
+    [
+        (lambda index: {"time": 0.0}, CommunicationError, "no sample has arrived for 10"),
+        (lambda index: {"imu_time": 0.0}, CommunicationError, "no sample of the IMU has arrived for 10"),
+        (lambda index: {"angular_velocity_in_imu": np.zeros(3)}, SensorError, "the IMU is frozen"),
+    ],
+)
+def test_who_reads_before_every_step_is_told_as_anybody(a1, moves, error, message):
+    stance = nominal_stance(a1)
+    states = [at_rest(a1, index, **moves(index)) for index in range(200)]
+    robot = Robot(states[0], states[0])
+    loop = ControlLoop(robot, a1, stance, Limits())
+    hold = JointCommand(stance.joint_position)
+    loop.take_over(loop.read(), hold)
+
+    def run():
+        for index, state in enumerate(states):
+            robot._before = robot._after = state
+            loop.read()
+            loop.step(replace(hold, position=stance.joint_position + 1e-3 * (index % 100)))
+
+    with pytest.raises(error, match=message):
+        run()
+    assert len(robot.sent) < 110
+
+
+def test_no_time_passes_for_who_reads_again_and_again(a1):
+    stance = nominal_stance(a1)
+    loop = ControlLoop(Robot(at_rest(a1), at_rest(a1, 1)), a1, stance, Limits())
+    hold = JointCommand(stance.joint_position)
+    loop.take_over(loop.read(), hold)
+    for _ in range(200):
+        loop.read()
+    loop.step(hold)
 
 
 AT_REST = [

@@ -23,7 +23,10 @@ from equipoise.errors import (
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.guard.footing import feet_are_lifted
 from equipoise.guard.guard import Guard
+from equipoise.platform import piece_log
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand, MotionInterrupted
+from equipoise.recording.run_log import RunLog
+from equipoise.recording.run_log_reader import read_log
 from equipoise.robot.stance import lies
 
 CALM = ["lying down", "damped", "released"]
@@ -256,6 +259,45 @@ def test_a_full_disk_ends_the_run_and_the_robot_lies_down(a1, seen):
     assert ending == CALM
     assert_put_down(seen, a1)
     assert len(log.recordings[0].joints.time) == 62
+
+
+class Stalls:
+    """A file of a disk that stalls in the middle of the third piece that a thread of its own writes."""
+
+    def __init__(self, file):
+        self._file, self._left, self.gate = file, 3, threading.Event()
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+    def write(self, data):
+        if threading.current_thread() is not threading.main_thread():
+            self._left -= 1
+            if self._left == 0:
+                count = self._file.write(data[: len(data) // 2])
+                self.gate.wait(30.0)
+                return count
+        return self._file.write(data)
+
+
+def test_a_disk_that_stalls_leaves_the_log_readable(a1, seen, tmp_path, monkeypatch):
+    """One thread writes, also the ending; and who closes the log waits for it."""
+    monkeypatch.setattr(piece_log, "_PATIENCE", 0.05)
+    monkeypatch.setattr(piece_log, "_LAST_PATIENCE", 0.05)
+    log = RunLog(tmp_path / "log.mcap")
+    file = log.file._file = Stalls(log.file._file)
+    _, raised = use(seen, a1, lambda guard: hold(guard, seen, 1.5), log=log)
+    assert str(raised).startswith("nothing of the recording has been written for 0.05 s")
+    closing = threading.Thread(target=log.close)
+    closing.start()
+    closing.join(0.2)
+    file.gate.set()
+    closing.join()
+    content = read_log(tmp_path / "log.mcap")
+    assert content.closed
+    [play, *_] = content.plays
+    assert len(play.recording.joints.time) >= 3 * 62  # what had begun to be written
+    assert np.diff(play.recording.joints.time) == pytest.approx(seen.control_period)
 
 
 # --- signals

@@ -1,5 +1,8 @@
 """What becomes of a guarded robot while nobody moves it: in real time, with a robot at rest on the other side."""
 
+import ctypes
+import os
+import signal
 import threading
 import time
 from dataclasses import replace
@@ -106,6 +109,35 @@ def test_what_goes_wrong_meanwhile_ends_the_run_and_is_told_at_the_next_call(lin
     assert dog.dismissed == 1
 
 
+@pytest.mark.usefixtures("ctrl_c_raises")
+def test_ctrl_c_while_the_holding_thread_puts_the_robot_down_is_heard_once_it_is_down(guard, link):
+    hold(guard, link, 0.1)
+    link.act = lambda count: os.kill(os.getpid(), signal.SIGINT) if is_damped(link.sent[-1]) else None
+    sampled(link, health=Health(fault="a motor is off"))
+    with pytest.raises(KeyboardInterrupt):
+        wait_until(lambda: False)
+    assert (link.released, link.closed) == (1, 1)
+
+
+def test_a_motion_that_is_prepared_when_the_run_ends_is_told_why(guard, link, dog, monkeypatch):
+    """Not that the link or the watchdog is gone: they are because of that."""
+    begin = guard._begin
+
+    def end_meanwhile(first):
+        begin(first)
+        sampled(link, health=Health(fault="a motor is off"))
+        wait_until(lambda: dog.dismissed)
+        link.receive = dog.check = fail
+
+    def fail():
+        raise CommunicationError("it is closed")
+
+    hold(guard, link, 0.1)
+    monkeypatch.setattr(guard, "_begin", end_meanwhile)
+    with pytest.raises(LimitError, match="a motor is off"):
+        hold(guard, link, 0.1)
+
+
 def test_a_link_that_fails_meanwhile_ends_the_run(guard, link):
     hold(guard, link, 0.1)
     sent = len(link.sent)
@@ -171,6 +203,16 @@ def test_a_program_that_was_stopped_does_not_go_on_holding(link, a1):
         wait_until(lambda: link.closed)
         with pytest.raises(OverrunError, match=r"^this computer sent nothing for"):
             guard.read()
+
+
+def test_a_call_that_keeps_the_interpreter_for_long_ends_the_run(link, a1):
+    """Neither thread sends meanwhile; whichever comes next, looks."""
+    with Guard(HardwarePlatform(link), a1) as guard:
+        hold(guard, link, 0.1)
+        ctypes.PyDLL(None).usleep(400_000)
+        with pytest.raises(OverrunError, match=r"^this computer sent nothing for 4\d\d ms"):
+            guard.step(JointCommand(link.sent[-1].position))
+    assert is_damped(link.sent[-1])
 
 
 def test_a_robot_whose_sender_hangs_is_left_to_the_watchdog_and_not_dropped(link, dog, a1):

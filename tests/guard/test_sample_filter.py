@@ -209,6 +209,17 @@ def test_after_a_pause_in_which_nobody_looked_nobody_is_blamed(a1, sieve, home):
         sieve.accept(alive(a1, 0), home)
 
 
+@pytest.mark.parametrize("frozen", ["joint_position", "angular_velocity_in_imu"])
+def test_what_read_the_same_before_the_first_command_has_not_been_sent_anywhere_yet(a1, sieve, home, frozen):
+    samples = [at_rest(a1, index, **{frozen: getattr(at_rest(a1), frozen)}) for index in range(400)]
+    for sample in samples[:150]:
+        sieve.forgive()
+        sieve.accept(sample, None)
+    error, count = run(sieve, samples[150:], lambda index: home + (0.04 if index >= 150 else 0.0))
+    assert count == 150
+    assert "frozen" in str(error)
+
+
 @given(st.lists(st.integers(0, 30), min_size=1, max_size=60), st.data())
 def test_time_never_goes_back_whatever_arrives(a1, order, data):
     """And no sample is handed on twice."""

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,7 +137,8 @@ def test_a_disk_that_hangs_is_not_waited_for_for_ever(a1, monkeypatch):
     motion(a1, log, 10)
     begun = time.monotonic()
     message = (
-        "the recording is not written yet, 0.05 s after the motion: is the disk full, or on a network that is gone?"
+        "nothing of the recording has been written for 0.05 s, and some of it is not written yet: is the disk full, or on a "
+        "network that is gone?"
     )
     with pytest.raises(OutputError) as caught:
         log.finish(wait=True)
@@ -145,6 +147,45 @@ def test_a_disk_that_hangs_is_not_waited_for_for_ever(a1, monkeypatch):
         log.close()
     assert time.monotonic() - begun < 20.0
     gate.set()
+
+
+def test_a_slow_disk_is_waited_for_as_long_as_it_takes_something(a1, monkeypatch):
+    now = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=time.sleep)
+    monkeypatch.setattr(piece_log, "time", clock)
+
+    class Slow(Pieces):
+        def add(self, piece):
+            time.sleep(0.01)
+            now[0] += 0.9 * piece_log._PATIENCE
+            self.append(piece)
+
+    kept = Slow()
+    log = PieceLog(kept, PERIOD)
+    motion(a1, log, 1250)
+    log.finish(wait=True)
+    assert len(kept.recordings) == 10
+    motion(a1, log, 1250, first=1250)
+    log.close()
+    assert len(kept.recordings) == 20
+
+
+def test_what_cannot_be_written_keeps_nothing_else_from_being(a1):
+    class Once(Pieces):
+        def add(self, piece):
+            if len(self) == 3:
+                self.append(0)
+                raise OutputError("no memory just now")
+            self.append(piece)
+
+    kept = Once()
+    log = PieceLog(kept, PERIOD)
+    steps = motion(a1, log, 300)
+    last = steps.recording(first=0, last=10)
+    log.add(10, last)
+    with pytest.raises(OutputError, match=r"^no memory just now$"):
+        log.close()
+    assert kept[-2:] == [10, last]
 
 
 def test_nobody_wants_the_pieces(a1):

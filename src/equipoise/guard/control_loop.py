@@ -80,13 +80,14 @@ class ControlLoop:
         self._clear.check_ahead(trajectory)
 
     def read(self) -> RobotState:
-        """Sense without commanding, perhaps after a while in which nobody looked.
+        """Sense without commanding; before the robot was taken over, perhaps after a while in which nobody looked.
 
         Raises:
             SensorError, CommunicationError: samples cannot be believed, or none arrive.
             TrackingError: the robot is not where it was sent to hold.
         """
-        self._samples.forgive()
+        if self.known is None:
+            self._samples.forgive()
         state = self._platform.read()
         silent = 0.0 if state.received is None else time.monotonic() - state.received
         if silent > self._silence:

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from equipoise.errors import CommunicationError, MotionError, OverrunError
+from equipoise.errors import CommunicationError, MotionError
 from equipoise.guard.control_loop import ControlLoop
 from equipoise.guard.footing import feet_are_lifted, legs_are_up
 from equipoise.guard.held_robot import HeldRobot
@@ -77,10 +77,9 @@ class Guard:
             platform.control_period,
             lambda: self._interruptions.asked,
         )
-        self._motion_log, self._log = log, PieceLog(log, platform.control_period)
+        self._log = PieceLog(log, platform.control_period)
         self._steps: StepLog | None = None
         self.phase = ""
-        self._stepped = 0.0
         self._ended = False
         self._trouble: BaseException | None = None  # what went wrong while nobody moved the robot
         atexit.register(self.close)
@@ -113,6 +112,7 @@ class Guard:
             TrackingError: a joint does not follow.
             FallError: the base tilts.
             SensorError, CommunicationError: samples cannot be believed, or none arrive.
+            OverrunError: this computer sent nothing for too long.
         """
         with self._ending_on_trouble(), self._interruptions.held():
             self._begin(command)
@@ -120,7 +120,7 @@ class Guard:
             return self._step(command)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-        """As a platform's; raises what `step` raises, with what was recorded so far, OverrunError and OutputError."""
+        """As a platform's; raises what `step` raises, with what was recorded so far, and OutputError."""
         steps: StepLog | None = None
         try:
             with self._ending_on_trouble(), self._interruptions.held():
@@ -128,8 +128,10 @@ class Guard:
                 self._loop.look_ahead(trajectory)
                 with self._held.moving():
                     self._begin(trajectory.command(0))
-                    self._tell_watchdog(trajectory)
-                    steps = self._steps = StepLog(self, self._present(), self._steps)
+                    with self._held.turn():  # the thread that holds may have ended the run meanwhile
+                        self._check_going()
+                        self._tell_watchdog(trajectory)
+                        steps = self._steps = StepLog(self, self._present(), self._steps)
                     self._play(trajectory, stop, steps)
                 # A robot on two feet does not wait for a disk.
                 lifted = feet_are_lifted(self._robot, self._stance, trajectory.position[steps.count - 1])
@@ -195,12 +197,10 @@ class Guard:
         test = TiltTest(stop, self.control_period)
         phases = [event for event in trajectory.events if event.name == PHASE]
         self._log.begin(steps, len(trajectory.position), trajectory.events)
-        self._stepped = time.monotonic()
         for index in range(len(trajectory.position)):
             while phases and phases[0].time <= (index + 0.5) * self.control_period:
                 self.phase = str(phases.pop(0).data.get("name"))
             command = trajectory.command(index)
-            self._check_pace(steps.state)
             state = steps.add(command.position, lambda command=command: self._step(command))
             self._log.step()
             self._interruptions.check()
@@ -228,16 +228,6 @@ class Guard:
         """The present state, and with it the last one of the motion before, which no recording has yet."""
         return following(self._held.present(), self._steps)
 
-    def _check_pace(self, state: RobotState) -> None:
-        """Nothing is sent to a robot that has had to do without for too long: it may be somewhere else by now."""
-        now = time.monotonic()
-        if state.received is not None and now - self._stepped > self._limits.stall:
-            raise OverrunError(
-                f"this computer sent nothing for {(now - self._stepped) * 1000:.0f} ms while the robot moved: end other "
-                "programs, or give this one a core of its own"
-            )
-        self._stepped = now
-
     # --- ending
 
     @contextlib.contextmanager
@@ -264,14 +254,11 @@ class Guard:
             atexit.unregister(self.close)
             failures: list[BaseException] = []
             let_go = [lambda: self._put_down(error), self._release] if alone else [self._leave]
-            for act in (*let_go, self._log.close):
+            for act in (*let_go, self._keep_ending, self._log.close):
                 try:
                     act()
                 except BaseException as failure:  # nothing may keep the next act from being tried
                     failures.append(failure)
-            if self._motion_log is not None:
-                with contextlib.suppress(Exception):  # samples of a robot that went wrong may be no recording
-                    self._ending.keep(self._motion_log)
             if error is None and failures:
                 raise failures[0]
 
@@ -291,6 +278,10 @@ class Guard:
         if found is not None:
             steps = None if self._steps is None else StepLog(self, self._steps.state, self._steps)
             self._ending.put_down(found, steps)
+
+    def _keep_ending(self) -> None:
+        with contextlib.suppress(Exception):  # samples of a robot that went wrong may be no recording
+            self._ending.keep(self._log)
 
     def _leave(self) -> None:
         """Of a robot whose link does not come back from a command: nobody else may use the link meanwhile.

@@ -50,6 +50,7 @@ class HeldRobot:
         self._wanted = False
         self._resting = False  # a motion is over, and no other has begun
         self._stepped = self._moved = self._beaten = -float("inf")
+        self._sent = -float("inf")  # when the last command left: a step that takes long leaves the robot alone, too
         self._seen: tuple[RobotState, ...] = ()  # between two motions
         self._told = -float("inf")  # the newest sign of life that the watchdog knows of
         self._thinker = 0
@@ -61,6 +62,7 @@ class HeldRobot:
     def begin(self, watchdog: Watchdog | None) -> None:
         """From now on, the first command was sent, it must not be left alone."""
         self._watchdog = watchdog
+        self._sent = time.monotonic()  # the first command may have taken seconds
         if watchdog is not None:
             watchdog.moves()
         if self._collects:
@@ -104,8 +106,10 @@ class HeldRobot:
             return replace(state, earlier=(*self._seen, *state.earlier)) if self._seen else state
 
     def step(self, command: JointCommand) -> RobotState:
-        """As the loop's."""
+        """As the loop's; raises OverrunError if nothing was sent for too long, by the thread that holds neither."""
         with self.turn():
+            if self._holds:
+                self._check_gap()
             try:
                 return self._loop.step(command)
             finally:
@@ -132,7 +136,7 @@ class HeldRobot:
             self._wanted = False
             self._thinker = threading.get_ident()
             alive()
-            if self._holder is not None and not self._over.is_set():
+            if self._holds:
                 gc.disable()
             yield
             self._pass_on()
@@ -143,6 +147,22 @@ class HeldRobot:
         if self._watchdog is not None and sign > self._told and now - self._beaten > _BEAT:
             self._told, self._beaten = sign, now
             self._watchdog.beat()
+
+    def _check_gap(self) -> None:
+        """Before a command: nothing is sent to a robot that has had to do without for too long. It may lie by now."""
+        now = time.monotonic()
+        if now - self._sent > self._stall:
+            raise OverrunError(
+                f"this computer sent nothing for {(now - self._sent) * 1000:.0f} ms while it moved or held the robot: end "
+                "other programs, or give this one a core of its own; do not stop it (Ctrl-Z), nor have it call what keeps "
+                "Python's other threads waiting"
+            )
+        self._sent = now
+
+    @property
+    def _holds(self) -> bool:
+        """Whether the robot must not be left alone: it was moved, is not simulated, and is not being put down."""
+        return self._holder is not None and not self._over.is_set()
 
     @property
     def _idle(self) -> bool:
@@ -165,12 +185,8 @@ class HeldRobot:
 
     def _repeat(self) -> None:
         """The last command again, with everything that is checked in a motion."""
+        self._check_gap()
         now, sign = time.monotonic(), last_sign(self._thinker)
-        if now - self._stepped > self._stall:  # it may lie by now
-            raise OverrunError(
-                f"this computer sent nothing for {(now - self._stepped) * 1000:.0f} ms while it held the robot: end other "
-                "programs, or give this one a core of its own; and do not stop it (Ctrl-Z)"
-            )
         if now - sign > _PATIENCE:
             raise HungError(
                 f"the program that moves the robot gave no sign of life for {now - sign:.1f} s, and the robot was let down: "
@@ -180,7 +196,7 @@ class HeldRobot:
         short = now - self._moved < _PAUSE
         if self._collects and not short:
             gc.enable()
-        self._stepped = now  # not when it is done: this process may be stopped meanwhile
+        self._stepped = now
         state = self._loop.hold()
         self._seen = (*self._seen, *state.earlier, replace(state, earlier=())) if short else ()
         self._pass_on()

@@ -21,7 +21,7 @@ from equipoise.guard.footing import damping_time, feet_are_lifted, legs_are_up
 from equipoise.guard.held_robot import HeldRobot
 from equipoise.guard.known import Known
 from equipoise.guard.soft_start import softened
-from equipoise.platform.piece_log import MotionLog
+from equipoise.platform.piece_log import PieceLog
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.ramp import smooth_step
 from equipoise.platform.stepping import StepLog
@@ -89,11 +89,10 @@ class SafeEnding:
                 if len(self.done) > count:
                     self.done[-1] += f", stopped: {failure}"
 
-    def keep(self, log: MotionLog) -> None:
-        """Log what was noted, as a motion of one phase, `ending`; raises what the log raises, or RecordingError."""
+    def keep(self, log: PieceLog) -> None:
+        """Log what was noted, as a motion of one phase, `ending`; raises RecordingError."""
         if self._steps is not None and self._steps.count:
-            log.begin(self._steps.count)
-            log.add(self._steps.recording((Event(0.0, PHASE, {"name": Phase.ENDING}),)))
+            log.add(self._steps.count, self._steps.recording((Event(0.0, PHASE, {"name": Phase.ENDING}),)))
 
     def _put_feet_down(self, found: Known) -> None:
         if not (found.heard and found.up.tilt < _HOPELESS):

@@ -52,8 +52,8 @@ class SampleFilter:
         self._why = "missing"
         self._since = np.zeros(len(robot.joint_names))  # [s] that an encoder has read the same
         self._imu_since = 0.0
-        self._sent_low, self._sent_high = np.zeros((2, len(robot.joint_names)))
-        self._imu_target = np.zeros(len(robot.joint_names))
+        self._sent_low, self._sent_high = np.full((2, len(robot.joint_names)), [[np.inf], [-np.inf]])
+        self._imu_target: FloatArray | None = None
         self._moved = 0.0
         self.counts = SampleCounts()
 
@@ -79,8 +79,9 @@ class SampleFilter:
         joints, imu = self._joints, self._imu
         self._counting = target is not None  # who only reads may find what is there already
         fresh = tuple(sample for sample in (*state.earlier, state) if self._look(sample))
-        self._joints_without = 0.0 if self._joints != joints else self._joints_without + self._period
-        self._imu_without = 0.0 if self._imu != imu else self._imu_without + self._period
+        passed = self._period if self._counting else 0.0
+        self._joints_without = 0.0 if self._joints != joints else self._joints_without + passed
+        self._imu_without = 0.0 if self._imu != imu else self._imu_without + passed
         self.counts.longest_silence = max(self.counts.longest_silence, self._joints_without, self._imu_without)
         if max(self._joints_without, self._imu_without) > self._silence:
             self._complain()
@@ -152,7 +153,7 @@ class SampleFilter:
     def _check_frozen(self, target: FloatArray) -> None:
         """Sensors that do not change while the joints are sent elsewhere."""
         self._check_frozen_joints(target)
-        if self._imu_since == 0.0:
+        if self._imu_since == 0.0 or self._imu_target is None:
             self._moved, self._imu_target = 0.0, target
             return
         self._moved = max(self._moved, float(np.abs(target - self._imu_target).max()))

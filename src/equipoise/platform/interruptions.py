@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Generator
@@ -29,8 +30,9 @@ class Interruptions:
 
     As a rule they raise: KeyboardInterrupt, or `Terminated`. Within `held`, a motion, the first one waits until `check` is
     called, between two control periods: an exception in the middle of one would leave locks and lists half done. Within
-    `noted`, the ending, they interrupt nothing. Flags are set and looked at by the main thread alone, where Python runs
-    handlers; in other threads nothing is changed. Signals that the process ignores (`nohup`) stay ignored.
+    `noted`, the ending, they interrupt nothing; if another thread does that, the main thread, which knows nothing of it, hears
+    of them afterwards. Python runs handlers in the main thread; in other threads none is changed. Signals that the process
+    ignores (`nohup`) stay ignored.
 
     Attributes:
         asked: whether somebody asked again while the robot was put down.
@@ -73,7 +75,8 @@ class Interruptions:
     def noted(self) -> Generator[None]:
         """Nothing is interrupted; `asked` says whether somebody tried."""
         self._noting = True  # before handlers are installed, if they are not yet: this one store cannot be interrupted
-        installed = not self._before
+        main = threading.current_thread() is threading.main_thread()
+        installed = main and not self._before
         try:
             if installed:
                 self.__enter__()
@@ -81,11 +84,13 @@ class Interruptions:
         finally:
             if installed:
                 self.__exit__()
-            self._noting, self._waiting = False, None
+            waiting, self._noting, self._waiting = self._waiting, False, None
+            if waiting is not None and not main:
+                os.kill(os.getpid(), waiting)  # which wakes the main thread, too, if it sleeps
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
         if self._noting:
-            self.asked = True
+            self.asked, self._waiting = True, number
         elif self._holding and self._waiting is None:
             self._waiting = number
         else:

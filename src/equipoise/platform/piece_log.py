@@ -14,8 +14,8 @@ from equipoise.platform.stepping import StepLog
 from equipoise.recording.recording import Event, Recording
 
 _PIECE_TIME = 0.25  # [s]
-_PATIENCE = 2.0  # [s] with a disk, while the robot stands on four feet
-_LAST_PATIENCE = 5.0  # [s] once it has been put down
+_PATIENCE = 2.0  # [s] with a disk that takes nothing, while the robot stands on four feet
+_LAST_PATIENCE = 20.0  # [s] once it has been put down
 
 
 class MotionLog(Protocol):
@@ -41,7 +41,9 @@ class _Piece:
 
 
 class PieceLog:
-    """Hands pieces of motions to a log while they are played.
+    """Hands pieces of motions to a log while they are played, by one thread: nobody else writes to it meanwhile.
+
+    What cannot be written keeps nothing after it from being tried.
 
     Args:
         log: log that takes the pieces; None: nobody wants them.
@@ -54,19 +56,20 @@ class PieceLog:
         self._steps: StepLog | None = None
         self._events: tuple[Event, ...] = ()
         self._done = 0
-        self._pieces: queue.Queue[_Piece | int | None] = queue.Queue()
+        self._pieces: queue.Queue[_Piece | Recording | int | None] = queue.Queue()
         self._trouble: BaseException | None = None
         self._writer: threading.Thread | None = None
 
     def begin(self, steps: StepLog, commands: int, events: tuple[Event, ...]) -> None:
         """A motion of so many commands begins."""
         self._steps, self._events, self._done = steps, events, 0
-        if self._log is None:
-            return
-        self._pieces.put(commands)
-        if self._writer is None:
-            self._writer = threading.Thread(target=self._write, name="recording", daemon=True)
-            self._writer.start()
+        self._put(commands)
+
+    def add(self, commands: int, motion: Recording) -> None:
+        """A whole motion of so many commands, behind what was played before it."""
+        self._hand_on_rest()
+        self._put(commands)
+        self._put(motion)
 
     def step(self) -> None:
         """A step was done; raises what writing raised meanwhile."""
@@ -81,7 +84,7 @@ class PieceLog:
             wait: whether to wait until all of it has been written; nobody looks after the robot meanwhile.
 
         Raises:
-            OutputError: it could not be written.
+            OutputError: it could not be written, or the disk takes nothing.
         """
         self._hand_on_rest()
         self._check()
@@ -109,35 +112,49 @@ class PieceLog:
             raise trouble
 
     def _hand_on(self, steps: StepLog) -> None:
-        if self._log is not None:
-            self._pieces.put(_Piece(steps, self._done, steps.count, self._events))
+        self._put(_Piece(steps, self._done, steps.count, self._events))
         self._done = steps.count
 
+    def _put(self, piece: _Piece | Recording | int) -> None:
+        if self._log is None:
+            return
+        self._pieces.put(piece)
+        if self._writer is None:
+            self._writer = threading.Thread(target=self._write, args=(self._log,), name="recording", daemon=True)
+            self._writer.start()
+
     def _wait(self, patience: float) -> None:
-        until = time.monotonic() + patience
-        while self._pieces.unfinished_tasks and self._trouble is None:
-            if time.monotonic() > until:
+        """Until all has been tried, as long as the disk takes a piece now and then."""
+        left, since = 0, 0.0
+        while now_left := self._pieces.unfinished_tasks:
+            now = time.monotonic()
+            if now_left != left:
+                left, since = now_left, now
+            elif now - since > patience:
+                self._check()
                 raise OutputError(
-                    f"the recording is not written yet, {patience:g} s after the motion: is the disk full, or on a network "
-                    "that is gone?"
+                    f"nothing of the recording has been written for {patience:g} s, and some of it is not written yet: is the "
+                    "disk full, or on a network that is gone?"
                 )
             alive()  # it waits no longer than its patience
             time.sleep(1e-3)
         self._check()
 
-    def _write(self) -> None:
-        piece: _Piece | int | None = 0
+    def _write(self, log: MotionLog) -> None:
+        piece: _Piece | Recording | int | None = 0
         while piece is not None:
             piece = self._pieces.get()
             try:
-                if piece is not None and self._trouble is None and self._log is not None:
-                    self._keep(self._log, piece)
+                if piece is not None:
+                    self._keep(log, piece)
             except BaseException as error:
-                self._trouble = error
+                self._trouble = self._trouble or error
             self._pieces.task_done()
 
-    def _keep(self, log: MotionLog, piece: _Piece | int) -> None:
+    def _keep(self, log: MotionLog, piece: _Piece | Recording | int) -> None:
         if isinstance(piece, int):
             log.begin(piece)
+        elif isinstance(piece, Recording):
+            log.add(piece)
         else:
             log.add(piece.steps.recording(piece.events, piece.first, piece.last))

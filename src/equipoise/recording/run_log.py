@@ -6,6 +6,7 @@ What it holds is said in `log_messages`.
 from __future__ import annotations
 
 import secrets
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ class RunLog:
     def __init__(self, path: Path) -> None:
         self.file = McapWriter(path, TOPICS)
         self._beside: WriterProcess | None = None
+        self._turn = threading.Lock()  # of the file: who closes it waits for a thread that still writes
         self._number = -1  # of the present play
         self._begun: int | None = None  # commands of the present play, while no piece of it is written
         self._open: list[tuple[int, list[Recording]]] = []  # plays since a recording was kept
@@ -92,9 +94,10 @@ class RunLog:
 
     def close(self) -> None:
         """Write the index at the end. May be called twice."""
-        if self._beside is not None:
-            self._beside.close()
-        self.file.close()
+        with self._turn:
+            if self._beside is not None:
+                self._beside.close()
+            self.file.close()
 
     def __enter__(self) -> RunLog:
         return self
@@ -104,7 +107,8 @@ class RunLog:
 
     def _write(self, entries: Entries, time: int | None, piece: Recording | None = None) -> None:
         write = write_messages if self._beside is None else self._beside.write
-        write(self.file, entries, time, piece)
+        with self._turn:
+            write(self.file, entries, time, piece)
 
     def _plays_of(self, recording: Recording) -> list[int]:
         """Numbers of the last plays, if they are the recording."""

@@ -19,7 +19,6 @@ import select
 import signal
 import subprocess
 import sys
-import threading
 from typing import Any
 
 from equipoise.errors import OutputError
@@ -32,14 +31,14 @@ _STARTS, _ENDS = 20.0, 5.0  # [s] on a busy computer
 
 
 class WriterProcess:
-    """This side of it. Requests may come from several threads.
+    """This side of it. One thread at a time has something written.
 
     Args:
         file: file to be written by the process; it stays open here, too.
     """
 
     def __init__(self, file: McapWriter) -> None:
-        self._file, self._turn = file, threading.Lock()
+        self._file = file
         self._process: subprocess.Popen[bytes] | None = None
         with contextlib.suppress(OSError):  # no memory for it: this side writes
             self._process = subprocess.Popen(
@@ -61,15 +60,13 @@ class WriterProcess:
 
     def write(self, file: McapWriter, entries: Entries, time: int | None, piece: Recording | None = None) -> None:
         """As `write_messages`."""
-        with self._turn:
-            if not self._ask((entries, time, piece), _PATIENCE):
-                write_messages(file, entries, time, piece)
+        if not self._ask((entries, time, piece), _PATIENCE):
+            write_messages(file, entries, time, piece)
 
     def close(self) -> None:
         """Have the file closed. What the process did not do is left to do: the file is open here then."""
-        with self._turn:
-            if self._process is not None and self._end(_ENDS) == 0:
-                self._file.abandon()
+        if self._process is not None and self._end(_ENDS) == 0:
+            self._file.abandon()
 
     def _ask(self, request: Any, patience: float) -> bool:
         """Have a request done; returns whether it was, and raises OutputError if the file cannot be written."""

@@ -30,6 +30,7 @@ CONTROL_PERIOD = 2e-3  # [s]
 _TICK = 1e-3  # [s] of the robot's clock
 _HEALTH = 0.1  # [s] between looks at temperatures and the battery
 _LOST = 0.1  # share of messages between the robot's computer and a motor that may get lost
+_LISTENING = 0.3  # [s] in which somebody else who commands is heard: each motor wants a command every few milliseconds
 _TURN = 5e-3  # [s] for the threads that receive
 _PATIENCE = 3.0  # [s] of samples that are damaged, and no other
 _RELEASES = 10  # the last command, so often: some may get lost
@@ -104,7 +105,7 @@ class UnitreeDdsLink:
         """As a link's. Before the first command the robot's own controller lets go of the motors, which takes seconds.
 
         Raises:
-            MotionError: it holds them, and the robot does not lie.
+            MotionError: it holds them, and the robot does not lie; or another program commands them.
             SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
         """
         if len(command.position) != MOTORS:
@@ -159,7 +160,23 @@ class UnitreeDdsLink:
                     "they are let go. Have it lie down with its remote control; if it hangs in a frame, set hanging=true"
                 )
             self._switcher.release()
+        self._check_alone()
         self._obeys = True
+
+    def _check_alone(self) -> None:
+        """Listen whether somebody else commands. Writers that say nothing are allowed: our own watchdog has one."""
+        commands = self._domain.inbox(COMMAND_TOPIC, self._sample)
+        try:
+            time.sleep(_LISTENING)
+            others = len(commands.take())
+        finally:
+            commands.close()
+        if others:
+            raise MotionError(
+                f"another program commands the motors of {self.name}: {others} commands on {COMMAND_TOPIC} within "
+                f"{_LISTENING:g} s, and none was sent from here. Both would pull at the robot: end that program, on this "
+                "computer or on the robot (its own sport mode, where that was not asked to let go: docs/unitree-go2.md)"
+            )
 
     def _may_let_go(self) -> bool:
         return self._settings.hanging or self._lies()
