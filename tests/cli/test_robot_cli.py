@@ -1,5 +1,6 @@
 """Robots by the command line: against a simulated one in its own process, over UDP."""
 
+import dataclasses
 import io
 import json
 import os
@@ -11,10 +12,11 @@ import time
 from contextlib import contextmanager
 from itertools import groupby
 
+import numpy as np
 import pytest
 from peer_processes import free_port, running_peer
 
-from equipoise import Precise, RunFolder, nominal_stance
+from equipoise import Precise, RunFolder, Static, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
 from equipoise.drivers.hardware import HardwarePlatform
@@ -201,6 +203,25 @@ def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
     assert sum(p.times for p in rehearsal.postures if "two feet up" in p.what) == lifts
     print_rehearsal(rehearsal, "mujoco")
     assert capsys.readouterr().out.count("sway about yaw") == 1
+
+
+@pytest.mark.parametrize(
+    ("joints", "largest", "row"),
+    [
+        (12, r"Nm at \w+, for which the model file gives no limit\.", r"\d\.\d Nm, no limit, at"),
+        (11, r"Nm at RR_calf_joint, \d+% of its limit\.", r"\d+% at RR_calf_joint"),
+    ],
+    ids=["no joint has a limit", "one has"],
+)
+def test_a_dry_run_says_where_there_is_no_limit_of_a_torque(a1, joints, largest, row, capsys):
+    rehearsal = rehearse(a1, Static())
+    limit = np.array([*joints * [np.inf], *a1.effort_limit[joints:]])
+    print_rehearsal(dataclasses.replace(rehearsal, robot=dataclasses.replace(a1, effort_limit=limit)), "mujoco")
+    told = capsys.readouterr().out
+    assert "inf" not in told
+    assert len(re.findall(r"\d, no limit *$", told, re.MULTILINE)) == joints
+    assert re.search(largest, " ".join(told.split()))
+    assert re.search(row, told)
 
 
 def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys):
