@@ -53,6 +53,17 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
         ) from error
 
 
+def made_folder(folder: Path) -> Path:
+    """A folder that is there now. What should hold it is not made: its path may be mistyped. Raises OutputError."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot write into {str(folder)!r}: {error.strerror}; is the folder there that holds it, may you write there?"
+        ) from error
+    return folder
+
+
 def replaceable(path: Path, what: str = "") -> int | None:
     """Permissions of the regular file at a path, links followed; None if there is nothing.
 

@@ -73,7 +73,7 @@ def test_the_doctor_shows_our_gains_beside_the_makers(a1, capsys):
 
 @pytest.mark.realtime
 def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
-    path = tmp_path / "logs" / "still.mcap"
+    path = tmp_path / "still.mcap"
     with robot() as (peer, flags):
         assert main(["record", *flags, "--duration", "1s", "--out", str(path), "--quiet"]) == 0
     assert str(path) in capsys.readouterr().out
@@ -230,6 +230,27 @@ def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys)
     assert capsys.readouterr().err.startswith("recording into here.mcap for 1 s\n")
     assert main(["record", "--duration", "1s", "--out", "there.mcap", "--quiet"]) == 0
     assert "recording into" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["record", "report"])
+def test_a_mistyped_folder_is_not_made(verb, tmp_path, capsys):
+    run, out = tmp_path / "run", tmp_path / "lgos" / "new" / "file"
+    arguments = ["--duration", "1s"]
+    if verb == "report":
+        assert (
+            main(["calibrate", "--method", "static", "--quiet", "--no-pictures", "--no-report", "--out", str(run)]) == 0
+        )
+        arguments = [str(run)]
+    assert main([verb, *arguments, "--out", str(out)]) == 6
+    assert f"{str(out)!r}: No such file or directory; is there such a folder" in capsys.readouterr().err
+    assert not (tmp_path / "lgos").exists()
+
+
+def test_a_recording_goes_into_logs_unless_said_otherwise(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["record", "--duration", "1s", "--quiet"]) == 0
+    (log,) = (tmp_path / "logs").iterdir()
+    assert str(log.relative_to(tmp_path)) in capsys.readouterr().out
 
 
 def test_repetitions_are_compared(tmp_path, capsys):

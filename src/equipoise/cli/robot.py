@@ -27,6 +27,7 @@ from equipoise.cli.flags import (
 )
 from equipoise.cli.settings import seconds
 from equipoise.errors import OutputError
+from equipoise.user_file import made_folder
 
 if TYPE_CHECKING:
     from equipoise.recording.run_log import RunLog
@@ -95,7 +96,7 @@ def record(
         set: A setting of the platform, as KEY=VALUE; may be given again.
         settings: TOML file with settings of the platform.
         duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
-        out: The file; default logs/ROBOT-TIME.mcap.
+        out: The file, in a folder that is there; default logs/ROBOT-TIME.mcap.
     """
     from equipoise.drivers.catalog import SIMULATED
     from equipoise.drivers.checkup import watch
@@ -104,7 +105,7 @@ def record(
 
     model = load(robot, description)
     now = datetime.now(timezone.utc)
-    out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
+    out = out or made_folder(Path("logs")) / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
     lasting = seconds(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
     interruptions, samples = Interruptions(), 0
     with (
@@ -136,10 +137,6 @@ def _log_at(path: Path) -> Generator[RunLog]:
 
     if path.exists():
         raise OutputError(f"{str(path)!r} exists; name a new file with --out")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write into {str(path.parent)!r}: {error.strerror}") from error
     with RunLog(path) as log:
         try:
             yield log
