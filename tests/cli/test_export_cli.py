@@ -79,6 +79,8 @@ def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
         (["urdf", "--what", "base"], "a1.urdf"),
         (["json", "--what", "all"], "inertia_base_sensors_motors.json"),
         (["toml", "--what", "all"], "sensors_and_motors.toml"),
+        (["toml", "--what", "motors"], "motors.toml"),
+        (["c-header", "--what", "sensors"], "sensors.h"),
     ],
 )
 def test_a_file_is_called_by_what_is_in_it(arguments, name, run, capsys):

@@ -61,6 +61,7 @@ _BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
 _FOUND = (SENSORS, MOTORS)
 _ALL_PARTS = (BASE, *_FOUND, LEGS)
 _PAGE = "sensors-and-motors"
+_FOUND_FILE = "sensors_and_motors"
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (
@@ -86,11 +87,11 @@ FORMATS: dict[str, Format] = {
                learning.isaaclab, "isaaclab", samples=True, parts=(BASE, *_FOUND)),
         Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables", parts=_ALL_PARTS),
         Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables", parts=_ALL_PARTS),
-        Format("toml", (), "", False, "tools of your own", "sensors_and_motors.toml", sensors_and_motors.write_toml,
+        Format("toml", (), "", False, "tools of your own", f"{_FOUND_FILE}.toml", sensors_and_motors.write_toml,
                _PAGE, parts=(*_FOUND, LEGS)),
         Format("zeros", (), "", False, "whoever reads encoders", "joint_zeros.yaml", sensors_and_motors.write_zeros,
                _PAGE, parts=(SENSORS,)),
-        Format("c-header", (), "", False, "firmware, C and C++", "sensors_and_motors.h",
+        Format("c-header", (), "", False, "firmware, C and C++", f"{_FOUND_FILE}.h",
                sensors_and_motors.write_c_header, _PAGE, parts=_FOUND),
         Format("ros2", (), "", False, "parameters of a ROS 2 node", "ros2_parameters.yaml",
                sensors_and_motors.write_ros2, _PAGE, parts=_FOUND),
@@ -200,7 +201,8 @@ def export(
     written = row.write(subject)
     name = Path(users.path.name if users else row.output)
     if parts != _parts(row, result, None):  # else one part would replace another that was written before
-        name = name.with_stem("_".join((name.stem, *parts)))
+        of = () if name.stem == _FOUND_FILE else (name.stem,)  # that is a name of parts already
+        name = name.with_stem("_".join((*of, *parts)))
     if payload_link:
         name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)
