@@ -13,6 +13,7 @@ from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_moto
 from equipoise.exports.found import BASE, LEGS, MOTORS, SENSORS, columns_of
 from equipoise.exports.judgement import judge, judge_columns
 from equipoise.exports.model_file import find_users_file
+from equipoise.exports.randomisation import DRAWS
 from equipoise.exports.subject import Subject, UsersFile
 from equipoise.exports.written import Written
 from equipoise.plugins import Table
@@ -182,7 +183,7 @@ def export(
         ModelError: the model file has moved, has changed or cannot be edited.
     """
     row = find_format(format)
-    _refuse_flags(row, file is not None, payload_link, samples)
+    _refuse_flags(row, file is not None, payload_link, samples, seed)
     parts = _parts(row, result, what)
     if (payload_link or samples) and BASE not in parts:
         raise SettingsError(
@@ -284,7 +285,7 @@ def _has(result: Calibration, part: str) -> bool:
     return True
 
 
-def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int) -> None:
+def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int, seed: int) -> None:
     if file and not row.file:
         raise SettingsError(f"--file: {row.name} edits no file; paste what it writes into {row.where}")
     if payload_link and not row.payload:
@@ -293,6 +294,10 @@ def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int) -> 
     if samples < 0 or (samples and not row.samples):
         able = " and ".join(name for name, other in FORMATS.items() if other.samples)
         raise SettingsError(f"--samples is {samples}: {able} list drawn bodies, as many as it says")
+    if samples > DRAWS:
+        raise SettingsError(f"--samples is {samples}: of the {DRAWS} bodies that are drawn no more can be listed")
+    if seed < 0:
+        raise SettingsError(f"--seed is {seed}; it must be zero or more")
 
 
 def _users_file(result: Calibration, row: Format, file: Path | None) -> tuple[UsersFile | None, tuple[str, ...]]:
