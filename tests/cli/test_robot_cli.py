@@ -232,6 +232,13 @@ def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys)
     assert "recording into" not in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["record", "doctor"])
+def test_no_time_at_all_is_not_the_default(verb, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([verb, "--duration", "0s"]) == 2
+    assert "--duration is 0s; give it as 10s" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("verb", ["record", "report"])
 def test_a_mistyped_folder_is_not_made(verb, tmp_path, capsys):
     run, out = tmp_path / "run", tmp_path / "lgos" / "new" / "file"

@@ -26,7 +26,7 @@ from equipoise.cli.flags import (
     load,
 )
 from equipoise.cli.settings import seconds
-from equipoise.errors import OutputError
+from equipoise.errors import OutputError, SettingsError
 from equipoise.user_file import made_folder
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def doctor(
 
     model = load(robot, description)
     with connected(platform, model, set, settings) as connection:
-        findings = examine(connection, model, seconds(duration) or 5.0) + foretold(connection)
+        findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
     if output.json:
         rows = [dataclasses.asdict(finding) for finding in findings]
@@ -106,7 +106,7 @@ def record(
     model = load(robot, description)
     now = datetime.now(timezone.utc)
     out = out or made_folder(Path("logs")) / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    lasting = seconds(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
+    lasting = _lasting(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
     interruptions, samples = Interruptions(), 0
     with (
         connected(platform, model, set, settings) as connection,
@@ -128,6 +128,13 @@ def record(
     else:
         print(out)
         print(f"what it can tell: equipoise estimate {out} --robot {robot}", file=sys.stderr)
+
+
+def _lasting(duration: str | None) -> float | None:
+    value = seconds(duration)
+    if value == 0:
+        raise SettingsError(f"--duration is {duration}; give it as 10s, or leave it out")
+    return value
 
 
 @contextmanager
