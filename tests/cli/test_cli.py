@@ -203,7 +203,7 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
     [
         (["calibrat"], "equipoise has no verb 'calibrat'; did you mean 'calibrate'? 'equipoise --help' lists them"),
         (["calibrate", "--budget", "1 day"], "'1 day' is no time; give it as 60s, 2min or 1h"),
-        (["calibrate", "--budget", "2h"], "budget is 7200.0; it must be above zero, up to 3600"),
+        (["calibrate", "--budget", "2h"], "budget is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--budget", "1s"], "a budget of 1 s allows no lift after the search; give 28 s or more"),
         (["calibrate", "--held", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times what 'unitree_a1' weighs"),

@@ -118,7 +118,9 @@ class RunFolder:
         except OutputError:
             raise
         except OSError as error:
-            raise OutputError(f"cannot write into the output folder {str(path)!r}: {error.strerror}") from error
+            raise OutputError(
+                f"cannot write into the output folder {str(path)!r}: {error.strerror}; name another folder with --out"
+            ) from error
         return cls(path, header, log)
 
     @classmethod

@@ -120,7 +120,7 @@ class KnownRun:
             if (found := table["schema"]) != SCHEMA:
                 raise SettingsError(f"its {POSTERIOR} is {found!r}; this version reads {SCHEMA!r}: calibrate it anew")
             return replace(cls(**table), run=str(path))
-        except FileNotFoundError as error:
+        except (FileNotFoundError, NotADirectoryError) as error:
             raise _why_none(path) from error
         except OSError as error:
             raise RecordingError(f"--known {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
