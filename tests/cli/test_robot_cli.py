@@ -258,6 +258,8 @@ def test_a_recording_goes_into_logs_unless_said_otherwise(tmp_path, monkeypatch,
     assert main(["record", "--duration", "1s", "--quiet"]) == 0
     (log,) = (tmp_path / "logs").iterdir()
     assert str(log.relative_to(tmp_path)) in capsys.readouterr().out
+    assert main(["record", "--duration", "1s", "--quiet", "--out", "on the floor.mcap"]) == 0
+    assert "equipoise estimate 'on the floor.mcap' --robot unitree_a1\n" in capsys.readouterr().err
 
 
 def test_repetitions_are_compared(tmp_path, capsys):

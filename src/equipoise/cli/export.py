@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.flags import File, Flag, Output
 from equipoise.errors import OutputError, SettingsError
-from equipoise.user_file import made_folder
+from equipoise.user_file import made_folder, typed
 
 if TYPE_CHECKING:
     from equipoise.exports.formats import Export
@@ -73,7 +73,9 @@ def export(
             raise SettingsError(f"name a run: equipoise export RUN {f'--to {to}' if to else '--all'}")
         _show_formats(output.json)
         if run is not None and not list:
-            print(f"nothing was written; name a format, as in: equipoise export {run} --to urdf", file=sys.stderr)
+            print(
+                f"nothing was written; name a format, as in: equipoise export {typed(run)} --to urdf", file=sys.stderr
+            )
         return
     if all:
         if to or file or add_payload_link or samples:

@@ -27,7 +27,7 @@ from equipoise.cli.flags import (
 )
 from equipoise.cli.settings import seconds
 from equipoise.errors import OutputError, SettingsError
-from equipoise.user_file import made_folder
+from equipoise.user_file import made_folder, typed
 
 if TYPE_CHECKING:
     from equipoise.recording.run_log import RunLog
@@ -127,7 +127,7 @@ def record(
         print(json_module.dumps({**table, "joint_samples": samples}))
     else:
         print(out)
-        print(f"what it can tell: equipoise estimate {out} --robot {robot}", file=sys.stderr)
+        print(f"what it can tell: equipoise estimate {typed(out)} --robot {typed(robot)}", file=sys.stderr)
 
 
 def _lasting(duration: str | None) -> float | None:
