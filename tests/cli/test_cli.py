@@ -121,6 +121,15 @@ def test_an_audit_that_finds_an_error_ends_with_one(tmp_path, a1_urdf, capsys):
     assert "error: trunk: " in capsys.readouterr().out
 
 
+def test_names_that_the_terminal_has_no_letters_for_are_printed_all_the_same(tmp_path, a1_urdf):
+    file = tmp_path / "ходок.urdf"
+    file.write_text(a1_urdf, encoding="utf-8")
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([*COMMAND, "audit", str(file)], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "\\u0445" in done.stdout
+
+
 @pytest.mark.parametrize("verb", ["calibrate", "plan", "estimate", "robots", "audit"])
 def test_every_verbs_help_shows_an_example_and_fits_its_lines(verb, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")

@@ -532,6 +532,11 @@ def test_a_robot_is_called_as_its_file_unless_said_otherwise(tmp_path):
         assert RobotModel.from_file(path, "mine").name == "mine"
 
 
+def test_a_name_that_is_no_utf8_can_be_written_all_the_same(tmp_path):
+    robot = load_text(tmp_path, quadruped_urdf(), name="caf\udce9")  # how Python reads Latin-1
+    assert robot.name == "caf\\udce9"
+
+
 def test_joint_vectors_by_name_are_in_the_robots_order_and_complete(quadruped):
     by_name = {name: float(index) for index, name in enumerate(quadruped.joint_names)}
     reversed_order = dict(reversed(by_name.items()))
