@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from typing import Any
 
 from equipoise.cli import INTERRUPTED, main  # which imports nothing that imports NumPy
 from equipoise.threads import unless_told
@@ -11,6 +12,9 @@ from equipoise.threads import unless_told
 def run() -> int:
     """What the command does: its own process is the only one whose environment is ours to set, before NumPy reads it."""
     os.environ.update(unless_told(os.environ))
+    stdout: Any = sys.stdout
+    if getattr(stdout, "errors", None) == "strict":  # it may have no letters for a robot's name, or a file's
+        stdout.reconfigure(errors="backslashreplace")
     try:
         code = main()
     except KeyboardInterrupt:  # a second one, while the first was told of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shlex
 import stat
 from pathlib import Path
 
@@ -51,6 +52,22 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
         raise OutputError(
             f"cannot write {what}{str(path)!r}: {reason}; is there such a folder, may you write there, is there room?"
         ) from error
+
+
+def typed(path: str | Path) -> str:
+    """A path in a command that is offered for copying: quoted where a shell would take it apart."""
+    return shlex.quote(str(path))
+
+
+def made_folder(folder: Path) -> Path:
+    """A folder that is there now. What should hold it is not made: its path may be mistyped. Raises OutputError."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot write into {str(folder)!r}: {error.strerror}; is the folder there that holds it, may you write there?"
+        ) from error
+    return folder
 
 
 def replaceable(path: Path, what: str = "") -> int | None:

@@ -244,7 +244,7 @@ def test_settings_of_an_older_run_are_those_of_its_method(tmp_path, method):
     [
         ({"method": "magic"}, "method 'magic' is not known; there are precise, paper, static"),
         ({"method": "precise", "budget": "long"}, "setting 'budget' is 'long'; it must be float"),
-        ({"method": "precise", "budget": -1}, "budget is -1.0; it must be above zero, up to 3600"),
+        ({"method": "precise", "budget": -1}, "budget is -1 s; it must be above zero, up to 3600 s"),
         ({"method": "paper", "com_search": 3}, "setting 'com_search' is 3; it must be a table"),
         ({"method": "paper", "com_search": {"steps": 3}}, "unknown setting 'com_search.steps'; known are lower"),
         ({"method": "paper", "com_search": {"tolerance": [1]}}, r"setting 'com_search.tolerance' is \[1\]"),
@@ -348,7 +348,8 @@ def test_an_empty_folder_is_fine(tmp_path, a1):
 def test_a_folder_that_cannot_be_made_is_named(tmp_path, a1, below):
     (tmp_path / "file").write_text("x")
     with pytest.raises(
-        OutputError, match=r"cannot write into the output folder '.*file.*': (Not a directory|File exists)"
+        OutputError,
+        match=r"cannot write into the output folder '.*file.*': (Not a directory|File exists); name another",
     ):
         RunFolder.create(tmp_path / "file" / below, a1, SETTINGS, {})
 

@@ -93,7 +93,7 @@ def test_wrong_flags_say_what_is_right(tmp_path, capsys):
     assert "MASS,X,Y,Z" in fails(capsys, 2, "--payload", "heavy")
     assert "cannot read the result" in fails(capsys, 5, "--com", str(tmp_path / "missing.json"))
     (tmp_path / "other.json").write_text("{}")
-    assert "has the schema None" in fails(capsys, 5, "--com", str(tmp_path / "other.json"))
+    assert "is none of equipoise's" in fails(capsys, 5, "--com", str(tmp_path / "other.json"))
     assert "is not empty; name a new one with --out" in fails(capsys, 6, "--out", str(tmp_path))
 
 

@@ -121,6 +121,15 @@ def test_an_audit_that_finds_an_error_ends_with_one(tmp_path, a1_urdf, capsys):
     assert "error: trunk: " in capsys.readouterr().out
 
 
+def test_names_that_the_terminal_has_no_letters_for_are_printed_all_the_same(tmp_path, a1_urdf):
+    file = tmp_path / "ходок.urdf"
+    file.write_text(a1_urdf, encoding="utf-8")
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([*COMMAND, "audit", str(file)], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "\\u0445" in done.stdout
+
+
 @pytest.mark.parametrize("verb", ["calibrate", "plan", "estimate", "robots", "audit"])
 def test_every_verbs_help_shows_an_example_and_fits_its_lines(verb, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
@@ -203,7 +212,7 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
     [
         (["calibrat"], "equipoise has no verb 'calibrat'; did you mean 'calibrate'? 'equipoise --help' lists them"),
         (["calibrate", "--budget", "1 day"], "'1 day' is no time; give it as 60s, 2min or 1h"),
-        (["calibrate", "--budget", "2h"], "budget is 7200.0; it must be above zero, up to 3600"),
+        (["calibrate", "--budget", "2h"], "budget is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--budget", "1s"], "a budget of 1 s allows no lift after the search; give 28 s or more"),
         (["calibrate", "--held", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
         (["calibrate", "--payload", "1500,0,0,0"], "a payload of 1500 kg is 120 times what 'unitree_a1' weighs"),

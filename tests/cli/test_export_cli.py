@@ -79,6 +79,8 @@ def test_another_result_in_the_runs_folder_is_of_its_model(run, capsys):
         (["urdf", "--what", "base"], "a1.urdf"),
         (["json", "--what", "all"], "inertia_base_sensors_motors.json"),
         (["toml", "--what", "all"], "sensors_and_motors.toml"),
+        (["toml", "--what", "motors"], "motors.toml"),
+        (["c-header", "--what", "sensors"], "sensors.h"),
     ],
 )
 def test_a_file_is_called_by_what_is_in_it(arguments, name, run, capsys):
@@ -96,6 +98,10 @@ def test_what_can_be_exported_is_said_with_the_format_of_its_model(run, tmp_path
     result.save(tmp_path / "found.json")
     print_calibration(result, [], kept=tmp_path / "found.json")
     assert f"found.json --to urdf --file {result.robot_model.source.path}\n" in capsys.readouterr().out
+    print_calibration(result, [tmp_path / "my runs" / "calibration.json"], kept=tmp_path / "my runs")
+    printed = capsys.readouterr().out
+    assert f"equipoise export '{tmp_path / 'my runs'}' --to urdf\n" in printed
+    assert f"equipoise estimate '{tmp_path / 'my runs'}'\n" in printed
     print_calibration(result, [run / "report.html"])
     assert "export with" not in capsys.readouterr().out
 

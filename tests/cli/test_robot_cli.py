@@ -1,5 +1,6 @@
 """Robots by the command line: against a simulated one in its own process, over UDP."""
 
+import dataclasses
 import io
 import json
 import os
@@ -11,10 +12,11 @@ import time
 from contextlib import contextmanager
 from itertools import groupby
 
+import numpy as np
 import pytest
 from peer_processes import free_port, running_peer
 
-from equipoise import Precise, RunFolder, nominal_stance
+from equipoise import Precise, RunFolder, Static, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
 from equipoise.drivers.hardware import HardwarePlatform
@@ -71,7 +73,7 @@ def test_the_doctor_shows_our_gains_beside_the_makers(a1, capsys):
 
 @pytest.mark.realtime
 def test_recording_moves_nothing_and_leaves_a_log(tmp_path, capsys):
-    path = tmp_path / "logs" / "still.mcap"
+    path = tmp_path / "still.mcap"
     with robot() as (peer, flags):
         assert main(["record", *flags, "--duration", "1s", "--out", str(path), "--quiet"]) == 0
     assert str(path) in capsys.readouterr().out
@@ -203,12 +205,61 @@ def test_a_dry_run_counts_lifts_and_names_each_posture_once(a1, capsys):
     assert capsys.readouterr().out.count("sway about yaw") == 1
 
 
+@pytest.mark.parametrize(
+    ("joints", "largest", "row"),
+    [
+        (12, r"Nm at \w+, for which the model file gives no limit\.", r"\d\.\d Nm, no limit, at"),
+        (11, r"Nm at RR_calf_joint, \d+% of its limit\.", r"\d+% at RR_calf_joint"),
+    ],
+    ids=["no joint has a limit", "one has"],
+)
+def test_a_dry_run_says_where_there_is_no_limit_of_a_torque(a1, joints, largest, row, capsys):
+    rehearsal = rehearse(a1, Static())
+    limit = np.array([*joints * [np.inf], *a1.effort_limit[joints:]])
+    print_rehearsal(dataclasses.replace(rehearsal, robot=dataclasses.replace(a1, effort_limit=limit)), "mujoco")
+    told = capsys.readouterr().out
+    assert "inf" not in told
+    assert len(re.findall(r"\d, no limit *$", told, re.MULTILINE)) == joints
+    assert re.search(largest, " ".join(told.split()))
+    assert re.search(row, told)
+
+
 def test_recording_says_where_also_to_no_terminal(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["record", "--duration", "1s", "--out", "here.mcap"]) == 0
     assert capsys.readouterr().err.startswith("recording into here.mcap for 1 s\n")
     assert main(["record", "--duration", "1s", "--out", "there.mcap", "--quiet"]) == 0
     assert "recording into" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["record", "doctor"])
+def test_no_time_at_all_is_not_the_default(verb, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([verb, "--duration", "0s"]) == 2
+    assert "--duration is 0s; give it as 10s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["record", "report"])
+def test_a_mistyped_folder_is_not_made(verb, tmp_path, capsys):
+    run, out = tmp_path / "run", tmp_path / "lgos" / "new" / "file"
+    arguments = ["--duration", "1s"]
+    if verb == "report":
+        assert (
+            main(["calibrate", "--method", "static", "--quiet", "--no-pictures", "--no-report", "--out", str(run)]) == 0
+        )
+        arguments = [str(run)]
+    assert main([verb, *arguments, "--out", str(out)]) == 6
+    assert f"{str(out)!r}: No such file or directory; is there such a folder" in capsys.readouterr().err
+    assert not (tmp_path / "lgos").exists()
+
+
+def test_a_recording_goes_into_logs_unless_said_otherwise(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["record", "--duration", "1s", "--quiet"]) == 0
+    (log,) = (tmp_path / "logs").iterdir()
+    assert str(log.relative_to(tmp_path)) in capsys.readouterr().out
+    assert main(["record", "--duration", "1s", "--quiet", "--out", "on the floor.mcap"]) == 0
+    assert "equipoise estimate 'on the floor.mcap' --robot unitree_a1\n" in capsys.readouterr().err
 
 
 def test_repetitions_are_compared(tmp_path, capsys):

@@ -138,6 +138,8 @@ def test_a_base_that_no_body_can_be_is_refused(a1):
         ("xacro", {"payload_link": True}, "--add-payload-link: xacro has no links; urdf, mjcf, sdf have"),
         ("urdf", {"samples": 3}, "--samples is 3: mjlab and isaaclab list drawn bodies"),
         ("mjlab", {"samples": -1}, "--samples is -1"),
+        ("mjlab", {"samples": 10_001}, "--samples is 10001: of the 10000 bodies that are drawn"),
+        ("mjlab", {"seed": -1}, "--seed is -1; it must be zero or more"),
         ("xacro", {"file": "nowhere.xacro"}, "--file 'nowhere.xacro' cannot be read: No such file or directory"),
     ],
 )

@@ -292,7 +292,7 @@ def test_the_command_line_says_what_was_written(a1, tmp_path, capsys):
     make_run(tmp_path / "run", a1)
     assert main(["export", str(tmp_path / "run"), "--to", "toml", "--what", "motors"]) == 0
     assert "not identified, so left out (in lists: 0): relative_gain" in capsys.readouterr().out
-    table = tomllib.loads((tmp_path / "run" / "export" / "sensors_and_motors_motors.toml").read_text(encoding="utf-8"))
+    table = tomllib.loads((tmp_path / "run" / "export" / "motors.toml").read_text(encoding="utf-8"))
     assert set(table) & {"sensors", "motors"} == {"motors"}
     assert main(["export", str(tmp_path / "run"), "--to", "toml", "--what", "legs"]) == 8
     assert "this run did not look at legs; calibrate with --what base,legs" in capsys.readouterr().err

@@ -221,8 +221,9 @@ def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
     header.write_text(header.read_text(encoding="utf-8").replace('"precise"', '"paper"'), encoding="utf-8")
     with pytest.raises(SettingsError, match="of the method 'paper'"):
         KnownRun.read(folder)
-    with pytest.raises(RecordingError, match="no run folder"):
-        KnownRun.read(tmp_path)
+    for path in (tmp_path, folder / "run.json"):
+        with pytest.raises(RecordingError, match="no run folder"):
+            KnownRun.read(path)
 
 
 @pytest.mark.parametrize("verb", [["weigh", "unitree_a1"], ["plan"], ["calibrate"]], ids=lambda verb: verb[0])

@@ -313,6 +313,11 @@ def test_a_described_radius_wins_over_the_sphere(load):
     assert load(quadruped_urdf(), RobotDescription(foot_radius=0.03)).feet["FL"].radius == 0.03
 
 
+def test_a_described_radius_is_no_larger_than_a_leg(refusal):
+    said = refusal(quadruped_urdf(), RobotDescription(foot_radius=25), SettingsError)
+    assert "foot_radius is 25 m, and the legs of 'robot' are 0.40 m long; metres, not millimetres?" in said
+
+
 def test_a_described_foot_frame_wins_over_what_is_farthest(load):
     toe = '<link name="toe"/><joint name="toe_joint" type="fixed"><origin xyz="0.01 0 -0.18"/>'
     toe += '<parent link="FL_link_2"/><child link="toe"/></joint>'
@@ -525,6 +530,11 @@ def test_a_robot_is_called_as_its_file_unless_said_otherwise(tmp_path):
         warnings.simplefilter("ignore", ModelWarning)
         assert RobotModel.from_file(path).name == "spot"
         assert RobotModel.from_file(path, "mine").name == "mine"
+
+
+def test_a_name_that_is_no_utf8_can_be_written_all_the_same(tmp_path):
+    robot = load_text(tmp_path, quadruped_urdf(), name="caf\udce9")  # how Python reads Latin-1
+    assert robot.name == "caf\\udce9"
 
 
 def test_joint_vectors_by_name_are_in_the_robots_order_and_complete(quadruped):

@@ -136,6 +136,8 @@ def test_the_slope_is_exact_and_its_direction_drawn():
 def test_a_negative_seed_is_refused(a1):
     with pytest.raises(SettingsError, match="the seed is -1; it must be zero or more"):
         simulate(a1, "ideal", seed=-1)
+    with pytest.raises(SettingsError, match="the seed of the noise is -4; it must be zero or more"):
+        simulate(a1, "ideal", noise_seed=-4)
 
 
 # --- noise

@@ -48,7 +48,7 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
-from equipoise.user_file import write_file
+from equipoise.user_file import typed, write_file
 
 SCHEMA = "equipoise.run/3"
 RESULT = "calibration.json"
@@ -118,7 +118,9 @@ class RunFolder:
         except OutputError:
             raise
         except OSError as error:
-            raise OutputError(f"cannot write into the output folder {str(path)!r}: {error.strerror}") from error
+            raise OutputError(
+                f"cannot write into the output folder {str(path)!r}: {error.strerror}; name another folder with --out"
+            ) from error
         return cls(path, header, log)
 
     @classmethod
@@ -215,7 +217,9 @@ class RunFolder:
                 f"{ends}: it was cut, and may lack motions that the run's {RESULT} was made of, which stays as it is; copy "
                 f"{LOG} again from where it is whole"
             )
-        return f"{ends}: the run was killed, or is not over; go on with: equipoise calibrate --resume {self.path}"
+        return (
+            f"{ends}: the run was killed, or is not over; go on with: equipoise calibrate --resume {typed(self.path)}"
+        )
 
     def close(self) -> None:
         """End the log. May be called twice."""
@@ -308,7 +312,7 @@ class RunFolder:
         """The result that was saved, with the robot's model; raises RecordingError if the run came to none."""
         if not self.complete:
             raise RecordingError(
-                f"the run {str(self.path)!r} came to no result; go on with: equipoise calibrate --resume {self.path}"
+                f"the run {str(self.path)!r} came to no result; go on with: equipoise calibrate --resume {typed(self.path)}"
             )
         return dataclasses.replace(Calibration.load(self.path / RESULT), robot_model=self.robot())
 

@@ -17,7 +17,7 @@ from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
 SCHEMA = "equipoise.weighing/1"
-Answer = Literal["nothing", "moved", "added", "removed"]
+Answer = Literal["nothing", "unsure", "moved", "added", "removed"]
 # No controller notices less: a hundredth of the robot's mass, and a millimetre of its CoM on an A1.
 _SMALL_MASS, _SMALL_SHIFT = 0.01, 1e-3
 
@@ -29,7 +29,8 @@ class Weighing:
     Attributes:
         delta: what was added since the earlier run, or taken off.
         result: result of the run itself.
-        answer: "nothing" that matters; something "moved" on the robot; or was "added" or "removed".
+        answer: "nothing" that matters; "unsure" whether anything that does; the CoM "moved", by no mass that can be told from
+            none; or something was "added" or "removed".
         sentence: answer in one line.
     """
 
@@ -82,11 +83,13 @@ def weigh(robot: RobotModel, known: KnownRun, result: Calibration) -> Weighing:
 def _answer(robot: RobotModel, delta: Delta) -> Answer:
     mass, shift = delta.change.mass, [delta.change.com_in_base.x, delta.change.com_in_base.y]
     limit = _SMALL_SHIFT * nominal_stance(robot).scale.length
-    sure = [abs(one.value or 0.0) > (one.half or 0.0) for one in (mass, *shift)]
+    changes = (mass, *shift)
+    sure = [abs(one.value or 0.0) > (one.half or 0.0) for one in changes]
     heavy = sure[0] and abs(mass.value or 0.0) > _SMALL_MASS * robot.mass
     shifted = any(sure[1:]) and math.hypot(*(one.value or 0.0 for one in shift)) > limit
     if not heavy and not shifted:
-        return "nothing"
+        told = (known or one.verdict == "no change" for known, one in zip(sure, changes, strict=True))
+        return "nothing" if all(told) else "unsure"
     if not sure[0]:
         return "moved"
     return "removed" if delta.removed else "added"
@@ -99,8 +102,11 @@ def _sentence(robot: RobotModel, known: KnownRun, delta: Delta, answer: Answer, 
     since = f"since {known.name}; {time:.0f} s of robot time"
     if answer == "nothing":
         return f"{robot.name}: too small to matter: {more}, CoM x {x} mm, y {y} mm {since}"
+    if answer == "unsure":
+        remedy = "a scale (--scale KG) or a longer --budget tells more"
+        return f"{robot.name}: cannot tell whether anything changed: {more}, CoM x {x} mm, y {y} mm {since}; {remedy}"
     if answer == "moved" or payload.com_in_base.x.value is None:
-        return f"{robot.name}: something on it moved: CoM x {x} mm, y {y} mm, {more} {since}"
+        return f"{robot.name}: its centre of mass moved: CoM x {x} mm, y {y} mm, {more} {since}"
     place = " ".join(f"{1000 * one:.0f}" for one in payload.com_in_base.values)
     off = " ".join(f"{NORMAL_95 * 1000 * one:.0f}" for one in payload.com_in_base.deviations)
     what = "taken off" if answer == "removed" else "added"

@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 
 from equipoise.cli.flags import File, Flag, Output
 from equipoise.errors import OutputError, SettingsError
+from equipoise.user_file import made_folder, typed
 
 if TYPE_CHECKING:
     from equipoise.exports.formats import Export
@@ -72,7 +73,9 @@ def export(
             raise SettingsError(f"name a run: equipoise export RUN {f'--to {to}' if to else '--all'}")
         _show_formats(output.json)
         if run is not None and not list:
-            print(f"nothing was written; name a format, as in: equipoise export {run} --to urdf", file=sys.stderr)
+            print(
+                f"nothing was written; name a format, as in: equipoise export {typed(run)} --to urdf", file=sys.stderr
+            )
         return
     if all:
         if to or file or add_payload_link or samples:
@@ -112,7 +115,7 @@ def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str |
     refused = {name: one for name, one in found.items() if not isinstance(one, Export)}
     if not written:
         raise next(iter(refused.values()))
-    folder = _made(out or _folder(run))
+    folder = made_folder(out or _folder(run))
     paths = {name: one.save(folder / _file_name(run, one)) for name, one in written.items()}
     if output.json:
         files = {name: {"path": str(paths[name]), **one.to_dict()} for name, one in written.items()}
@@ -126,17 +129,6 @@ def _export_all(run: Path, out: Path | None, force: bool, seed: int, what: str |
 
 def _folder(run: Path) -> Path:
     return (run.parent if run.is_file() else run) / _FOLDER
-
-
-def _made(folder: Path) -> Path:
-    """A folder that is there now. What should hold it is not made: its path may be mistyped."""
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"cannot write into {str(folder)!r}: {error.strerror}; is the folder there that holds it, may you write there?"
-        ) from error
-    return folder
 
 
 def _file_name(run: Path, written: Export) -> str:
@@ -182,7 +174,7 @@ def _result(run: Path) -> Calibration:
 
 def _place(run: Path, written: Export, file: Path | None) -> Path:
     """Where a file goes that was given no place; never over the user's."""
-    path = _made(_folder(run)) / _file_name(run, written)
+    path = made_folder(_folder(run)) / _file_name(run, written)
     if file is not None and path.exists() and path.samefile(file):
         raise OutputError(f"{str(path)!r} is the file to edit; to overwrite it name it with --out too")
     return path

@@ -14,6 +14,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from equipoise.cli.settings import flags_class, read_flags, settings_of
 from equipoise.errors import EquipoiseError, SettingsError
 from equipoise.robot.description import RobotDescription
+from equipoise.user_file import typed
 
 Robot = Annotated[Positional[str], arg(metavar="ROBOT", help="Name (see 'equipoise robots'), or a URDF or MJCF file.")]
 RobotOrNone = Annotated[
@@ -129,7 +130,7 @@ def interruption_told(folder: Any) -> Generator[None]:
     except (KeyboardInterrupt, EquipoiseError):
         if not folder.log.empty:
             print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
-            print(f"go on: equipoise calibrate --resume {folder.path}", file=sys.stderr)
+            print(f"go on: equipoise calibrate --resume {typed(folder.path)}", file=sys.stderr)
         raise
 
 

@@ -35,7 +35,7 @@ def report(runs: Runs, *, out: File = None, output: Output = Output()) -> None: 
              equipoise report runs/before runs/after --out before-after.html
 
     Args:
-        out: File to write; default report.html in the run's folder, or comparison.html here.
+        out: File to write, in a folder that is there; default report.html in the run's folder, or comparison.html here.
     """
     from equipoise.report.page import REPORT, save_comparison, save_report
 

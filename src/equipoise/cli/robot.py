@@ -26,7 +26,8 @@ from equipoise.cli.flags import (
     load,
 )
 from equipoise.cli.settings import seconds
-from equipoise.errors import OutputError
+from equipoise.errors import OutputError, SettingsError
+from equipoise.user_file import made_folder, typed
 
 if TYPE_CHECKING:
     from equipoise.recording.run_log import RunLog
@@ -63,7 +64,7 @@ def doctor(
 
     model = load(robot, description)
     with connected(platform, model, set, settings) as connection:
-        findings = examine(connection, model, seconds(duration) or 5.0) + foretold(connection)
+        findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
     if output.json:
         rows = [dataclasses.asdict(finding) for finding in findings]
@@ -95,7 +96,7 @@ def record(
         set: A setting of the platform, as KEY=VALUE; may be given again.
         settings: TOML file with settings of the platform.
         duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
-        out: The file; default logs/ROBOT-TIME.mcap.
+        out: The file, in a folder that is there; default logs/ROBOT-TIME.mcap.
     """
     from equipoise.drivers.catalog import SIMULATED
     from equipoise.drivers.checkup import watch
@@ -104,8 +105,8 @@ def record(
 
     model = load(robot, description)
     now = datetime.now(timezone.utc)
-    out = out or Path("logs") / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    lasting = seconds(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
+    out = out or made_folder(Path("logs")) / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
+    lasting = _lasting(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
     interruptions, samples = Interruptions(), 0
     with (
         connected(platform, model, set, settings) as connection,
@@ -126,7 +127,14 @@ def record(
         print(json_module.dumps({**table, "joint_samples": samples}))
     else:
         print(out)
-        print(f"what it can tell: equipoise estimate {out} --robot {robot}", file=sys.stderr)
+        print(f"what it can tell: equipoise estimate {typed(out)} --robot {typed(robot)}", file=sys.stderr)
+
+
+def _lasting(duration: str | None) -> float | None:
+    value = seconds(duration)
+    if value == 0:
+        raise SettingsError(f"--duration is {duration}; give it as 10s, or leave it out")
+    return value
 
 
 @contextmanager
@@ -136,10 +144,6 @@ def _log_at(path: Path) -> Generator[RunLog]:
 
     if path.exists():
         raise OutputError(f"{str(path)!r} exists; name a new file with --out")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write into {str(path.parent)!r}: {error.strerror}") from error
     with RunLog(path) as log:
         try:
             yield log

@@ -56,7 +56,7 @@ def weigh(
     """Find what is on a robot now beside its last calibration: mass, place and how sure, in half a minute and one line.
 
     It stands, moves over planted feet, lifts two feet some six times. Sensors, legs and friction are those of the run that
-    --known names; what changed since, as an encoder's zero, is said. 'Too small to matter' is an answer.
+    --known names; what changed since, as an encoder's zero, is said. Answers may be 'too small to matter', 'cannot tell'.
 
     Example: equipoise weigh go2 --known runs/last
              equipoise weigh go2 --known runs/last --scale 16.31 --json

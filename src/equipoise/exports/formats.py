@@ -13,6 +13,7 @@ from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_moto
 from equipoise.exports.found import BASE, LEGS, MOTORS, SENSORS, columns_of
 from equipoise.exports.judgement import judge, judge_columns
 from equipoise.exports.model_file import find_users_file
+from equipoise.exports.randomisation import DRAWS
 from equipoise.exports.subject import Subject, UsersFile
 from equipoise.exports.written import Written
 from equipoise.plugins import Table
@@ -61,6 +62,7 @@ _BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
 _FOUND = (SENSORS, MOTORS)
 _ALL_PARTS = (BASE, *_FOUND, LEGS)
 _PAGE = "sensors-and-motors"
+_FOUND_FILE = "sensors_and_motors"
 FORMATS: dict[str, Format] = {
     row.name: row
     for row in (
@@ -86,11 +88,11 @@ FORMATS: dict[str, Format] = {
                learning.isaaclab, "isaaclab", samples=True, parts=(BASE, *_FOUND)),
         Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables", parts=_ALL_PARTS),
         Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables", parts=_ALL_PARTS),
-        Format("toml", (), "", False, "tools of your own", "sensors_and_motors.toml", sensors_and_motors.write_toml,
+        Format("toml", (), "", False, "tools of your own", f"{_FOUND_FILE}.toml", sensors_and_motors.write_toml,
                _PAGE, parts=(*_FOUND, LEGS)),
         Format("zeros", (), "", False, "whoever reads encoders", "joint_zeros.yaml", sensors_and_motors.write_zeros,
                _PAGE, parts=(SENSORS,)),
-        Format("c-header", (), "", False, "firmware, C and C++", "sensors_and_motors.h",
+        Format("c-header", (), "", False, "firmware, C and C++", f"{_FOUND_FILE}.h",
                sensors_and_motors.write_c_header, _PAGE, parts=_FOUND),
         Format("ros2", (), "", False, "parameters of a ROS 2 node", "ros2_parameters.yaml",
                sensors_and_motors.write_ros2, _PAGE, parts=_FOUND),
@@ -181,7 +183,7 @@ def export(
         ModelError: the model file has moved, has changed or cannot be edited.
     """
     row = find_format(format)
-    _refuse_flags(row, file is not None, payload_link, samples)
+    _refuse_flags(row, file is not None, payload_link, samples, seed)
     parts = _parts(row, result, what)
     if (payload_link or samples) and BASE not in parts:
         raise SettingsError(
@@ -200,7 +202,8 @@ def export(
     written = row.write(subject)
     name = Path(users.path.name if users else row.output)
     if parts != _parts(row, result, None):  # else one part would replace another that was written before
-        name = name.with_stem("_".join((name.stem, *parts)))
+        of = () if name.stem == _FOUND_FILE else (name.stem,)  # that is a name of parts already
+        name = name.with_stem("_".join((*of, *parts)))
     if payload_link:
         name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)
@@ -282,7 +285,7 @@ def _has(result: Calibration, part: str) -> bool:
     return True
 
 
-def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int) -> None:
+def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int, seed: int) -> None:
     if file and not row.file:
         raise SettingsError(f"--file: {row.name} edits no file; paste what it writes into {row.where}")
     if payload_link and not row.payload:
@@ -291,6 +294,10 @@ def _refuse_flags(row: Format, file: bool, payload_link: bool, samples: int) -> 
     if samples < 0 or (samples and not row.samples):
         able = " and ".join(name for name, other in FORMATS.items() if other.samples)
         raise SettingsError(f"--samples is {samples}: {able} list drawn bodies, as many as it says")
+    if samples > DRAWS:
+        raise SettingsError(f"--samples is {samples}: of the {DRAWS} bodies that are drawn no more can be listed")
+    if seed < 0:
+        raise SettingsError(f"--seed is {seed}; it must be zero or more")
 
 
 def _users_file(result: Calibration, row: Format, file: Path | None) -> tuple[UsersFile | None, tuple[str, ...]]:

@@ -28,7 +28,7 @@ from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 
 ENTRIES = ("alpha", "d1", "d2", "d3", "s12", "s13", "s23", "t1", "t2", "t3")
 """Of U: density, stretches along x y z, shears, shifts of the CoM."""
-_DRAWS = 10_000
+DRAWS = 10_000
 _FEWEST = 0.01  # of what is drawn must exist; otherwise the run left nearly everything open
 _QUANTILES = (0.025, 0.975)
 _STEP = 1e-6
@@ -64,7 +64,7 @@ class Spread:
 
 
 def spread(
-    base: InertialParameters, composite: InertialParameters, covariance: FloatArray, seed: int, draws: int = _DRAWS
+    base: InertialParameters, composite: InertialParameters, covariance: FloatArray, seed: int, draws: int = DRAWS
 ) -> Spread:
     """Draw bodies for the base.
 

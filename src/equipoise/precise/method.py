@@ -118,7 +118,7 @@ class Precise(Method):
         if self.mass is not None:
             check_mass(self.mass)
         if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
-            raise SettingsError(f"budget is {self.budget}; it must be above zero, up to {_LONGEST:g}")
+            raise SettingsError(f"budget is {self.budget:g} s; it must be above zero, up to {_LONGEST:g} s")
         if self.mass_sd is not None and not _FINEST <= self.mass_sd <= _COARSEST:
             raise SettingsError(f"mass_sd is {self.mass_sd}; it must be from {_FINEST:g} to {_COARSEST:g}")
         if self.mass_sd is not None and self.mass is None:

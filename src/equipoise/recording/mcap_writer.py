@@ -241,7 +241,10 @@ class McapWriter:
         except OutputError:
             raise
         except OSError as error:
-            raise OutputError(f"cannot write the recording {str(self.path)!r}: {error.strerror}") from error
+            raise OutputError(
+                f"cannot write the recording {str(self.path)!r}: {error.strerror}; is there such a folder, may you write "
+                "there, is there room?"
+            ) from error
 
     def _descriptions(self) -> tuple[list[McapRecord], list[McapRecord]]:
         """Schemas and channels."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from equipoise._version import __version__
-from equipoise.errors import MissingDependencyError, OutputError
+from equipoise.errors import MissingDependencyError
 
 try:
     from plotly.offline import get_plotlyjs
@@ -26,7 +26,7 @@ _SCRIPTS = ("tables.js", "plan_view.js", "figures.js", "page.js")
 
 
 def save_report(result: Calibration, path: str | Path) -> Path:
-    """Write the page of a run: to a file, or as report.html into a folder.
+    """Write the page of a run: to a file in a folder that is there, or as report.html into such a folder.
 
     A result of `calibrate`, `RunFolder.estimate` or `estimate_log` has all it can show; one from a JSON file lacks
     what only recordings tell.
@@ -50,10 +50,6 @@ def save_comparison(results: dict[str, Calibration], path: str | Path) -> Path:
 def _save(contents: dict[str, Any], path: str | Path) -> Path:
     path = Path(path)
     path = path / REPORT if path.is_dir() else path
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write the report {str(path)!r}: {error.strerror or error}") from error
     write_file(path, page(contents), "the report ")
     return path
 

@@ -354,7 +354,11 @@ class Calibration:
             raise RecordingError(f"cannot read the result {str(path)!r}: {error.strerror}") from error
         except ValueError as error:
             raise RecordingError(f"the result {str(path)!r} is not JSON: {error}") from error
-        found = cast("dict[str, Any]", table).get("schema") if isinstance(table, dict) else type(table).__name__
+        found = cast("dict[str, Any]", table).get("schema") if isinstance(table, dict) else None
+        if found is None:
+            raise RecordingError(
+                f"the result {str(path)!r} is none of equipoise's; give a run folder, or its calibration.json"
+            )
         if found not in (SCHEMA, _BEFORE):
             raise RecordingError(f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}")
         try:

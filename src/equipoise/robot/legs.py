@@ -74,9 +74,15 @@ def add_legs(
             foot_frame_id=int(model.addFrame(frame)),
             foot_radius=radius or 0.0,
         )
+    length = float(np.mean([leg_length(model, leg) for leg in legs.values()]))
+    if description.foot_radius is not None and description.foot_radius > length / 2:
+        raise SettingsError(
+            f"foot_radius is {description.foot_radius:g} m, and the legs of {robot!r} are {length:.2f} m long; metres, not "
+            "millimetres?"
+        )
     if not guessing:
         return legs
-    guess = _DEFAULT_FOOT_RADIUS_RATIO * float(np.mean([leg_length(model, leg) for leg in legs.values()]))
+    guess = _DEFAULT_FOOT_RADIUS_RATIO * length
     warnings.warn(
         f"{robot}: no sphere at the feet; a radius of {guess * 1000:.0f} mm is assumed "
         "(set foot_radius in the robot description)",

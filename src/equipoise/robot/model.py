@@ -133,7 +133,8 @@ class RobotModel:
             ModelError: it does not describe a quadruped.
         """
         description = description or RobotDescription()
-        name = name or source.path.stem
+        # A file's name may be bytes that are no UTF-8, which no picture, page or JSON takes.
+        name = name or source.path.stem.encode(errors="backslashreplace").decode()
         full, spheres = read_pinocchio(source)
         chains = leg_chains(full, source.path)
         if source.forward == "+x":

@@ -45,8 +45,9 @@ class DrawnErrors:
     def draw(cls, sizes: SensorErrors, joints: int, seed: int, noise_seed: int | None = None) -> DrawnErrors:
         """Draw the constant errors of a robot with that many joints; its noise is the seed's, or that of a seed of its own."""
         noise_seed = seed if noise_seed is None else noise_seed
-        if min(seed, noise_seed) < 0:
-            raise SettingsError(f"the seed is {min(seed, noise_seed)}; it must be zero or more")
+        for name, value in (("seed", seed), ("seed of the noise", noise_seed)):
+            if value < 0:
+                raise SettingsError(f"the {name} is {value}; it must be zero or more")
         shared = np.random.default_rng([seed, 0])
         drawn: dict[str, FloatArray] = {}
         for row in (*map(sizes.row, _ONE_STREAM), *(row for row in sizes.rows() if row.name not in _ONE_STREAM)):

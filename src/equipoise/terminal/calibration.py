@@ -25,6 +25,7 @@ from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.audit import Audit
 from equipoise.robot.model import DIAGONALS
 from equipoise.terminal.parts import parts_of, parts_of_legs, print_parts
+from equipoise.user_file import typed
 
 
 class TrialProgress:
@@ -101,9 +102,9 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
         return said
     if all(quantity.value is not None for quantity in result.base):
         alone = kept.is_file() and not (kept.parent / HEADER).exists()
-        model = f" --file {result.robot_model.source.path}" if alone and result.robot_model is not None else ""
-        said.append(f"export with: equipoise export {kept} --to {result.model['format']}{model}")
-    return [*said, *([f"estimate again: equipoise estimate {kept}"] if (kept / RESULT) in files else [])]
+        model = f" --file {typed(result.robot_model.source.path)}" if alone and result.robot_model is not None else ""
+        said.append(f"export with: equipoise export {typed(kept)} --to {result.model['format']}{model}")
+    return [*said, *([f"estimate again: equipoise estimate {typed(kept)}"] if (kept / RESULT) in files else [])]
 
 
 def _print_precise(console: Console, result: Calibration) -> None:

@@ -23,12 +23,17 @@ def print_delta(delta: Delta) -> None:
     console.print(f"[italic]{escape(title)}[/italic]")  # wider than its table
     console.print(_payload(delta))
     if delta.payload.com_in_base.x.value is None:
-        console.print("No mass can be told from none: nothing is said of where it is. What changed in the whole robot:")
+        console.print(_NONE if delta.payload.mass.verdict == "no change" else _UNSURE)
     console.print(_change(delta))
     said = verdict_sentence(delta.change, _CHANGES)
     console.print(f"CoM from the origin of the base link, inertia about the CoM. {said}")
 
 
+_NONE = "Nothing that matters was added or taken off. What changed in the whole robot:"
+_UNSURE = (
+    "It cannot be told whether anything was added or taken off; a scale that weighs both times tells more (--mass-before, "
+    "--mass-after). What changed in the whole robot:"
+)
 _CHANGES = {
     "no change": "no change: zero, and surely so",
     "not identified": "not identified: a change cannot be told from none",

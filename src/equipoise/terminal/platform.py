@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from equipoise.calibration.rehearsal import Rehearsal
+from equipoise.conventions import FloatArray
 from equipoise.drivers.catalog import DRIVERS
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.recording.recording import Recording
@@ -57,43 +58,62 @@ def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
     table = Table(title="Postures", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("posture", "times", "largest torque, of its limit"):
         table.add_column(column, justify="right" if column == "times" else "left")
-    limit = rehearsal.robot.effort_limit
+    robot, limit = rehearsal.robot, rehearsal.robot.effort_limit
     for what in dict.fromkeys(posture.what for posture in rehearsal.postures):
         same = [posture for posture in rehearsal.postures if posture.what == what]  # lifts with other turns
-        share = np.max([np.abs(posture.torque) / limit for posture in same], axis=0)
-        joint = int(np.argmax(share))
-        torque = f"{share[joint]:.0%} at {rehearsal.robot.joint_names[joint]}" if share[joint] > 0 else "-"
+        largest = np.max([np.abs(posture.torque) for posture in same], axis=0)
+        joint = _hardest(robot, largest)
+        share = (
+            f"{largest[joint] / limit[joint]:.0%}"
+            if np.isfinite(limit[joint])
+            else f"{largest[joint]:.1f} Nm, no limit,"
+        )
+        torque = f"{share} at {robot.joint_names[joint]}" if largest[joint] > 0 else "-"
         table.add_row(what, str(sum(posture.times for posture in same)), torque)
     console.print(table)
     joints = Table(title="Joints", title_justify="left", box=box.SIMPLE_HEAD)
     for column in ("joint", "from [rad]", "to", "limits [rad]", "torque [Nm]"):
         joints.add_column(escape(column), justify="left" if column == "joint" else "right", no_wrap=True)
     lower, upper = rehearsal.joint_range
-    for index, name in enumerate(rehearsal.robot.joint_names):
-        allowed = f"{rehearsal.robot.lower_limit[index]:+.2f}, {rehearsal.robot.upper_limit[index]:+.2f}"
+    for index, name in enumerate(robot.joint_names):
+        allowed = f"{robot.lower_limit[index]:+.2f}, {robot.upper_limit[index]:+.2f}"
+        most = f" of {limit[index]:.1f}" if np.isfinite(limit[index]) else ", no limit"
         joints.add_row(
-            name, f"{lower[index]:+.2f}", f"{upper[index]:+.2f}", allowed,
-            f"{rehearsal.largest_torque[index]:.1f} of {limit[index]:.1f}",
-        )  # fmt: skip
+            name,
+            f"{lower[index]:+.2f}",
+            f"{upper[index]:+.2f}",
+            allowed,
+            f"{rehearsal.largest_torque[index]:.1f}{most}",
+        )
     console.print(joints)
     console.print("By the model, from lying to lying. Nothing was moved.")
 
 
 def rehearsal_lines(rehearsal: Rehearsal, platform: str) -> list[str]:
     """The plan in a few lines, as they stand before the first motion."""
-    robot = rehearsal.robot
-    share = rehearsal.largest_torque / robot.effort_limit
-    joint = int(np.argmax(share))
+    robot, torque = rehearsal.robot, rehearsal.largest_torque
+    joint = _hardest(robot, torque)
+    share = torque[joint] / robot.effort_limit[joint]
+    beside = f"{share:.0%} of its limit" if share > 0 else "for which the model file gives no limit"
     lines = [
         f"{robot.name} on {platform}: method {rehearsal.method.name}, about {rehearsal.duration:.0f} s.",
         f"It looks, stands up, {rehearsal.doing}, and ends where it began.",
-        f"Largest torque by the model: {rehearsal.largest_torque[joint]:.1f} Nm at {robot.joint_names[joint]}, "
-        f"{share[joint]:.0%} of its limit.",
+        f"Largest torque by the model: {torque[joint]:.1f} Nm at {robot.joint_names[joint]}, {beside}.",
     ]
     lines += gain_lines(robot, platform)
-    if share[joint] > _HEAVY:
+    if share > _HEAVY:
         lines.append("That is close to what the motor can do.")
     return lines
+
+
+def _hardest(robot: RobotModel, torque: FloatArray) -> int:
+    """The joint whose torque is nearest to its limit; where none has a limit, the one with the largest torque.
+
+    Args:
+        torque: (nj,) torques either way [Nm].
+    """
+    share = torque / robot.effort_limit
+    return int(np.argmax(share if share.any() else torque))
 
 
 def gain_lines(robot: RobotModel, platform: str) -> list[str]:

@@ -178,8 +178,10 @@ def _open_numpy(path: Path) -> TableFile:
     except (ValueError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         if _of_objects(error) or path.read_bytes()[:1] == b"\x80":  # with which pickles begin
             raise RecordingError(pickle_refused(path)) from error
+        # NumPy takes what begins as no format of its own to be a pickle, and tells how to run what is in it.
+        why = "" if "allow_pickle" in str(error) else f" ({_told(error)})"
         raise RecordingError(
-            f"the log {str(path)!r} cannot be read: it is damaged, or no {path.suffix.lower()} file ({_told(error)}); "
+            f"the log {str(path)!r} cannot be read: it is damaged, or no {path.suffix.lower()} file{why}; "
             "copy or save it again"
         ) from error
     return _of_arrays(path, arrays, pickled)
@@ -248,7 +250,8 @@ def _of_arrays(path: Path, arrays: _Named, passed_over: list[str]) -> TableFile:
     kept = {name.split("[")[0] for name in columns}
     others = [f"{name} {array.shape}" for name, array in fields if name not in kept and array.ndim]
     if not columns:
-        raise RecordingError(f"the log {str(path)!r} holds no arrays of numbers: {', '.join([*others, *passed_over])}")
+        held = ", ".join([*others, *passed_over]) or "nothing at all"
+        raise RecordingError(f"the log {str(path)!r} holds no arrays of numbers; it holds {held}")
     names, values = tuple(columns), list(columns.values())
     return TableFile(path, names, lambda index: values[index], (*others, *passed_over))
 

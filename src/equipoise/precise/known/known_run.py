@@ -25,6 +25,7 @@ from equipoise.precise.unknown import ROBOT, Unknown, unknown
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
+from equipoise.user_file import typed
 
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
@@ -120,7 +121,7 @@ class KnownRun:
             if (found := table["schema"]) != SCHEMA:
                 raise SettingsError(f"its {POSTERIOR} is {found!r}; this version reads {SCHEMA!r}: calibrate it anew")
             return replace(cls(**table), run=str(path))
-        except FileNotFoundError as error:
+        except (FileNotFoundError, NotADirectoryError) as error:
             raise _why_none(path) from error
         except OSError as error:
             raise RecordingError(f"--known {path}: its {POSTERIOR} cannot be read: {error.strerror}") from error
@@ -129,7 +130,7 @@ class KnownRun:
         except (ValueError, TypeError, KeyError) as error:
             raise RecordingError(
                 f"--known {path}: its {POSTERIOR} is damaged ({error!r}); remove it, and make it again with: "
-                f"equipoise estimate {path}"
+                f"equipoise estimate {typed(path)}"
             ) from error
 
     def to_dict(self) -> dict[str, Any]:
@@ -270,8 +271,9 @@ def _why_none(path: Path) -> EquipoiseError:
         )
     if not (path / "calibration.json").exists():
         return RecordingError(
-            f"--known {path}: this run came to no result; go on with: equipoise calibrate --resume {path}"
+            f"--known {path}: this run came to no result; go on with: equipoise calibrate --resume {typed(path)}"
         )
     return RecordingError(
-        f"--known {path}: this run was made before runs kept what the next one needs; make it with: equipoise estimate {path}"
+        f"--known {path}: this run was made before runs kept what the next one needs; make it with: "
+        f"equipoise estimate {typed(path)}"
     )

@@ -1,0 +1,68 @@
+"""How the answer of a robot that is weighed again is made of intervals."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from equipoise.calibration.delta import Delta
+from equipoise.calibration.weighing import _answer, _sentence
+from equipoise.result.body import Body
+from equipoise.terminal.delta import print_delta
+
+SIZES = np.repeat([0.125, 2e-3, 5e-3], [1, 3, 6])  # of an A1
+
+
+def found(mass, half, shift=0.0, shift_half=5e-4):
+    """A difference with halves of 95 % intervals, all of its mass at one place."""
+    values = np.array([mass, shift, *8 * [0.0]])
+    halves = np.array([half, *3 * [shift_half], *6 * [1e-3]])
+    covariance = np.diag((halves / 1.96) ** 2)
+    change = Body.of(values, covariance, np.abs(values)).with_sure_zeros(SIZES)
+    nothing = np.array([abs(mass), *9 * [np.nan]])
+    payload = Body.of(nothing, np.where(np.isnan(nothing), np.nan, covariance), np.abs(nothing)).with_sure_zeros(SIZES)
+    return Delta("unitree_a1", payload, change, removed=mass < 0)
+
+
+@pytest.mark.parametrize(
+    ("delta", "answer"),
+    [
+        (found(0.02, 0.05), "nothing"),
+        (found(0.06, 0.05), "nothing"),  # there, and too little
+        (found(0.43, 0.56), "unsure"),
+        (found(0.02, 0.56), "unsure"),
+        (found(0.02, 0.05, shift=1e-3, shift_half=5e-3), "unsure"),
+        (found(0.43, 0.56, shift=3e-3), "moved"),
+        (found(0.43, 0.1), "added"),
+        (found(-0.43, 0.1), "removed"),
+    ],
+)
+def test_what_cannot_be_told_is_not_called_too_small(a1, delta, answer):
+    assert _answer(a1, delta) == answer
+
+
+@pytest.mark.parametrize(
+    ("delta", "said"),
+    [
+        (found(0.43, 0.56), "cannot tell whether anything changed: +0.430 +- 0.560 kg, CoM x +0.0 +- 0.5 mm"),
+        (found(0.02, 0.05), "too small to matter: +0.020 +- 0.050 kg"),
+        (found(0.43, 0.56, shift=3e-3), "its centre of mass moved: CoM x +3.0 +- 0.5 mm"),
+    ],
+)
+def test_its_sentence_says_which(a1, delta, said):
+    sentence = _sentence(a1, SimpleNamespace(name="runs/last"), delta, _answer(a1, delta), 26.0)
+    assert sentence.startswith(f"unitree_a1: {said}")
+    assert "since runs/last; 26 s of robot time" in sentence
+    assert ("--scale KG" in sentence) == ("cannot tell" in sentence)
+
+
+@pytest.mark.parametrize(
+    ("delta", "said"),
+    [
+        (found(0.43, 0.56), "cannot be told whether anything was added"),
+        (found(0.02, 0.05), "Nothing that matters was added"),
+    ],
+)
+def test_two_runs_tell_nothing_from_unsure(delta, said, capsys):
+    print_delta(delta)
+    assert said in " ".join(capsys.readouterr().out.split())
