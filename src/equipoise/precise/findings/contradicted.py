@@ -4,8 +4,9 @@ A drawing is good to millimetres; a file made from none, or of another robot, is
 the first hides the second: what the run says is split between the row and the inertia, and no equation is left unfit. So a
 run is asked whether it contradicts the prior, and where it does the row is believed as nobody's number is.
 
-A prior that is false hides that, too: what does not fit it raises the noise levels, or is left out. A row that is suspected
-is estimated as nobody's number, and what the run says of it then is judged by the prior.
+A prior that is false hides that, too: what does not fit it raises the noise levels, or is left out. Rows that are suspected
+are estimated as nobody's number, and what the run says of them then is judged by their priors. Wrong lengths make hips
+suspect; once all may be wrong it is seen which are.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from equipoise.precise.unknowns import Priors
 _SUSPECTED = 1.0  # normal deviate: one of six robots whose errors are drawn from the prior
 _CONTRADICTED = NormalDist().inv_cdf(0.99)
 _TOLD = 0.02  # variance that a run took away at least, in units of the prior: of what it hardly tells it says nothing
-_ROUNDS = 3  # lengths of legs may hide where the hips are
+_ROUNDS = 3  # what is wrong may hide something else
 
 
 def estimate_uncontradicted(estimate: Callable[[Priors], Posterior], priors: Priors) -> Posterior:
@@ -34,11 +35,17 @@ def estimate_uncontradicted(estimate: Callable[[Priors], Posterior], priors: Pri
         suspected = [row for row in _asked(posterior) if _conflict(posterior, [row]) > _SUSPECTED]
         if not suspected:
             break
-        wider = estimate(replace(posterior.unknowns.priors, **{row.name: row.otherwise for row in suspected}))
+        before = posterior.unknowns.priors
+        wider = estimate(_otherwise(before, suspected))
         if _conflict(wider, suspected) < _CONTRADICTED:
             break
-        posterior = wider
+        guilty = [row for row in suspected if _conflict(wider, [row]) > _SUSPECTED]
+        posterior = estimate(_otherwise(before, guilty)) if 0 < len(guilty) < len(suspected) else wider
     return posterior
+
+
+def _otherwise(priors: Priors, rows: Sequence[Unknown]) -> Priors:
+    return replace(priors, **{row.name: row.otherwise for row in rows})
 
 
 def _asked(posterior: Posterior) -> list[Unknown]:
