@@ -16,7 +16,7 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import judge
-from equipoise.precise.findings.contradicted import estimate_uncontradicted, not_believed
+from equipoise.precise.findings.contradicted import estimate_uncontradicted, not_believed, taken_on_trust
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
@@ -308,7 +308,7 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-            assumptions=(*self.assumptions, *not_believed(posterior)),
+            assumptions=(*self.assumptions, *not_believed(posterior), *taken_on_trust(posterior)),
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
             held_out=predicted,
             budget=budget_of(posterior),

@@ -157,7 +157,8 @@ class Calibration:
         settings: settings of the method, as JSON values; "method" is its name.
         provenance: version, time, and in simulation seed, noise and payload.
         warnings: sentences that speak against the result, worst first.
-        assumptions: what the intervals rest on: what the user said to be so, and what of the model file the run contradicts.
+        assumptions: what the intervals rest on: what the user said to be so, what of the model file the run contradicts, and
+            what it cannot.
         evidence: data that pictures show; not in the JSON form.
         robot_model: model that was used; not in the JSON form.
         motors: what was found about each joint's motor, by the model's joint names; of runs with `motors` only.

@@ -18,13 +18,17 @@ from statistics import NormalDist
 import numpy as np
 
 from equipoise.precise.findings.score import deviate
-from equipoise.precise.posterior import Posterior
+from equipoise.precise.posterior import Posterior, body_jacobian
 from equipoise.precise.unknown import Unknown
 from equipoise.precise.unknowns import Priors
+from equipoise.robot.inertial import COMPONENTS, components
 
 _SUSPECTED = 1.0  # normal deviate: one of six robots whose errors are drawn from the prior
 _CONTRADICTED = NormalDist().inv_cdf(0.99)
 _TOLD = 0.02  # variance that a run took away at least, in units of the prior: of what it hardly tells it says nothing
+_UNTOLD = 0.8  # share of a prior's variance that a run leaves, beyond which it says next to nothing
+_CENTIMETRE = 0.01  # [m]
+_IXX = COMPONENTS.index("Ixx")
 _ROUNDS = 3  # what is wrong may hide something else
 
 
@@ -75,3 +79,23 @@ def _conflict(posterior: Posterior, rows: Sequence[Unknown]) -> float:
 def not_believed(posterior: Posterior) -> tuple[str, ...]:
     """What an estimate takes to be otherwise than in the model file, a sentence each."""
     return tuple(f"{row.cause}, which the run contradicts" for row in posterior.unknowns.priors.not_of_this_robot)
+
+
+def taken_on_trust(posterior: Posterior) -> tuple[str, ...]:
+    """The place of the IMU, which inertia hangs on, where the run says next to nothing of its height; nothing if it does.
+
+    An error d of the file, in standard deviations of its prior, moves the estimate of what hangs on it by C d, with C the
+    posterior's covariance of both, in the same unit.
+    """
+    unknowns = posterior.unknowns
+    if unknowns.belief is not None or not any(row.name == "imu_position" for row in _asked(posterior)):
+        return ()
+    height = unknowns["imu_position"].stop - 1
+    if posterior.covariance[height, height] < _UNTOLD:
+        return ()
+    moved = body_jacobian(unknowns, posterior.x, unknowns.robot_body) @ posterior.covariance[:, height]
+    share = abs(moved[_IXX] / components(posterior.robot_body)[_IXX]) * _CENTIMETRE / unknowns.scale[height]
+    return (
+        f"the IMU sits where the file has it, to {1000 * unknowns.scale[height]:.0f} mm: the run hardly tells, and if it sits "
+        f"a centimetre higher or lower, Ixx is {share:.0%} off",
+    )
