@@ -87,7 +87,9 @@ class Unknowns:
         open_links = np.concatenate([np.full(count, estimated) for estimated, count in counts])
         self._legs = LegChains(robot)
         self.of_links, self.model_links = _by_values(self._legs)[:, open_links], model_parameters(robot)[10:]
-        self._joined_by_the_model, self._above_knees = _joined_bodies(robot, stance)
+        joined, self._above_knees = _joined_bodies(robot, stance)
+        # Derivatives of bodies ask again and again with the same legs.
+        self._joined_last = np.zeros(len(self.columns(*LEG_SHAPE))), joined
         found_shape = any(row.name in LEG_SHAPE for row in priors.not_of_this_robot)
         self.composing = (*INERTIAL, *LEG_SHAPE) if found_shape else INERTIAL
         self.model_base = base_parameters(robot)
@@ -170,11 +172,15 @@ class Unknowns:
     def _joined(self, x: FloatArray) -> FloatArray:
         """(10 + 4 links, 10) as of `_joined_bodies`, with legs as they are found where bodies are composed so."""
         if self.composing == INERTIAL:
-            return self._joined_by_the_model
-        position = Traced(self.stance.joint_position[:, None])
-        shape = LegShape.of(self._legs, inputs_of(self.values(x), LEG_SHAPE, 1))
-        found, model = (self._legs.traced_posture(position, legs).com.value[..., 0] for legs in (shape, None))
-        return _joined_bodies(self.robot, self.stance, (found - model).T.reshape(-1, 3))[0]
+            return self._joined_last[1]
+        shape = x[self.columns(*LEG_SHAPE)]
+        if not np.array_equal(shape, self._joined_last[0]):
+            position = Traced(self.stance.joint_position[:, None])
+            found = LegShape.of(self._legs, inputs_of(self.values(x), LEG_SHAPE, 1))
+            com, model = (self._legs.traced_posture(position, legs).com.value[..., 0] for legs in (found, None))
+            joined, _ = _joined_bodies(self.robot, self.stance, (com - model).T.reshape(-1, 3))
+            self._joined_last = shape, joined
+        return self._joined_last[1]
 
 
 def _by_values(legs: LegChains) -> FloatArray:
