@@ -17,13 +17,14 @@ from equipoise.platform.platform import JointCommand, RobotState, TiltLimit, Tra
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.recording.recording import Recording
 
-# [s], and of a control period, before a deadline: there `step` hands the state over, so that its caller can think.
-_LEAD, _LEAD_SHARE = 0.4e-3, 0.1
+# [s], and least and most of a control period, before a deadline: there `step` hands the state over, so that its caller can
+# think, and a thread that holds the robot gets Python's lock in time, several times, from one that computes.
+_LEAD, _LEAD_SHARES = 1.2e-3, (0.1, 0.6)
 _SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
 _ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
 _LOST = 5  # control periods behind after which the deadlines begin anew
 _KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
-_TURN = 0.2e-3  # [s] that another thread may compute before it must let the loop go on
+_TURN = 0.05e-3  # [s] that another thread may compute before it must let the loop go on
 _ASLEEP = 0.25  # [s] without a command after which the robot may have sunk: nothing is sent as if it had not
 
 
@@ -188,8 +189,9 @@ class HardwarePlatform:
         missed = int(late / self.control_period)  # deadlines that are skipped: commands in a burst would be a jerk
         self.timing.add(late, lost + (missed > 0))
         self._deadline += (1 + missed) * self.control_period
-        _wait_until(self._deadline - max(_LEAD, _LEAD_SHARE * self.control_period))
-        return self._sense(0.0)
+        least, most = (share * self.control_period for share in _LEAD_SHARES)
+        _wait_until(self._deadline - min(max(_LEAD, least), most))
+        return replace(self._sense(0.0), commanded=self._stepped)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         return play_by_stepping(self, trajectory, stop)

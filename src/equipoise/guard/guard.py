@@ -126,13 +126,14 @@ class Guard:
             with self._ending_on_trouble(), self._interruptions.held():
                 self._check_going()
                 self._loop.look_ahead(trajectory)
-                with self._held.moving():
-                    self._begin(trajectory.command(0))
+                self._begin(trajectory.command(0))
+                self._tell_watchdog(trajectory)
+                test = TiltTest(stop, self.control_period)
+                with self._held.moving():  # what takes time comes before: the first command's deadline is near
                     with self._held.turn():  # the thread that holds may have ended the run meanwhile
                         self._check_going()
-                        self._tell_watchdog(trajectory)
                         steps = self._steps = StepLog(self, self._present(), self._steps)
-                    self._play(trajectory, stop, steps)
+                    self._play(trajectory, test, steps)
                 # A robot on two feet does not wait for a disk.
                 lifted = feet_are_lifted(self._robot, self._stance, trajectory.position[steps.count - 1])
                 self._log.finish(wait=not lifted)
@@ -193,8 +194,7 @@ class Guard:
             self._watchdog = self._start_watchdog()
             self._watchdog.wait()
 
-    def _play(self, trajectory: Trajectory, stop: TiltLimit | None, steps: StepLog) -> None:
-        test = TiltTest(stop, self.control_period)
+    def _play(self, trajectory: Trajectory, test: TiltTest, steps: StepLog) -> None:
         phases = [event for event in trajectory.events if event.name == PHASE]
         self._log.begin(steps, len(trajectory.position), trajectory.events)
         for index in range(len(trajectory.position)):

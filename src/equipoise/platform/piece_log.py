@@ -55,15 +55,14 @@ class PieceLog:
         self._every = max(1, round(_PIECE_TIME / control_period))
         self._steps: StepLog | None = None
         self._events: tuple[Event, ...] = ()
-        self._done = 0
+        self._commands = self._done = 0
         self._pieces: queue.Queue[_Piece | Recording | int | None] = queue.Queue()
         self._trouble: BaseException | None = None
         self._writer: threading.Thread | None = None
 
     def begin(self, steps: StepLog, commands: int, events: tuple[Event, ...]) -> None:
-        """A motion of so many commands begins."""
-        self._steps, self._events, self._done = steps, events, 0
-        self._put(commands)
+        """A motion of so many commands begins. The log hears of it with its first piece: now nothing may wake the writer."""
+        self._steps, self._events, self._commands, self._done = steps, events, commands, 0
 
     def add(self, commands: int, motion: Recording) -> None:
         """A whole motion of so many commands, behind what was played before it."""
@@ -112,6 +111,8 @@ class PieceLog:
             raise trouble
 
     def _hand_on(self, steps: StepLog) -> None:
+        if not self._done:
+            self._put(self._commands)
         self._put(_Piece(steps, self._done, steps.count, self._events))
         self._done = steps.count
 

@@ -76,6 +76,7 @@ class RobotState:
         received: time of arrival by this computer's monotonic clock [s]; None in simulation, where nothing is late.
         health: temperatures, battery and faults, as far as the robot reports them.
         earlier: samples that arrived since the last one that was handed out, oldest first; a robot's clock is not ours.
+        commanded: time at which the last command left, by this computer's monotonic clock [s]; None: it was not noted.
     """
 
     time: float
@@ -88,6 +89,7 @@ class RobotState:
     received: float | None = None
     health: Health | None = None
     earlier: tuple[RobotState, ...] = ()
+    commanded: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

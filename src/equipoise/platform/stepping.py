@@ -95,8 +95,9 @@ class StepLog:
 
     def add(self, target: FloatArray, step: Callable[[], RobotState]) -> RobotState:
         """Do one step, which sends (nj,) joint targets [rad], and note it once it is done."""
-        sent = time.monotonic()
+        begun = time.monotonic()
         before, self.state = self.state, step()
+        sent = begun if self.state.commanded is None else self.state.commanded  # a step waits for its deadline first
         self._states.append(before)
         self._targets.append(target)
         self._sent.append(self._by_robot_clock(sent, before))
