@@ -11,6 +11,7 @@ from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.precise.measurements.heading import angle_turned
+from equipoise.precise.measurements.imu_place import SwaySamples
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.leg_swing import LegSwing
 from equipoise.precise.measurements.lift_samples import LiftSamples, read_lift
@@ -46,6 +47,7 @@ class MotionReading:
         duration: duration of the recording [s].
         steps: samples of a walk, of each time on two feet.
         leg_swing: what legs that swing in the air say of themselves.
+        sway: samples of a sway.
     """
 
     index: int
@@ -57,6 +59,7 @@ class MotionReading:
     duration: float
     steps: tuple[LiftSamples, ...] = ()
     leg_swing: LegSwing | None = None
+    sway: SwaySamples | None = None
 
     @property
     def on_two_feet(self) -> tuple[LiftSamples, ...]:
@@ -128,6 +131,7 @@ def _read(
     lift: LiftSamples | None = None
     steps: tuple[LiftSamples, ...] = ()
     move: PlantedMove | None = None
+    sway: SwaySamples | None = None
     torques: list[TorqueSamples] = []
     left_out: str | None = None
     try:
@@ -149,7 +153,9 @@ def _read(
             samples = TorqueSamples.of_motion(moving, gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
         elif isinstance(trial, SwayTrial) and recording.complete:
-            samples = TorqueSamples.of_motion(recording.phase(Phase.SWAY), gyro_bias, stance.scale.time)
+            swaying = recording.phase(Phase.SWAY)
+            sway = SwaySamples.of(swaying, gyro_bias)
+            samples = TorqueSamples.of_motion(swaying, gyro_bias, stance.scale.time)
             torques += [] if samples is None else [samples]
         elif isinstance(trial, WalkTrial) and recording.complete:
             steps, left_out = read_walk(recording, trial, stance, gyro_bias)
@@ -166,4 +172,4 @@ def _read(
     except RecordingError as error:
         left_out = str(error)
     duration = trial.duration if isinstance(trial, SteppingTrial) else recording.duration
-    return MotionReading(index, trial, lift, move, tuple(torques), left_out, duration, steps)
+    return MotionReading(index, trial, lift, move, tuple(torques), left_out, duration, steps, sway=sway)

@@ -236,8 +236,8 @@ def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
 
 
 def at_times(time: FloatArray, sampled: FloatArray, vectors: FloatArray) -> FloatArray:
-    """(n, 3) vectors, sampled at other times, at n times: linear in between."""
-    return np.column_stack([np.interp(time, sampled, vectors[:, axis]) for axis in range(3)])
+    """(n, k) vectors, sampled at other times, at n times: linear in between."""
+    return np.column_stack([np.interp(time, sampled, column) for column in vectors.T])
 
 
 def _time_on_two_feet(

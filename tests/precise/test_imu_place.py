@@ -1,0 +1,62 @@
+"""Where the IMU sits, by a sway over planted feet: found where it is, whatever the file says and whatever the robot weighs."""
+
+import re
+
+import numpy as np
+import pytest
+
+from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
+from equipoise.precise.measurements.evidence import read_evidence
+from equipoise.precise.measurements.imu_place import imu_by_sway
+from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.parameters import Unknowns
+from equipoise.precise.unknowns import Priors
+from equipoise.robot.description import RobotDescription
+
+
+@pytest.fixture(scope="module")
+def swaying(a1):
+    """Recordings of a short run with its sway: a realistic A1 with a payload that nobody knows of."""
+    recordings = []
+    with simulate(a1, "realistic", "2,0.1,0,0.1", seed=5) as simulation:
+        calibrate(simulation.platform, a1, Precise(budget=60), recordings.append)
+    return recordings
+
+
+def with_imu_at(shift):
+    place = np.array(load_robot("unitree_a1").imu_in_base.translation) + shift
+    return load_robot("unitree_a1", RobotDescription(imu_position=tuple(place.tolist())))
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (0.0, 0.0, 0.02), (-0.03, 0.015, -0.01)])
+def test_it_is_found_where_it_is(swaying, shift):
+    robot = with_imu_at(shift)
+    stance = nominal_stance(robot)
+    evidence = read_evidence(robot, stance, swaying)
+    (sway,) = (motion.sway for motion in evidence.motions if motion.sway is not None)
+    unknowns = Unknowns(robot, stance, Priors())
+    values = unknowns.values(unknowns.start())
+    place, deviation = imu_by_sway(robot, LegChains(robot), sway, values, stance.scale.time, stance.scale.length)
+    assert place == pytest.approx(-np.array(shift), abs=4e-3)
+    assert np.all(deviation < 2e-3)
+
+
+@pytest.mark.parametrize(("up", "passed"), [(0.0, True), (0.02, False)])
+def test_a_file_that_has_it_too_high_is_told(swaying, up, passed):
+    """A minute on two feet does not tell: those rows take it for inertia."""
+    robot = with_imu_at((0.0, 0.0, up))
+    result = Precise(budget=60).estimate(robot, swaying, nominal_stance(robot))
+    (check,) = (check for check in result.checks if check.name == "place of the IMU")
+    assert check.passed is passed
+    assert result.trustworthy is passed
+    if not passed:
+        assert re.search(
+            r"it is not where the model file has it, but [+-]\d [+-]\d -(1[5-9]|2\d) mm from there", check.message
+        )
+        assert "imu_position" in check.message
+
+
+def test_without_a_sway_nobody_knows(precise_run):
+    (check,) = (check for check in precise_run.result.checks if check.name == "place of the IMU")
+    assert check.passed
+    assert check.message == "there is no sway about all axes, to see where the IMU sits by"
