@@ -36,7 +36,7 @@ def test_it_is_found_where_it_is(swaying, shift):
     (sway,) = (motion.sway for motion in evidence.motions if motion.sway is not None)
     unknowns = Unknowns(robot, stance, Priors())
     values = unknowns.values(unknowns.start())
-    place, deviation = imu_by_sway(robot, LegChains(robot), sway, values, stance.scale.time, stance.scale.length)
+    place, deviation = imu_by_sway(robot, LegChains(robot), sway, values, stance.scale)
     assert place == pytest.approx(-np.array(shift), abs=4e-3)
     assert np.all(deviation < 2e-3)
 

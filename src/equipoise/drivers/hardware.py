@@ -136,6 +136,8 @@ class HardwarePlatform:
         self._newest: RobotState | None = None
         self.commanded = False
         self._deadline = 0.0
+        least, most = (share * link.control_period for share in _LEAD_SHARES)
+        self._lead = min(max(_LEAD, least), most)
         self._stepped = time.monotonic()
         self._closed = False
         self._turn = sys.getswitchinterval()
@@ -189,8 +191,7 @@ class HardwarePlatform:
         missed = int(late / self.control_period)  # deadlines that are skipped: commands in a burst would be a jerk
         self.timing.add(late, lost + (missed > 0))
         self._deadline += (1 + missed) * self.control_period
-        least, most = (share * self.control_period for share in _LEAD_SHARES)
-        _wait_until(self._deadline - min(max(_LEAD, least), most))
+        _wait_until(self._deadline - self._lead)
         return replace(self._sense(0.0), commanded=self._stepped)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:

@@ -44,7 +44,7 @@ _LEGS_DIFFER = 4.0
 # [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
 _PLANES_AGREE = (7e-3, 25e-3)
 # [m] on an A1, and standard deviations: what lengths of legs and feet that give put a sway's IMU elsewhere by, and beyond
-# which it is not there. 28 development runs, 24 of them in `stress`, came to 0.7 rms, 1.8 at most.
+# which it is not there. 28 development runs, 24 of them in `stress`, came to 0.6 rms, 1.8 at most.
 _SWAYS_ASTRAY, _NOT_THERE = 1.5e-3, 2.5
 _SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the place along it
 
@@ -252,7 +252,7 @@ def _imu_is_there(robot: RobotModel, evidence: RunEvidence, posterior: Posterior
     if not sways:
         return Check(name, True, "there is no sway about all axes, to see where the IMU sits by")
     values, scale = unknowns.values(posterior.x), unknowns.stance.scale
-    place, deviation = imu_by_sway(robot, LegChains(robot), sways[0], values, scale.time, scale.length)
+    place, deviation = imu_by_sway(robot, LegChains(robot), sways[0], values, scale)
     apart = place - values["imu_position"]
     known = np.sqrt(deviation**2 + (_SWAYS_ASTRAY * scale.length) ** 2 + posterior.deviation("imu_position") ** 2)
     worst = int(np.argmax(np.abs(apart / known)))

@@ -42,6 +42,13 @@ class JointStream:
         for name in ("position", "velocity", "torque"):
             _validate(self, "joint", name, shape, required=name == "position")
 
+    @property
+    def rates(self) -> FloatArray:
+        """(n, nj) joint velocities as read; by differences of positions where none are [rad/s]."""
+        if self.velocity is not None:
+            return self.velocity
+        return np.asarray(np.gradient(self.position, self.time, axis=0), dtype=float)
+
 
 @dataclass(frozen=True, eq=False)
 class ImuStream:

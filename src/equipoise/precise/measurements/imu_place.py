@@ -20,11 +20,12 @@ from scipy.spatial.transform import Rotation
 from equipoise.conventions import GRAVITY, FloatArray
 from equipoise.precise.measurements.drive_train import DRIVE_TRAIN, JointReadings
 from equipoise.precise.measurements.imu_frame import mounting
-from equipoise.precise.measurements.leg_motion import LegChains
+from equipoise.precise.measurements.leg_motion import LegChains, cross
 from equipoise.precise.measurements.lift_samples import at_times, attitudes
 from equipoise.precise.unknowns import Values, inputs_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FREQUENCIES = (0.3, 4.0, 0.15)  # [Hz] on an A1: first, last, step, of test functions; a sway has 1.5 to 2.3
@@ -58,21 +59,19 @@ class SwaySamples:
     def of(cls, swaying: Recording, gyro_bias: FloatArray) -> SwaySamples:
         """Of a recording in which the base sways."""
         joints, imu = swaying.joints, swaying.imu
-        velocity = np.gradient(joints.position, joints.time, axis=0) if joints.velocity is None else joints.velocity
-        torque = np.zeros_like(velocity) if joints.torque is None else joints.torque
-        read = (at_times(imu.time, joints.time, part) for part in (joints.position, velocity, torque))
+        torque = np.zeros_like(joints.position) if joints.torque is None else joints.torque
+        read = (at_times(imu.time, joints.time, part) for part in (joints.position, joints.rates, torque))
         return cls(imu.time, imu.angular_velocity_in_imu - gyro_bias, imu.acceleration_in_imu, *read)
 
 
 def imu_by_sway(
-    robot: RobotModel, legs: LegChains, sway: SwaySamples, values: Values, time_scale: float, length_scale: float
+    robot: RobotModel, legs: LegChains, sway: SwaySamples, values: Values, scale: Scale
 ) -> tuple[FloatArray, FloatArray]:
     """Where the IMU sits in the base frame, less where the model has it [m].
 
     Args:
         values: values of the unknowns, by which encoders and mounting of the IMU are corrected.
-        time_scale: the robot's over an A1's.
-        length_scale: the same of lengths.
+        scale: the robot's, over an A1.
 
     Returns:
         (3,) and (3,) standard deviations by what residuals show: of lengths of legs that are off they say nothing.
@@ -88,12 +87,12 @@ def imu_by_sway(
 
     by_turn = np.zeros((len(time), 3, 6))  # a horizontal vector that goes with the rotation, whose size is not known
     by_turn[:, 0, :3] = by_turn[:, 1, 3:] = turned - turned.mean(axis=0)
-    test, test_rate_rate = _test_functions(time, time_scale)
+    test, test_rate_rate = _test_functions(time, scale.time)
     unexplained = test @ force - test_rate_rate @ base
     columns = [
         np.tensordot(test_rate_rate, rotation, 1),
         _TURNED * GRAVITY * np.tensordot(test, by_turn, 1),
-        _SHIFTED * length_scale * np.tensordot(test_rate_rate, by_turn, 1),
+        _SHIFTED * scale.length * np.tensordot(test_rate_rate, by_turn, 1),
     ]
     return _fit(np.concatenate(columns, axis=-1).reshape(unexplained.size, -1), unexplained.ravel())
 
@@ -105,7 +104,7 @@ def _base(legs: LegChains, sway: SwaySamples, values: Values, turning: FloatArra
     position, _ = readings.later(given)
     feet = legs.motion(position.value.T, sway.joint_velocity, turning)
     spin = np.einsum("tij,tlj->tli", rotation, feet.foot_angular_velocity)
-    rolling = legs.foot_radius[:, None] * np.cross(spin, _UP)
+    rolling = legs.foot_radius[:, None] * cross(spin, _UP)
     rolled = np.cumsum(rolling * np.gradient(sway.time)[:, None, None], axis=0)
     return (rolled - np.einsum("tij,tlj->tli", rotation, feet.foot)).mean(axis=1)
 
@@ -119,10 +118,9 @@ def _test_functions(time: FloatArray, time_scale: float) -> tuple[FloatArray, Fl
     at = (frequency[:, None] + aside)[..., None]
     waves = share[:, None] * np.cos(at * since + np.array([0.0, np.pi / 2])[:, None, None, None])
     weights = np.gradient(time)
-    value, rate_rate = (np.sum(part, axis=-2) * weights for part in (waves, -(at**2) * waves))
-    return np.asarray(value, dtype=float).reshape(-1, len(time)), np.asarray(rate_rate, dtype=float).reshape(
-        -1, len(time)
-    )
+    summed = (np.sum(part, axis=-2) * weights for part in (waves, -(at**2) * waves))
+    value, rate_rate = (np.asarray(part, dtype=float).reshape(-1, len(time)) for part in summed)
+    return value, rate_rate
 
 
 def _fit(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

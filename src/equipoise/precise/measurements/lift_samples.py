@@ -237,7 +237,7 @@ def attitudes(time: FloatArray, angular_velocity: FloatArray) -> Rotation:
 
 def at_times(time: FloatArray, sampled: FloatArray, vectors: FloatArray) -> FloatArray:
     """(n, k) vectors, sampled at other times, at n times: linear in between."""
-    return np.column_stack([np.interp(time, sampled, column) for column in vectors.T])
+    return np.column_stack([np.interp(time, sampled, vectors[:, column]) for column in range(vectors.shape[1])])
 
 
 def _time_on_two_feet(

@@ -99,11 +99,10 @@ def read_move(
     up = attitude.inv().apply(first.acceleration_in_imu / np.linalg.norm(first.acceleration_in_imu)) @ rotation.T
     joints = moving.joints
     up = at_times(joints.time, moving.imu.time, up)
-    velocity = joints.velocity if joints.velocity is not None else np.gradient(joints.position, joints.time, axis=0)
     angular_velocity_in_base = at_times(
         joints.time, moving.imu.time, (moving.imu.angular_velocity_in_imu - gyro_bias) @ rotation.T
     )
-    foot = legs.motion(joints.position, velocity, angular_velocity_in_base).foot_angular_velocity
+    foot = legs.motion(joints.position, joints.rates, angular_velocity_in_base).foot_angular_velocity
     rolling = cross_of_rows(foot, legs.foot_radius[:, None] * up[:, None])
     to_before = rotation @ attitude.as_matrix() @ rotation.T
     to_before = to_before[np.clip(np.searchsorted(moving.imu.time, joints.time), 0, len(to_before) - 1)]
