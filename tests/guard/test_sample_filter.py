@@ -220,6 +220,13 @@ def test_what_read_the_same_before_the_first_command_has_not_been_sent_anywhere_
     assert "frozen" in str(error)
 
 
+def test_a_sample_that_comes_again_says_when_the_last_command_left(a1, sieve, home):
+    first = sieve.accept(replace(at_rest(a1, 1), commanded=1.0), home)
+    again = sieve.accept(replace(at_rest(a1, 1), commanded=1.002), home)
+    assert (first.commanded, again.commanded) == (1.0, 1.002)
+    assert again.time == first.time
+
+
 @given(st.lists(st.integers(0, 30), min_size=1, max_size=60), st.data())
 def test_time_never_goes_back_whatever_arrives(a1, order, data):
     """And no sample is handed on twice."""

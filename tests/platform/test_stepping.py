@@ -70,6 +70,18 @@ def test_a_platform_that_only_repeats_itself_records_what_it_was_sent(simulation
     assert (len(recording.joints.time), len(recording.commands.time)) == (0, 4)
 
 
+def test_commands_that_seem_to_leave_at_once_are_told_apart(simulation):
+    """By a clock that drifts past ours: a platform that says when a command left says so of the last one again."""
+    drift = iter(range(1000))
+    real = Stuttering(
+        simulation.platform,
+        lambda state: replace(state, received=state.time - 5e-9 * next(drift), commanded=state.time),
+    )
+    played = real.play(stand(real, 40))
+    assert len(played.commands.time) == 40
+    assert (np.diff(played.commands.time) > 0).all()
+
+
 def test_two_platforms_do_not_know_of_each_other(a1):
     for _ in range(2):
         with simulate(a1, "realistic", seed=3) as simulation:

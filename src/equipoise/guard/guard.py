@@ -127,11 +127,13 @@ class Guard:
                 self._check_going()
                 self._loop.look_ahead(trajectory)
                 self._begin(trajectory.command(0))
-                self._tell_watchdog(trajectory)
+                ends = () if self._watchdog is None else trajectory.position[[0, -1]]
+                legs_up = any(legs_are_up(self._robot, self._stance, end) for end in ends)
                 test = TiltTest(stop, self.control_period)
                 with self._held.moving():  # what takes time comes before: the first command's deadline is near
                     with self._held.turn():  # the thread that holds may have ended the run meanwhile
                         self._check_going()
+                        self._tell_watchdog(legs_up)
                         steps = self._steps = StepLog(self, self._present(), self._steps)
                     self._play(trajectory, test, steps)
                 # A robot on two feet does not wait for a disk.
@@ -207,12 +209,11 @@ class Guard:
             if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
                 break
 
-    def _tell_watchdog(self, trajectory: Trajectory) -> None:
+    def _tell_watchdog(self, legs_up: bool) -> None:
         """How the robot would have to be let down in this motion, and until the next one begins."""
         if self._watchdog is not None:
             self._watchdog.check()
-            ends = trajectory.position[[0, -1]]
-            self._watchdog.legs_are_up(any(legs_are_up(self._robot, self._stance, end) for end in ends))
+            self._watchdog.legs_are_up(legs_up)
 
     def _step(self, command: JointCommand) -> RobotState:
         with self._held.turn():

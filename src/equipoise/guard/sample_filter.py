@@ -93,6 +93,8 @@ class SampleFilter:
             )
         elif self._newest is None or self._newest.earlier:
             self._newest = replace(self._newest or state, earlier=())
+        if self._newest.commanded != state.commanded:  # a command left, whether its sample says something new or not
+            self._newest = replace(self._newest, commanded=state.commanded)
         return self._newest
 
     def _look(self, sample: RobotState) -> bool:

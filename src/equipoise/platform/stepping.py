@@ -144,7 +144,7 @@ class StepLog:
                 self._lag = lag if self._lag is None else self._lag + _LAG_SHARE * (lag - self._lag)
             at, least = sent + (self._lag or 0.0), _LEAST_STEP
         later = self._sent_last + least if math.isfinite(self._sent_last) else 0.0
-        self._sent_last = at if self._sent_last < at < math.inf else later
+        self._sent_last = at if self._sent_last + _GRID <= at < math.inf else later
         return self._sent_last
 
 
