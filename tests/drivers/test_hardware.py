@@ -12,7 +12,7 @@ from equipoise.drivers import hardware
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.errors import CommunicationError, LimitError, MotionError, OverrunError
 from equipoise.guard.guard import Guard
-from equipoise.platform.platform import JointCommand, Trajectory
+from equipoise.platform.platform import JointCommand
 
 pytestmark = pytest.mark.realtime
 
@@ -84,12 +84,14 @@ def test_who_only_looked_has_nothing_to_release(platform, link):
     assert (link.released, link.closed) == (0, 1)
 
 
-def test_a_command_is_recorded_when_it_left(platform, stand):
-    """Not when the loop began to wait for its deadline; this robot's samples are of the moments at which commands leave."""
-    played = platform.play(Trajectory(np.repeat(stand.position[None], 400, axis=0)))
-    brought = played.joints.time[1:]
-    early = brought - played.commands.time[: len(brought)]
-    assert abs(np.median(early[-150:])) < 0.3e-3  # by then the clocks have found each other
+def test_a_state_says_when_the_command_before_it_left(platform, link, stand):
+    """Not when the loop began to wait for its deadline."""
+    sent = []
+    link.act = lambda count: sent.append(time.monotonic())
+    for _ in range(50):
+        state = platform.step(stand)
+        assert sent[-1] <= state.commanded <= time.monotonic()
+    assert platform.read().commanded is None
 
 
 def test_a_computer_that_stalls_ends_the_run_and_the_robot_is_damped(a1):

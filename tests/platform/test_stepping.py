@@ -70,6 +70,19 @@ def test_a_platform_that_only_repeats_itself_records_what_it_was_sent(simulation
     assert (len(recording.joints.time), len(recording.commands.time)) == (0, 4)
 
 
+def test_a_command_is_recorded_when_the_platform_says_that_it_left(simulation):
+    """By the robot's clock, which is half a minute behind ours here."""
+    platform = simulation.platform
+    step = platform.step
+    platform.step = lambda command: late(step(command))
+
+    def late(state):
+        return replace(state, received=state.time + 30.0, commanded=state.time + 30.0 - 7e-4)
+
+    played = play_by_stepping(platform, stand(platform, 20))
+    assert played.commands.time[1:-1] == pytest.approx(played.joints.time[2:] - 7e-4, abs=2e-9)
+
+
 def test_commands_that_seem_to_leave_at_once_are_told_apart(simulation):
     """By a clock that drifts past ours: a platform that says when a command left says so of the last one again."""
     drift = iter(range(1000))

@@ -112,6 +112,10 @@ class HeldRobot:
                 self._check_gap()
             try:
                 return self._loop.step(command)
+            except OverrunError:
+                if self._holds:
+                    self._check_gap()  # its words say what to do
+                raise
             finally:
                 self._note()
 
@@ -197,6 +201,10 @@ class HeldRobot:
         if self._collects and not short:
             gc.enable()
         self._stepped = now
-        state = self._loop.hold()
+        try:
+            state = self._loop.hold()
+        except OverrunError:
+            self._check_gap()  # as above: a thread that was kept on its way to the deadline
+            raise
         self._seen = (*self._seen, *state.earlier, replace(state, earlier=())) if short else ()
         self._pass_on()
