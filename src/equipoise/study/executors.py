@@ -94,32 +94,43 @@ def dask_cluster(scheduler: str) -> Generator[tuple[Executor, Callable[[], int]]
         raise MissingDependencyError("a Dask cluster needs its client: pip install 'equipoise[dask]'") from error
     if "://" not in scheduler:
         raise SettingsError(f"{scheduler!r} is no scheduler's address; it looks like tcp://192.168.1.2:8786")
-    log = logging.getLogger("distributed.client")
-    level = log.level
-    log.setLevel(logging.CRITICAL)  # its errors are ours to tell: they come as tracebacks
-    try:
-        client = Client(scheduler, timeout=_PATIENCE)
-    except (OSError, ValueError) as error:  # TimeoutError is an OSError
-        log.setLevel(level)
-        raise WorkerError(f"no Dask scheduler answers at {scheduler!r}: {error}") from error
+    with _untold("distributed", "distributed.client"):
+        try:
+            client = Client(scheduler, timeout=_PATIENCE)
+        except (OSError, ValueError) as error:  # TimeoutError is an OSError
+            raise WorkerError(f"no Dask scheduler answers at {scheduler!r}: {error}") from error
 
-    def workers_now() -> int:
-        with suppress(OSError):  # a scheduler that is gone is noticed by its trials
-            now: list[int] = list(client.nthreads().values())
-            return len(now)
-        return 1
+        def workers_now() -> int:
+            with suppress(OSError):  # a scheduler that is gone is noticed by its trials
+                now: list[int] = list(client.nthreads().values())
+                return len(now)
+            return 1
 
+        try:
+            threads: list[int] = list(client.nthreads().values())
+            if not threads:
+                raise WorkerError(
+                    f"the scheduler at {scheduler!r} has no workers: dask worker {scheduler} --nthreads 1"
+                )
+            if sum(threads) > len(threads):
+                warnings.warn(
+                    f"{len(threads)} workers with {sum(threads)} threads run {len(threads)} trials at once, one in each "
+                    f"process: dask worker {scheduler} --nworkers {sum(threads)} --nthreads 1",
+                    stacklevel=3,
+                )
+            yield client.get_executor(pure=False), workers_now
+        finally:
+            client.close()
+
+
+@contextmanager
+def _untold(*loggers: str) -> Generator[None]:
+    """Errors of loggers are ours to tell: they come as tracebacks."""
+    levels = {log: log.level for log in map(logging.getLogger, loggers)}
+    for log in levels:
+        log.setLevel(logging.CRITICAL)
     try:
-        threads: list[int] = list(client.nthreads().values())
-        if not threads:
-            raise WorkerError(f"the scheduler at {scheduler!r} has no workers: dask worker {scheduler} --nthreads 1")
-        if sum(threads) > len(threads):
-            warnings.warn(
-                f"{len(threads)} workers with {sum(threads)} threads run {len(threads)} trials at once, one in each process: "
-                f"dask worker {scheduler} --nworkers {sum(threads)} --nthreads 1",
-                stacklevel=3,
-            )
-        yield client.get_executor(pure=False), workers_now
+        yield
     finally:
-        client.close()
-        log.setLevel(level)
+        for log, level in levels.items():
+            log.setLevel(level)
