@@ -109,6 +109,17 @@ def test_frames_show_the_trial_its_line_and_its_tilt(viewing, paper_run):
     assert film.method.expected_trials(film.stance) >= len(film.trials)
 
 
+@pytest.mark.parametrize("late", [0.0, 0.002, 0.004, 0.006, 0.008])
+def test_a_trial_that_one_jumps_to_is_the_trial_that_one_sees(a1, precise_run, late):
+    film = Film(a1, precise_run.stance, precise_run.settings)
+    first, *others = precise_run.recordings
+    film.take([first.between(first.joints.time[0] + late, np.inf), *others])
+    with ClosingIn(a1, film.stance, film.method) as closing_in:
+        camera = Camera(film, closing_in)
+        assert len(film.trials) >= len(others)
+        assert [camera.frame(film.beginning(trial)).trial for trial in film.trials] == film.trials
+
+
 def test_the_com_of_a_frame_is_the_model_s_moved_by_what_was_found(viewing, a1):
     frame = viewing.camera.frame(viewing.film.span[1])
     nominal = pin.centerOfMass(

@@ -15,7 +15,7 @@ from equipoise.recording.trials import CommandedLift, DesignedLift, LiftTrial, R
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.view.base_motion import BaseMotion, BaseTracker
-from equipoise.view.even_steps import EvenSteps, SensedSteps
+from equipoise.view.even_steps import STEP, EvenSteps, SensedSteps
 
 
 @dataclass(frozen=True)
@@ -143,6 +143,11 @@ class Film:
         """The last one that has begun."""
         begun = [trial for trial in self.trials if trial.time <= time]
         return begun[-1] if begun else None
+
+    @staticmethod
+    def beginning(trial: TrialMark) -> float:
+        """A time whose moment is the first of a trial [s]: the last moment before its command is still another's."""
+        return trial.time + STEP
 
     def phase_at(self, time: float) -> str | None:
         """The last one that has begun."""

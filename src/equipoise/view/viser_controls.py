@@ -78,9 +78,9 @@ class Controls:
         self._draw_plan(frame)
 
     def _list_trials(self) -> None:
-        trials = self._camera.film.trials
-        if len(trials) != len(self._targets):
-            self._targets = {f"{trial.number}: {trial.title}": trial.time for trial in trials}
+        film = self._camera.film
+        if len(film.trials) != len(self._targets):
+            self._targets = {f"{trial.number}: {trial.title}": film.beginning(trial) for trial in film.trials}
             self._jump.options = ("-", *self._targets)
 
     def _draw_tilt(self, frame: Frame) -> None:
