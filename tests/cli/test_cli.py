@@ -289,7 +289,9 @@ def test_a_seed_that_is_no_number(capsys):
 
 def test_a_flag_that_does_not_exist(capsys):
     assert main(["calibrate", "--colour"]) == 2
-    assert "--colour" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "--colour" in said
+    assert "equipoise calibrate --help" in said, "the help that has the flags, not the list of verbs"
 
 
 def test_an_output_folder_that_holds_another_run(run, capsys):

@@ -93,28 +93,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int | None:
     """Do what the arguments say, importing only the verb that they name; raises SystemExit if they cannot be used."""
-    if arguments[0] not in VERBS and not arguments[0].startswith("-"):
-        raise SettingsError(
-            f"equipoise has no verb {arguments[0]!r}; {did_you_mean(arguments[0], VERBS)}'equipoise --help' lists them"
-        )
-    verbs = {name: find_verb(name, arguments[1:]) for name in ([arguments[0]] if arguments[0] in VERBS else VERBS)}
-    if arguments[0] in VERBS and (switches := _switches(verbs[arguments[0]], arguments[1:])) is not None:
-        return verbs[arguments[0]](**switches)
+    name, words = arguments[0], arguments[1:]
+    verb = find_verb(name, words) if name in VERBS else None
+    if verb is not None and (switches := _switches(verb, words)) is not None:
+        return verb(**switches)
+    if verb is None and not name.startswith("-"):
+        raise SettingsError(f"equipoise has no verb {name!r}; {did_you_mean(name, VERBS)}'equipoise --help' lists them")
     import tyro
 
     from equipoise.cli.numbers import number_rules
 
-    app = tyro.extras.SubcommandApp()
-    for name, verb in verbs.items():
-        app.command(name=name)(verb)
+    config, registry = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff), number_rules()
     with _help_in_width() if {"-h", "--help"} & {*arguments} else nullcontext():
-        return app.cli(
-            args=arguments,
-            prog="equipoise",
-            description="What your quadruped weighs, where its centre of mass is and how hard it is to turn.",
-            config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-            registry=number_rules(),
-        )
+        if verb is not None:
+            return tyro.cli(verb, args=words, prog=f"equipoise {name}", config=config, registry=registry)
+        app = tyro.extras.SubcommandApp()  # of all verbs: what completes them is made from it
+        for each in VERBS:
+            app.command(name=each)(find_verb(each, words))
+        return app.cli(args=arguments, prog="equipoise", config=config, registry=registry)
 
 
 class _Captured(io.StringIO):
