@@ -116,7 +116,11 @@ def test_a_file_of_torch_is_read_and_runs_nothing(tmp_path):
 def test_rows_that_do_not_say_their_commit_or_their_world_are_made_again(tmp_path):
     import motors as ours  # noqa: PLC0415 - sets the number of threads
 
-    rows = [{"seed": 1, "commit": "abc", "world": "stress"}, {"seed": 2, "world": "stress"}, {"seed": 3, "commit": "abc"}]
+    rows = [
+        {"seed": 1, "commit": "abc", "world": "stress"},
+        {"seed": 2, "world": "stress"},
+        {"seed": 3, "commit": "abc"},
+    ]
     (tmp_path / "rows.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert ours.of_known_code(tmp_path / "rows.jsonl") == rows[:1]
     assert ours.of_known_code(tmp_path / "rows.jsonl") == rows[:1]

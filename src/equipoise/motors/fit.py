@@ -30,7 +30,7 @@ _SPIN = 1.5e-3  # [kg m2] on an A1: an armature of 0.01 over gear ratios of six 
 _LAG_SHARE = 0.1  # of a control period: how well it is known when in it a command is taken and a torque sampled
 _DELAY = 3e-3  # [s], where it is only told by the motion
 _INSTANT = 0.03  # of a control period, by which a board may feel a joint's position earlier or later than it says
-LIKE = 3.0  # times a misfit that is seen is one that is not, where friction follows load
+_LIKE = 3.0  # times a misfit that is seen is one that is not, where friction follows load
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,7 @@ class MotorFit:
         delay_and_friction: correlation of that delay with the mean viscous friction, or None.
         noise: (nj,) standard deviation of what is left of the averaged torques [Nm].
         misfit: (nj,) how much of that repeats with a joint's speed or its load: the rms of its means in bins of either [Nm].
+        unseen: (nj,) what may be of that kind and look like an unknown [Nm].
         repetition: number of averages that say what one says.
         gain: (nj,) true over reported torque by the fit, what all have in common with it, which nothing but legs tells.
         carried: (n, nj) true torques by the fit, of legs, friction and rotors [Nm].
@@ -58,6 +59,7 @@ class MotorFit:
     delay_and_friction: float | None
     noise: FloatArray
     misfit: FloatArray
+    unseen: FloatArray
     repetition: float
     gain: FloatArray
     carried: FloatArray
@@ -226,6 +228,7 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
     sigma = _noise(residual, samples.slides)
     repetition = _repetition(residual / sigma, samples.slides)
     covariance, misfit = repetition * solution.covariance, _misfit(samples, residual, repetition)
+    unseen = _unseen(samples, misfit)
     gain = 1 + x[table.of("gain")]
     mean, joints = gain.mean(), table.joints
     values = np.array([gain / mean - 1, *(x[table.of(name)] / mean for name in table.terms)])
@@ -242,21 +245,35 @@ def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
         shared = float(viscous @ covariance[:, -1])
         correlation = shared / float(np.sqrt(viscous @ covariance @ viscous * covariance[-1, -1]))
     found = flat @ covariance @ flat.T
-    found[np.diag_indices_from(found)] += _unlike_law(table, samples, misfit, values).ravel()
+    found[np.diag_indices_from(found)] += _unlike_law(table, samples, unseen, values).ravel()
     carried = gain * (samples.torque - residual - x[table.of("offset")] - samples.kp * samples.command_rate * x[-1])
-    return MotorFit(values, found, table.stribeck_speed, delay, correlation, sigma, misfit, repetition, gain, carried)
+    return MotorFit(
+        values, found, table.stribeck_speed, delay, correlation, sigma, misfit, unseen, repetition, gain, carried
+    )
 
 
-def _unlike_law(table: _Table, samples: MotorSamples, misfit: FloatArray, values: FloatArray) -> FloatArray:
+def _unseen(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
+    """(nj,) what repeats and looks like an unknown, by what repeats and does not [Nm].
+
+    A robot's gears are of one kind. What some joints show of theirs, as a share of what they carry, others have as well and
+    happen not to show: a joint counts for half, and all of them for the other.
+    """
+    carried = size(samples.torque, samples.slides)
+    share = np.divide(misfit, carried, out=np.zeros_like(misfit), where=carried > 0)
+    common = np.sqrt(np.mean(share[carried > 0] ** 2)) if (carried > 0).any() else 0.0
+    return _LIKE * np.sqrt((misfit**2 + (common * carried) ** 2) / 2)
+
+
+def _unlike_law(table: _Table, samples: MotorSamples, unseen: FloatArray, values: FloatArray) -> FloatArray:
     """(k, nj) variances of `values`, of gains first, for motors that do not obey the equation.
 
-    A misfit that repeats had its like in each term, where nobody sees it. And a board may feel position at another instant
+    What is unseen may be in each term. And a board may feel position at another instant
     than it reports it, which looks like viscous friction. What friction grows to at rest is beyond what is seen.
     """
     used = samples.slides
     terms = samples.torque, *(table.terms | {"coulomb": np.ones_like(used)}).values()
     sizes = np.array([size(term, used) for term in terms])
-    variance = (LIKE * misfit / np.maximum(sizes, np.finfo(float).tiny)) ** 2
+    variance = (unseen / np.maximum(sizes, np.finfo(float).tiny)) ** 2
     variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
     if table.stribeck_speed is not None:
         variance[4] += (_AT_REST * values[4]) ** 2

@@ -8,8 +8,8 @@ What the equation does not have is among these too, or a robot whose gears rattl
 
 - friction that follows load, of each joint;
 - inertias of the links that do not follow from their masses;
-- whatever is seen to repeat with speed or load (`MotorFit.misfit`): three times as much may be in a gain, and in what a joint
-  feels of its own link's first moment.
+- whatever repeats with speed or load and is not seen (`MotorFit.unseen`): so much may be in a gain, and in what a joint feels
+  of its own link's first moment.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.motors.delay import motor_trial
 from equipoise.motors.equations import MotorSamples
-from equipoise.motors.fit import LIKE, MotorFit, prior_deviations, size
+from equipoise.motors.fit import MotorFit, prior_deviations, size
 from equipoise.precise.measurements.leg_swing import LegSwing
 from equipoise.precise.measurements.torque_balance import columns_of_links
 from equipoise.recording.recording import Recording
@@ -78,10 +78,9 @@ def legs_in_swing(
     beside.add(samples.kp * samples.command_rate, prior["lag"], samples.period / 2)
     for joint, column in zip(_joints(robot), np.moveaxis(own, -1, 0), strict=True):
         felt = size(column, samples.slides)[joint]
-        beside.add(column, float(np.hypot(_OWN_INERTIA, LIKE * fit.misfit[joint] / felt)) if felt > 0 else 0.0)
-    unseen = LIKE * fit.misfit
-    askew = np.hypot(unseen, _ASKEW * size(fit.carried, samples.slides))
-    beside.add_each(by_gain, unseen / np.maximum(size(samples.torque, samples.slides), np.finfo(float).tiny))
+        beside.add(column, float(np.hypot(_OWN_INERTIA, fit.unseen[joint] / felt)) if felt > 0 else 0.0)
+    askew = np.hypot(fit.unseen, _ASKEW * size(fit.carried, samples.slides))
+    beside.add_each(by_gain, fit.unseen / np.maximum(size(samples.torque, samples.slides), np.finfo(float).tiny))
     moments = np.moveaxis(links[..., own.shape[-1] :], -1, 0).reshape(own.shape[-1], 3, *samples.torque.shape)
     for joint, of_link in zip(_joints(robot), moments, strict=True):
         for column in of_link:
