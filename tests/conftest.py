@@ -123,8 +123,10 @@ def coarse_engine():
 
 
 @pytest.fixture
-def ctrl_c_raises():
-    """Whatever started the tests: a shell's background jobs ignore Ctrl-C."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+def signals_are_heard():
+    """Whatever started the tests: a shell's background jobs ignore Ctrl-C, `nohup` a terminal that closes."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)

@@ -428,7 +428,7 @@ def test_a_log_is_recorded_in_json(tmp_path, capsys):
     assert table["joint_samples"] > 200
 
 
-def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch, ctrl_c_raises):
+def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch, signals_are_heard):
     def interrupted():
         raise KeyboardInterrupt
 

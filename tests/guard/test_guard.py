@@ -36,7 +36,7 @@ class TroubleError(Exception):
     """Of the program, not of the robot."""
 
 
-pytestmark = pytest.mark.usefixtures("ctrl_c_raises")
+pytestmark = pytest.mark.usefixtures("signals_are_heard")
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from equipoise.platform.interruptions import Interruptions, Terminated
 ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-pytestmark = pytest.mark.usefixtures("ctrl_c_raises")
+pytestmark = pytest.mark.usefixtures("signals_are_heard")
 
 
 @pytest.fixture
