@@ -215,6 +215,18 @@ def test_a_joint_that_never_slides_does_not_make_the_others_surer():
     assert expected > 2
 
 
+def test_what_the_other_joints_gears_show_is_in_the_interval_of_one_that_shows_none(a1, swung):
+    """Friction that follows load, in all reported torques but the last calf's."""
+    result, (recording,) = swung
+    joints = recording.joints
+    friction = 0.15 * np.sign(joints.velocity) * np.abs(joints.torque) * (np.arange(12) < 11)
+    greased = dataclasses.replace(recording, joints=dataclasses.replace(joints, torque=joints.torque + friction))
+    found = Motors().estimate(a1, [greased], nominal_stance(a1))
+    *others, last = found.motors.values()
+    assert last.misfit < 0.1 * max(one.misfit for one in others)
+    assert last.armature.deviation > 3 * list(result.motors.values())[-1].armature.deviation
+
+
 def test_slow_joints_swing_from_the_end_of_the_ramp_to_its_begin(a1):
     """A motion is stretched for joints that are slow, and its phases with it."""
     slow = dataclasses.replace(a1, velocity_limit=np.full(12, 3.0))

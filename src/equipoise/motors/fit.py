@@ -109,7 +109,7 @@ def fit_motors(robot: RobotModel, samples: MotorSamples, scale: Scale) -> MotorF
 def _left(samples: MotorSamples, solution: _Solution) -> float:
     """Twice the negative logarithm of the likelihood of noise that is as large as what is left."""
     used = samples.slides
-    return float((used.sum(axis=0) * np.log(_noise(solution.residual, used) ** 2)).sum())
+    return float((used.sum(axis=0) * np.log(positive_size(solution.residual, used) ** 2)).sum())
 
 
 def _solve(table: _Table, samples: MotorSamples) -> _Solution:
@@ -119,7 +119,7 @@ def _solve(table: _Table, samples: MotorSamples) -> _Solution:
     covariance: FloatArray = np.diag(table.prior**2)
     for _ in range(_ROUNDS):
         predicted, design = _linearised(table, samples, x)
-        weight = samples.slides / _noise(residual, samples.slides)
+        weight = samples.slides / positive_size(residual, samples.slides)
         rows = (design * weight[..., None]).reshape(-1, x.size)
         left = ((samples.torque - predicted) * weight).reshape(-1)
         normal = rows.T @ rows + np.diag(table.prior**-2)
@@ -131,8 +131,8 @@ def _solve(table: _Table, samples: MotorSamples) -> _Solution:
 
 def _wants_stribeck(table: _Table, samples: MotorSamples, scale: Scale, without: _Solution) -> bool:
     """Whether a solution without friction that grows toward rest wants it."""
-    repetition = _repetition(without.residual / _noise(without.residual, samples.slides), samples.slides)
-    noise = np.hypot(_noise(without.residual, samples.slides), _UNEVEN * without.x[table.of("coulomb")])
+    repetition = _repetition(without.residual / positive_size(without.residual, samples.slides), samples.slides)
+    noise = np.hypot(positive_size(without.residual, samples.slides), _UNEVEN * without.x[table.of("coulomb")])
     weight = samples.slides / noise / np.sqrt(repetition)
     _, design = _linearised(table, samples, without.x)
     terms = samples.stribeck * weight / (1 + without.x[table.of("gain")])
@@ -209,8 +209,8 @@ def size(residual: FloatArray, used: FloatArray) -> FloatArray:
     return np.sqrt((residual**2 * used).sum(axis=0) / np.maximum(used.sum(axis=0), 1.0))
 
 
-def _noise(residual: FloatArray, used: FloatArray) -> FloatArray:
-    """As `size`, which is never zero: joints that never slide have no rows to weigh."""
+def positive_size(residual: FloatArray, used: FloatArray) -> FloatArray:
+    """As `size`, to divide by: it is never zero, also of joints that never slide."""
     return np.maximum(size(residual, used), np.finfo(float).tiny)
 
 
@@ -225,7 +225,7 @@ def _repetition(residual: FloatArray, used: FloatArray, most: int = 8) -> float:
 def _fit(table: _Table, samples: MotorSamples, solution: _Solution) -> MotorFit:
     """Relative to the mean gain, which nothing but the legs' masses tells."""
     x, residual = solution.x, solution.residual
-    sigma = _noise(residual, samples.slides)
+    sigma = positive_size(residual, samples.slides)
     repetition = _repetition(residual / sigma, samples.slides)
     covariance, misfit = repetition * solution.covariance, _misfit(samples, residual, repetition)
     unseen = _unseen(samples, misfit)
@@ -259,25 +259,25 @@ def _unseen(samples: MotorSamples, misfit: FloatArray) -> FloatArray:
     happen not to show: a joint counts for half, and all of them for the other.
     """
     carried = size(samples.torque, samples.slides)
-    share = np.divide(misfit, carried, out=np.zeros_like(misfit), where=carried > 0)
-    common = np.sqrt(np.mean(share[carried > 0] ** 2)) if (carried > 0).any() else 0.0
+    loaded = carried > 0
+    common = np.sqrt(np.mean((misfit[loaded] / carried[loaded]) ** 2)) if loaded.any() else 0.0
     return _LIKE * np.sqrt((misfit**2 + (common * carried) ** 2) / 2)
 
 
 def _unlike_law(table: _Table, samples: MotorSamples, unseen: FloatArray, values: FloatArray) -> FloatArray:
     """(k, nj) variances of `values`, of gains first, for motors that do not obey the equation.
 
-    What is unseen may be in each term. And a board may feel position at another instant
-    than it reports it, which looks like viscous friction. What friction grows to at rest is beyond what is seen.
+    What is unseen may be in each term. And a board may feel position at another instant than it reports it, which looks like
+    viscous friction. What friction grows to at rest is beyond what is seen.
     """
     used = samples.slides
     terms = samples.torque, *(table.terms | {"coulomb": np.ones_like(used)}).values()
-    sizes = np.array([size(term, used) for term in terms])
-    variance = (unseen / np.maximum(sizes, np.finfo(float).tiny)) ** 2
+    sizes = np.array([positive_size(term, used) for term in terms])
+    variance = (unseen / sizes) ** 2
     variance[2] += (samples.kp * _INSTANT * samples.period) ** 2
     if table.stribeck_speed is not None:
         variance[4] += (_AT_REST * values[4]) ** 2
-        variance[1:3] += (_IN_MOTION * values[4] / np.maximum(sizes[1:3], np.finfo(float).tiny)) ** 2
+        variance[1:3] += (_IN_MOTION * values[4] / sizes[1:3]) ** 2
     return variance
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.motors.delay import motor_trial
 from equipoise.motors.equations import MotorSamples
-from equipoise.motors.fit import MotorFit, prior_deviations, size
+from equipoise.motors.fit import MotorFit, positive_size, prior_deviations, size
 from equipoise.precise.measurements.leg_swing import LegSwing
 from equipoise.precise.measurements.torque_balance import columns_of_links
 from equipoise.recording.recording import Recording
@@ -80,7 +80,7 @@ def legs_in_swing(
         felt = size(column, samples.slides)[joint]
         beside.add(column, float(np.hypot(_OWN_INERTIA, fit.unseen[joint] / felt)) if felt > 0 else 0.0)
     askew = np.hypot(fit.unseen, _ASKEW * size(fit.carried, samples.slides))
-    beside.add_each(by_gain, fit.unseen / np.maximum(size(samples.torque, samples.slides), np.finfo(float).tiny))
+    beside.add_each(by_gain, fit.unseen / positive_size(samples.torque, samples.slides))
     moments = np.moveaxis(links[..., own.shape[-1] :], -1, 0).reshape(own.shape[-1], 3, *samples.torque.shape)
     for joint, of_link in zip(_joints(robot), moments, strict=True):
         for column in of_link:
