@@ -198,10 +198,15 @@ def figures(values: Any, form: str) -> str:
     return " ".join(format(value, form) for value in values)
 
 
+def case_of(row: Row) -> tuple[str, str, str, int]:
+    """What `run` was asked for."""
+    return row["robot"], row["world"], row["what"], row["seed"]
+
+
 def main() -> None:
     warnings.simplefilter("ignore")
     rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
-    done = {(row["robot"], row["world"], row["what"], row["seed"]) for row in rows}
+    done = {case_of(row) for row in rows}
     parts = [
         (seed / count, (name, preset, what, FIRST + seed))
         for preset, what, counts in RUNS
@@ -212,6 +217,8 @@ def main() -> None:
     for _, case in sorted(parts):  # half a benchmark is half of each part
         if case not in done:
             for row in run(*case):
+                if case_of(row) in done:  # the first of two that come from one run, which was stopped between them
+                    continue
                 rows.append(row)
                 print(*case, row["what"], row.get("failed", ""), flush=True)
                 with ROWS.open("a") as file:
