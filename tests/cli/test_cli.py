@@ -333,7 +333,7 @@ def test_flags_of_a_robot_description_are_used(capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_keeps_what_was_measured(tmp_path):
+def test_ctrl_c_keeps_what_was_measured(tmp_path, signals_are_heard):
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [*COMMAND, "calibrate", "--method", "paper", "--tolerance", "0.0002", "--t-thres", "10", "--out", str(folder)],
@@ -364,6 +364,25 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path):
     again = subprocess.run([*COMMAND, "estimate", str(folder)], capture_output=True, text=True, check=False)
     assert again.returncode == 5
     assert "no complete search on" in again.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path, signals_are_heard):
+    folder = tmp_path / "run"
+    process = subprocess.Popen(
+        [*COMMAND, "calibrate", "--method", "paper", "--out", str(folder), "--quiet"], stderr=subprocess.PIPE, text=True
+    )
+    while not (folder / "calibration.json").exists():
+        assert process.poll() is None
+        time.sleep(0.002)
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=30)[1]
+    assert process.returncode == 130
+    assert not (folder / "report.html").exists()
+    resume = ["calibrate", "--resume", str(folder)]
+    assert f"go on: equipoise {' '.join(resume)}\n" in told
+    assert main([*resume, "--no-pictures"]) == 0
+    assert (folder / "report.html").exists()
 
 
 # What somebody sees who does not know the verbs.

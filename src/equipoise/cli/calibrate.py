@@ -29,6 +29,7 @@ from equipoise.cli.flags import (
     WithEffects,
     WithoutEffects,
     exit_code,
+    interruption_told,
     load,
 )
 from equipoise.cli.methods import method_asked_for, method_flags, owners, read_method, refuse_flags_of_other_methods
@@ -235,7 +236,7 @@ def calibrate(
     with Session(where, model) as session:
         if repeat == 1:
             folder = begun(session, out, asked, facts)
-            with output.watch.over(folder, output.silent):
+            with interruption_told(folder), output.watch.over(folder, output.silent):
                 results = [run_into(session, folder, asked, output.silent)]
                 output.show(results[0], folder)
         else:
@@ -271,7 +272,7 @@ def _resume(
     confirm(place, model, method, yes)
     with Session(place, model) as session:
         folder, content = RunFolder.resume(resume, repeats=place.simulated)
-        with output.watch.over(folder, output.silent):
+        with interruption_told(folder), output.watch.over(folder, output.silent):
             output.show(run_into(session, folder, method, output.silent, content), folder)
 
 
@@ -379,7 +380,7 @@ def _repeated(
         if not output.silent:
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
         folder = begun(session, out / f"{number + 1:02d}", method, {**facts, "repetition": number})
-        with output.watch.over(folder, output.silent, stays=number + 1 == count):
+        with interruption_told(folder), output.watch.over(folder, output.silent, stays=number + 1 == count):
             result = run_into(session, folder, method, output.silent)
         results[folder.path.name] = result
         if output.report:

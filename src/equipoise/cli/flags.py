@@ -124,11 +124,12 @@ def described(flags: RobotFlags) -> RobotDescription:
 
 @contextmanager
 def interruption_told(folder: Any) -> Generator[None]:
-    """Say where the recordings are if the routine does not come to its end."""
+    """Say where the recordings are, and what goes on with them, if a run, or what shows it, does not come to its end."""
+    log = folder.log  # which a folder that is closed no longer has
     try:
         yield
     except (KeyboardInterrupt, EquipoiseError):
-        if not folder.log.empty:
+        if not log.empty:
             print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)
             print(f"go on: equipoise calibrate --resume {typed(folder.path)}", file=sys.stderr)
         raise

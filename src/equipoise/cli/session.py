@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from equipoise.cli.flags import interruption_told
 from equipoise.cli.told import EnterPressed
 from equipoise.errors import MotionError, ResumeError, SettingsError
 
@@ -144,7 +143,7 @@ class Session:
         from equipoise.calibration.routine import calibrate
         from equipoise.terminal.calibration import TrialProgress
 
-        with folder, interruption_told(folder):
+        with folder:
             if self._simulation is not None:
                 folder.save_truth(self._simulation.truth, self._simulation.truth_of_parts)
                 _question_scale(method, self._simulation.truth.composite.mass)

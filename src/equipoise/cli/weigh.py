@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from equipoise.cli.calibrate import begun, placed, run_into
-from equipoise.cli.flags import Described, File, Output, Required, Robot, RobotFlags, exit_code, load
+from equipoise.cli.flags import Described, File, Output, Required, Robot, RobotFlags, exit_code, interruption_told, load
 from equipoise.cli.session import Session, confirm
 from equipoise.cli.settings import SettingFlag, Verb, flags_class, given_flags, settings_of
 from equipoise.errors import RecordingError, SettingsError
@@ -77,7 +77,8 @@ def weigh(
     out = output.out or Path("runs") / f"{model.name}-{now:%Y%m%d-%H%M%S-%f}"
     with Session(where, model) as session:
         folder = begun(session, out, asked, {"time": now.isoformat(timespec="seconds")})
-        result = run_into(session, folder, asked, output.silent)
+        with interruption_told(folder):
+            result = run_into(session, folder, asked, output.silent)
     found = _with_truth(weighed(model, asked.known, result), asked.known)
     write_file(out / WEIGHING, json_module.dumps(found.to_dict(), indent=2) + "\n")
     if output.json:
