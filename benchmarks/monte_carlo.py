@@ -20,7 +20,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -34,7 +33,8 @@ from mujoco import rollout
 import equipoise
 from equipoise import Paper, Precise, calibrate, estimate, load_robot, simulate
 from equipoise.method.table import method_named
-from equipoise.study.executors import dask_cluster, process_pool
+from equipoise.study.executors import dask_cluster
+from equipoise.study.processes import Processes
 from equipoise.study.rows import column, failed
 from equipoise.study.runner import run_study
 from equipoise.study.study import Study, draw
@@ -83,7 +83,7 @@ def throughput() -> list[dict[str, float]]:
     """Engine steps a second of a study and of `mujoco.rollout` alone, in the same processes."""
     rows = []
     for timestep in STEPS:
-        with process_pool(CORES) as pool, tempfile.TemporaryDirectory() as folder:
+        with Processes(CORES) as pool, tempfile.TemporaryDirectory() as folder:
             run_study(Study(timestep=timestep, seed=99), 15 * CORES, Path(folder) / "warm", pool, CORES)
             rounds = []
             for index in range(2):  # before and after, as machines drift
@@ -99,7 +99,7 @@ def throughput() -> list[dict[str, float]]:
     return rows
 
 
-def alone(pool: ProcessPoolExecutor, timestep: float) -> float:
+def alone(pool: Processes, timestep: float) -> float:
     """Aggregate steps a second of `mujoco.rollout` in all processes at once."""
     begin = time.time() + 8.0  # by then all have found their commands
     futures = [pool.submit(roll_alone, trial, timestep, begin, round(4e-3 / timestep)) for trial in range(CORES)]
@@ -173,7 +173,7 @@ def steps() -> list[dict[str, object]]:
     rows = []
     cases = [(name, "paper", count) for name, count in STEP_ROBOTS.items()] + [("unitree_a1", "precise", STEP_PRECISE)]
     names = ("com_x", "com_y")
-    with process_pool(CORES) as pool, tempfile.TemporaryDirectory() as folder:
+    with Processes(CORES) as pool, tempfile.TemporaryDirectory() as folder:
         for name, method, count in cases:
             found = {}
             for timestep in STEPS:
@@ -202,9 +202,9 @@ def rms(values: np.ndarray) -> float:
 
 def estimation() -> dict[str, float]:
     """Seconds and memory of all that is estimated from one precise run, in a process that does nothing else."""
-    with process_pool(1) as pool:
+    with Processes(1) as pool:
         recordings = pool.submit(precise_recordings).result()
-    with process_pool(1) as pool:
+    with Processes(1) as pool:
         return pool.submit(estimate_alone, recordings).result()
 
 

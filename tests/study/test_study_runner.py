@@ -228,7 +228,7 @@ class Brittle(Inline):
 
 def test_a_pool_that_breaks_between_two_looks_is_replaced(cheap, tmp_path, monkeypatch):
     pools = [Brittle(4, BrokenProcessPool("a child process terminated abruptly")), Inline()]
-    monkeypatch.setattr(runner, "process_pool", lambda workers: pools.pop(0))
+    monkeypatch.setattr(runner, "Processes", lambda workers: pools.pop(0))
     rows = study_rows(STATIC, 9, tmp_path / "study", workers=1)
     assert numbers(rows) == list(range(9))
     assert {row["status"] for row in rows} == {"ok"}

@@ -13,7 +13,7 @@ import signal
 import threading
 import warnings
 from collections.abc import Callable, Generator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from typing import TypeVar
 
@@ -21,12 +21,6 @@ from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
 
 Result = TypeVar("Result")
 _PATIENCE = 10  # [s] for a scheduler to answer
-
-
-def process_pool(workers: int) -> ProcessPoolExecutor:
-    """Fresh processes, which die with this one."""
-    # Forked ones would inherit the threads of BLAS and MuJoCo in whatever state they are.
-    return ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_begin_worker)
 
 
 @contextmanager
@@ -40,19 +34,6 @@ def ctrl_c_held() -> Generator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _begin_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker at once and without a traceback
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def follow() -> None:
-            parent.join()
-            os._exit(1)
-
-        threading.Thread(target=follow, daemon=True).start()
 
 
 def ended_after(limit: float, function: Callable[..., Result], *arguments: object) -> Result:

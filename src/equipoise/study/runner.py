@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from equipoise.errors import SettingsError, WorkerError
-from equipoise.study.executors import ctrl_c_held, ended_after, process_pool
+from equipoise.study.executors import ctrl_c_held, ended_after
+from equipoise.study.processes import Processes
 from equipoise.study.rows import Table, column, failed, table_of
 from equipoise.study.store import FAILURES, TrialStore
 from equipoise.study.study import Study
@@ -192,10 +193,8 @@ class _Crew:
         return self._count
 
     def submit(self, study: Study, trial: int, logs: str) -> Future[Table]:
-        executor = self._given or self._own
-        if executor is None:
-            executor = self._own = process_pool(self._at_once())
         with ctrl_c_held(), _one_thread_each():
+            executor = self._given or self._own or self._begin()
             return executor.submit(ended_after, self.limit, run_trial, study, trial, logs)
 
     def replace(self) -> None:
@@ -204,9 +203,8 @@ class _Crew:
                 "the workers are gone; what arrived is kept: start them again and repeat the command to go on"
             )
         self.dismiss()
-        self._own = process_pool(self._at_once())
         with ctrl_c_held(), _one_thread_each():
-            begun = self._own.submit(os.getpid)
+            begun = self._begin().submit(os.getpid)
         try:
             begun.result()
         except BrokenExecutor as error:  # no trial's fault
@@ -214,6 +212,10 @@ class _Crew:
                 "worker processes die as they begin; is there memory for them? A script that runs a study does so below "
                 'if __name__ == "__main__":'
             ) from error
+
+    def _begin(self) -> Executor:
+        self._own = Processes(self._at_once())
+        return self._own
 
     def dismiss(self) -> None:
         if self._own is not None:
