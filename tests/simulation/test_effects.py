@@ -519,14 +519,22 @@ MJCF_FOOT = (
 )
 
 
-def test_feet_can_touch_the_floor_as_the_file_says(tmp_path):
+@pytest.mark.parametrize(
+    "foot",
+    [
+        MJCF_FOOT,
+        f'<body pos="0 -0.2 -0.2" euler="1.5707963 0 0">{MJCF_FOOT}</body>',
+    ],
+    ids=["of the link", "of a body fixed to it"],
+)
+def test_feet_can_touch_the_floor_as_the_file_says(tmp_path, foot):
     from robots import load_text  # noqa: PLC0415
 
     legs = "".join(
         f'<body name="{leg}_thigh" pos="{x} {y} 0"><joint name="{leg}_1" axis="0 1 0" range="-2 2"/>'
         f'<inertial pos="0 0 -0.1" mass="0.5" diaginertia="2e-3 2e-3 1e-3"/>'
         f'<body name="{leg}_calf" pos="0 0 -0.2"><joint name="{leg}_2" axis="0 1 0" range="-2.7 -0.1"/>'
-        f'<inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-4"/>{MJCF_FOOT}</body></body>'
+        f'<inertial pos="0 0 -0.1" mass="0.2" diaginertia="1e-3 1e-3 1e-4"/>{foot}</body></body>'
         for leg, x, y in (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("RL", -0.2, 0.1), ("RR", -0.2, -0.1))
     )
     text = (

@@ -9,7 +9,7 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
-from equipoise.robot.model import Foot, RobotModel
+from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import BELLY_RATIO, Stance
 from equipoise.simulation.effects import Contacts
 from equipoise.simulation.leg_errors import LegErrors
@@ -53,6 +53,7 @@ def add_contacts(
     Raises:
         SettingsError: the file gives none.
     """
+    of_the_file = _of_the_file(spec, robot) if contacts == "file" else {}
     hard = {"solref": [CONTACT_TIME, 1.0], "solimp": [*IMPEDANCE, 0.001, 0.5, 2.0], "friction": _friction(errors)}
     floor = hard if contacts == "own" else {}
     spec.worldbody.add_geom(
@@ -61,9 +62,7 @@ def add_contacts(
     touching = {"contype": 2, "conaffinity": 1, "condim": 3, "mass": 0.0, **hard}
     heights = errors.drawn["foothold_height"]
     for index, (leg, foot) in enumerate(robot.feet.items()):
-        how: dict[str, Any] = {**touching, "condim": _dimensions(errors)}
-        if contacts == "file":
-            how |= _of_the_file(spec, robot, foot)
+        how: dict[str, Any] = {**touching, "condim": _dimensions(errors), **of_the_file.get(leg, {})}
         if heights.any():
             # A floor of its own for each foot: it meets no other.
             how |= {"contype": 4 << index, "conaffinity": 4 << index}
@@ -141,14 +140,29 @@ def _dimensions(errors: DrawnErrors) -> int:
     return 4 if errors.sizes.torsional_friction else 3
 
 
-def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel, foot: Foot) -> dict[str, Any]:
-    """Contact parameters of the sphere that the file has where the foot is."""
+def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, Any]]:
+    """By leg, contact parameters of the sphere that the file has where the foot is; it may belong to a body fixed to the link.
+
+    Args:
+        spec: the file's bodies and shapes, before anything is added.
+    """
+    found: dict[str, dict[str, Any]] = {}
     if robot.source.format == "mjcf":
-        for geom in spec.body(foot.body).geoms:
-            is_sphere = geom.type == mujoco.mjtGeom.mjGEOM_SPHERE
-            if is_sphere and np.allclose(geom.pos, foot.position_in_body, atol=1e-6):
-                return {key: getattr(geom, key) for key in _FILE_KEYS}
-    raise SettingsError(
-        f"the model file of {robot.name!r} says nothing of how its feet touch the floor (only the spheres of an MJCF do); "
-        "leave --contacts file out"
-    )
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        for leg, foot in robot.feet.items():
+            link = model.body(foot.body).id
+            where = data.xpos[link] + data.xmat[link].reshape(3, 3) @ foot.position_in_body
+            spheres = (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE) & (
+                model.body_weldid[model.geom_bodyid] == model.body_weldid[link]
+            )
+            there = spheres & np.isclose(data.geom_xpos, where, atol=1e-6).all(axis=1)
+            for index in np.flatnonzero(there)[:1]:
+                found[leg] = {key: getattr(model, f"geom_{key}")[index] for key in _FILE_KEYS}
+    if missing := sorted(robot.feet.keys() - found):
+        raise SettingsError(
+            f"the model file of {robot.name!r} says nothing of how its feet touch the floor (only the spheres of an MJCF do; "
+            f"there is none at {', '.join(missing)}); leave --contacts file out"
+        )
+    return found
