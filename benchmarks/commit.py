@@ -20,3 +20,13 @@ def commit() -> str:
 def made_at(rows: Iterable[Mapping[str, object]]) -> str:
     """The last line of a page that is made of rows which say their commits."""
     return f"Made at commit {', '.join(sorted({str(row['commit']) for row in rows}))}."
+
+
+def checkout(path: str | Path) -> str:
+    """Name and commit of somebody else's git checkout that a path is in."""
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(path), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    return f"{Path(git('rev-parse', '--show-toplevel')).name} {git('rev-parse', '--short=10', 'HEAD')}"

@@ -29,7 +29,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the other core is t
 
 import mujoco
 import numpy as np
-from commit import commit
+from commit import checkout, commit
 
 from equipoise import Precise, SteppedPlatform, calibrate, load_robot, nominal_stance
 from equipoise.drivers.dds.cyclone import VERSION
@@ -346,17 +346,6 @@ def udp_section(part: dict) -> list[str]:
         f"kp {kp:.0f}, kd {kd:.0f}, mode {driver['mode']}, level {driver['level']}, as they were sent; of its samples the "
         f"driver took {driver['samples']}, with checksums, and the knee at {driver['position'][2]:.1f} rad.",
     ]
-
-
-def checkout(path: str) -> str:
-    """Where a checkout came from, and its commit."""
-
-    def git(*arguments: str) -> str:
-        return subprocess.run(
-            ["git", "-C", path, *arguments], capture_output=True, text=True, check=True
-        ).stdout.strip()
-
-    return f"{Path(path).resolve().name} {git('rev-parse', '--short=10', 'HEAD')}"
 
 
 HEAD = """# Against foreign software

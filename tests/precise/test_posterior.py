@@ -112,12 +112,13 @@ def test_derivatives_are_central_differences_by_every_unknown(steady_blocks, pos
         np.testing.assert_allclose(whole[:, column], difference, atol=close, err_msg=str(column))
 
 
-def test_noise_that_grows_with_the_unknowns_is_in_the_gradient(a1, posterior, evidence):
+@pytest.mark.parametrize("worst", [2.0, 20.0])
+def test_noise_that_grows_with_the_unknowns_is_in_the_gradient(a1, posterior, evidence, worst):
     """By every unknown, the derivative of half the squared residual; more noise than there is makes most of it."""
     unknowns, x = posterior.unknowns, away_from(posterior)
     lifts = [replace(lift, **{name: 30 * getattr(lift, name) for name in READINGS}) for lift in lifts_of(evidence)]
     block = TiltBlock(unknowns, LegChains(a1), list(enumerate(lifts)))
-    block.scale = np.linspace(1.0, 2.0, len(lifts))
+    block.scale = np.linspace(1.0, worst, len(lifts))
     block.prepare(x)
 
     def half_square(x):
@@ -412,6 +413,16 @@ def test_a_lifts_noise_grows_with_each_of_its_causes(evidence):
     worse += [TiltNoise.of(lift).covariance(gains * factor) for factor in np.where(kinds, 2.0, 1.0)]
     worse.append(TiltNoise.of(lift).raised(1.1, gains).covariance(gains))
     assert all(np.trace(noise) > 1.005 * np.trace(least) for noise in worse)
+
+
+@pytest.mark.parametrize(("factor", "least", "most"), [(3.0, 0.1, 0.4), (30.0, 0.95, 1.05)])
+def test_moments_that_nothing_explains_fit_no_better_with_a_larger_inertia(evidence, factor, least, most):
+    """Divided by an inertia of twice as much they are half as large, and so is their noise; of an ordinary misfit it is not."""
+    lift, gains = lifts_of(evidence)[0], np.array([3.0, 1.0, 0.1, 0.1, *np.full(12, 0.02)])
+    noise = TiltNoise.of(lift).raised(factor, gains)
+    residual = np.sin(np.linspace(0.0, 3.0, len(lift.joint_position)))
+    once, twice = (np.sum((noise.whitening(gains / by) @ residual / by) ** 2) for by in (1.0, 2.0))
+    assert least < twice / once < most
 
 
 # --- what is said of the sensors

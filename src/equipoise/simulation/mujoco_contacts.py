@@ -148,8 +148,8 @@ def _of_the_file(spec: mujoco.MjSpec, robot: RobotModel) -> dict[str, dict[str, 
     """
     found: dict[str, dict[str, Any]] = {}
     if robot.source.format == "mjcf":
-        model = spec.compile()
-        data = mujoco.MjData(model)
+        model: Any = spec.compile()
+        data: Any = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         for leg, foot in robot.feet.items():
             link = model.body(foot.body).id
