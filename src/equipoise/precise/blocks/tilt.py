@@ -22,9 +22,9 @@ _SHARED = 2.5
 # What sensor noise does not explain of an ideal robot's residual: contacts that give [rad/s], and a bias of the accelerometer
 # that is not the same in all lifts [m/s2].
 _TILT_FLOOR, _BIAS_FLOOR = 3e-4, 2e-3
-# Noise, over what readings explain, up to which the rest is an angular velocity, which is what robots' lifts show that fit as
-# ordinary ones do: inertia is unbiased with it. What is larger are moments, of feet that hardly roll: divided by the inertia they
-# become small if it becomes large, and with a noise that does not, estimates of it ran away to twice or three times the truth.
+# Noise, over what readings explain, up to which what they do not is taken for an angular velocity: lifts of ordinary robots
+# are below, and their inertia is unbiased so. What is beyond are moments, of feet that hardly roll. Over an inertia that grows
+# a moment shrinks: did its noise not, estimates would run away to two or three times the truth.
 _MOST_OF_VELOCITY = 4.0
 
 
