@@ -41,21 +41,43 @@ def test_it_is_found_where_it_is(swaying, shift):
     assert np.all(deviation < 2e-3)
 
 
-@pytest.mark.parametrize(("up", "passed"), [(0.0, True), (0.02, False)])
-def test_a_file_that_has_it_too_high_is_told(swaying, up, passed):
-    """A minute on two feet does not tell: those rows take it for inertia."""
-    robot = with_imu_at((0.0, 0.0, up))
+@pytest.mark.parametrize("up", [0.01, 0.02])
+def test_a_file_that_has_it_too_high_is_not_believed(swaying, up):
+    """A minute on two feet does not tell: those rows take it for inertia. The sway is heard, and it is as with a right file."""
+    right, wrong = (with_imu_at((0.0, 0.0, shift)) for shift in (0.0, up))
+    expected, found = (Precise(budget=60).estimate(robot, swaying, nominal_stance(robot)) for robot in (right, wrong))
+    assert found.trustworthy
+    assert "the IMU sits elsewhere than in the file, which the run contradicts" in found.assumptions
+    (height,) = (finding.value for finding in found.sensors if finding.name == "IMU position z")
+    assert height == pytest.approx(-up, abs=4e-3)
+    apart = found.composite.values - expected.composite.values
+    assert np.all(np.abs(apart) < 0.7 * expected.composite.deviations)
+    assert sum(source.name == "where the sway sees the IMU" for source in found.budget) == 1
+    assert sum(source.shares for source in found.budget) == pytest.approx(np.ones(10))
+
+
+def test_a_sway_that_says_what_the_tilts_say_stays_a_witness(swaying):
+    robot = with_imu_at((0.0, 0.0, 0.0))
     result = Precise(budget=60).estimate(robot, swaying, nominal_stance(robot))
     (check,) = (check for check in result.checks if check.name == "place of the IMU")
-    assert check.passed is passed
-    assert result.trustworthy is passed
-    if not passed:
-        away = re.search(
-            r"it is not where the model file has it, but x \S+, y \S+, z (-\d+\.\d) mm from there", check.message
-        )
-        assert away is not None
-        assert float(away[1]) == pytest.approx(-20, abs=4)
-        assert "imu_position" in check.message
+    assert check.passed
+    assert all(source.name != "where the sway sees the IMU" for source in result.budget)
+
+
+def test_who_says_that_it_is_there_is_told_that_it_is_not(swaying):
+    """A place that somebody vouches for is not doubted, and the check says what the sway says."""
+    robot = with_imu_at((0.0, 0.0, 0.02))
+    vouched = Precise(budget=60, priors=Priors().holding("imu_position"))
+    result = vouched.estimate(robot, swaying, nominal_stance(robot))
+    (check,) = (check for check in result.checks if check.name == "place of the IMU")
+    assert not check.passed
+    assert not result.trustworthy
+    away = re.search(
+        r"it is not where the model file has it, but x \S+, y \S+, z (-\d+\.\d) mm from there", check.message
+    )
+    assert away is not None
+    assert float(away[1]) == pytest.approx(-20, abs=4)
+    assert "imu_position" in check.message
 
 
 def test_without_a_sway_nobody_knows(precise_run):

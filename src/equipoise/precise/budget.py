@@ -16,6 +16,7 @@ from equipoise.conventions import FloatArray
 from equipoise.precise.blocks.block import ResidualBlock
 from equipoise.precise.blocks.leg_swing import LegSwingBlock
 from equipoise.precise.blocks.planted import PlantedBlock
+from equipoise.precise.blocks.sway import SwayBlock
 from equipoise.precise.blocks.tilt import TiltBlock
 from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.posterior import Posterior, body_jacobian, body_prior_rows
@@ -69,6 +70,7 @@ _BLOCKS: tuple[tuple[type[ResidualBlock], str, str], ...] = (
     (PlantedBlock, "noise of moves over planted feet", "more robot time (--budget); a hard floor"),
     (TorqueBlock, "noise of joint torques", _SCALE),
     (LegSwingBlock, "noise of legs that swing in the air", "a longer swing (--motor-time)"),
+    (SwayBlock, "where the sway sees the IMU", "the IMU's measured place, in the robot's description"),
 )
 
 

@@ -9,9 +9,8 @@ import numpy as np
 
 from equipoise.conventions import FloatArray
 from equipoise.precise.findings.score import ScoreTest, score_tests
+from equipoise.precise.findings.witness import SwayWitness
 from equipoise.precise.measurements.evidence import RunEvidence
-from equipoise.precise.measurements.imu_place import imu_by_sway
-from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.support_planes import com_by_planes
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
 from equipoise.recording.trials import DesignedLift, LiftTrial
@@ -43,9 +42,7 @@ _TORQUE_MISFIT = 1.4  # of the torque balance: 1.0 to 1.1 in fault-free runs
 _LEGS_DIFFER = 4.0
 # [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
 _PLANES_AGREE = (7e-3, 25e-3)
-# [m] on an A1, and standard deviations: what lengths of legs and feet that give put a sway's IMU elsewhere by, and beyond
-# which it is not there. 28 development runs, 24 of them in `stress`, came to 0.6 rms, 1.8 at most.
-_SWAYS_ASTRAY, _NOT_THERE = 1.5e-3, 2.5
+_NOT_THERE = 2.5  # standard deviations that a sway has the IMU elsewhere by
 _SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the place along it
 
 
@@ -65,7 +62,7 @@ def judge(
         _converged(posterior),
         _held_fits(posterior),
         _file_is_of_this_robot(posterior),
-        _imu_is_there(robot, evidence, posterior),
+        _imu_is_there(evidence, posterior),
         _halves_agree(posterior),
         _no_motion_outweighs(evidence, posterior),
         *([] if predicted is None else [_predicts(predicted)]),
@@ -245,32 +242,26 @@ def _file_is_of_this_robot(posterior: Posterior) -> Check:
     return Check("model file", True, f"{message}: found without it")
 
 
-def _imu_is_there(robot: RobotModel, evidence: RunEvidence, posterior: Posterior) -> Check:
+def _imu_is_there(evidence: RunEvidence, posterior: Posterior) -> Check:
     """Whether the IMU, by a sway over planted feet, sits where the estimate has it: no inertia goes into that."""
-    unknowns, name = posterior.unknowns, "place of the IMU"
-    sways = [motion.sway for motion in evidence.motions if motion.sway is not None]
-    if not sways:
+    name, witness = "place of the IMU", SwayWitness.of(evidence, posterior)
+    if witness is None:
         return Check(name, True, "there is no sway about all axes, to see where the IMU sits by")
-    values, scale = unknowns.values(posterior.x), unknowns.stance.scale
-    place, deviation = imu_by_sway(robot, LegChains(robot), sways[0], values, scale)
-    apart = place - values["imu_position"]
-    known = np.sqrt(deviation**2 + (_SWAYS_ASTRAY * scale.length) ** 2 + posterior.deviation("imu_position") ** 2)
-    worst = int(np.argmax(np.abs(apart / known)))
-    passed = bool(abs(apart[worst]) < _NOT_THERE * known[worst])
-    told = known < _SAYS_NOTHING * scale.length
+    passed = witness.deviates < _NOT_THERE
+    told = witness.deviation < _SAYS_NOTHING * posterior.unknowns.stance.scale.length
 
     def shown(vector: FloatArray) -> str:
         sizes = zip("xyz", 1000 * vector, told, strict=True)
         return ", ".join(f"{axis} {size:+.1f}" for axis, size, tells in sizes if tells) or "nothing is told"
 
     message = (
-        f"by the sway the IMU sits elsewhere than the estimate has it by {shown(apart)} mm (base axes), at most "
-        f"{abs(apart[worst] / known[worst]):.1f} standard deviations"
+        f"by the sway the IMU sits elsewhere than the estimate has it by {shown(witness.apart)} mm (base axes), at most "
+        f"{witness.deviates:.1f} standard deviations"
     )
     if not passed:
         message += (
-            f": it is not where the model file has it, but {shown(place)} mm from there, or legs are as much longer or "
-            "shorter. Moments of inertia hang on it: measure it, and correct the file, or imu_position in the robot's "
+            f": it is not where the model file has it, but {shown(witness.place)} mm from there, or legs are as much longer "
+            "or shorter. Moments of inertia hang on it: measure it, and correct the file, or imu_position in the robot's "
             "description"
         )
     return Check(name, passed, message)

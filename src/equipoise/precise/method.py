@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 from equipoise.errors import ReachError, SettingsError
@@ -20,6 +21,7 @@ from equipoise.precise.findings.contradicted import estimate_uncontradicted, not
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
+from equipoise.precise.findings.witness import SwayWitness
 from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
 from equipoise.precise.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
 from equipoise.precise.known.short_plan import forecast_after
@@ -321,13 +323,18 @@ class Precise(Method):
     ) -> tuple[Posterior, tuple[Change, ...]]:
         if self.known is None:
 
-            def estimate(priors: Priors) -> Posterior:
+            def estimate(priors: Priors, sway_heard: bool = False) -> Posterior:
                 # Lengths of legs come from planted moves, which say how quiet feet are where legs are looked for.
                 return estimate_posterior(
-                    robot, stance, evidence, priors, self.scale, lifts_needed=lifts_needed, quiet_feet=self.swings
-                )
+                    robot, stance, evidence, priors, self.scale,
+                    lifts_needed=lifts_needed, quiet_feet=self.swings, sway_heard=sway_heard,
+                )  # fmt: skip
 
-            return estimate_uncontradicted(estimate, self.beliefs), ()
+            posterior = estimate_uncontradicted(estimate, self.beliefs)
+            witness = SwayWitness.of(evidence, posterior)
+            if witness is not None and witness.tells:
+                posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), self.beliefs)
+            return posterior, ()
         return estimate_after(robot, stance, evidence, self.beliefs, self.scale, self.known, lifts_needed)
 
 

@@ -24,6 +24,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.precise.blocks.block import Misfit, ResidualBlock
 from equipoise.precise.blocks.planted import PlantedBlock
+from equipoise.precise.blocks.sway import SwayBlock
 from equipoise.precise.blocks.table import BLOCKS
 from equipoise.precise.blocks.tilt import TiltBlock
 from equipoise.precise.blocks.torque import TorqueBlock
@@ -121,6 +122,7 @@ def estimate_posterior(
     rounds: int = 2,
     lifts_needed: bool = True,
     quiet_feet: bool = False,
+    sway_heard: bool = False,
 ) -> Posterior:
     """The most probable unknowns given all evidence.
 
@@ -130,10 +132,12 @@ def estimate_posterior(
         lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
         quiet_feet: whether planted feet are believed to be as quiet as they seem, or as restless as a floor may make them.
 
+        sway_heard: whether a sway's word on where the IMU sits is evidence.
+
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
     """
-    problem = MapProblem(robot, stance, evidence, priors or Priors(), mass, lifts_needed)
+    problem = MapProblem(robot, stance, evidence, priors or Priors(), mass, lifts_needed, sway_heard)
     posterior = problem.posterior(*solve(problem, problem.unknowns.start(), rounds))
     if not quiet_feet:
         return posterior
@@ -147,6 +151,7 @@ class MapProblem:
     Args:
         mass: mass of the whole robot from a scale, and its standard deviation [kg]; None: not known, or told elsewhere.
         lifts_needed: whether evidence without any lift is refused.
+        sway_heard: whether a sway's word on where the IMU sits is evidence.
 
     Raises:
         RecordingError: no lift trial can be used; or there are no joint torques either.
@@ -154,7 +159,7 @@ class MapProblem:
 
     def __init__(
         self, robot: RobotModel, stance: Stance, evidence: RunEvidence, priors: Priors, mass: tuple[float, float] | None,
-        lifts_needed: bool,
+        lifts_needed: bool, sway_heard: bool = False,
     ) -> None:  # fmt: skip
         self.mass = mass
         self.anchored = mass is None
@@ -164,7 +169,8 @@ class MapProblem:
             reasons = {motion.left_out for motion in evidence.motions if motion.left_out}
             raise RecordingError(f"no lift trial can be used: {'; '.join(sorted(reasons)) or 'there is none'}")
         legs = LegChains(robot)
-        made = [make(self.unknowns, legs, evidence) for make in BLOCKS]
+        makers = (*BLOCKS, SwayBlock.of) if sway_heard else BLOCKS
+        made = [make(self.unknowns, legs, evidence) for make in makers]
         self.blocks = [block for block in made if block is not None]
         for block in self.blocks:
             block.expect_misfit(_MISFIT_AT_FIRST)
