@@ -43,7 +43,7 @@ def test_it_is_found_where_it_is(swaying, shift):
 
 @pytest.mark.parametrize("up", [0.01, 0.02])
 def test_a_file_that_has_it_too_high_is_not_believed(swaying, up):
-    """A minute on two feet does not tell: those rows take it for inertia. The sway is heard, and it is as with a right file."""
+    """A minute on two feet takes it for inertia. The sway is heard, and it is as with a right file."""
     right, wrong = (with_imu_at((0.0, 0.0, shift)) for shift in (0.0, up))
     expected, found = (Precise(budget=60).estimate(robot, swaying, nominal_stance(robot)) for robot in (right, wrong))
     assert found.trustworthy
@@ -62,6 +62,19 @@ def test_a_sway_that_says_what_the_tilts_say_stays_a_witness(swaying):
     (check,) = (check for check in result.checks if check.name == "place of the IMU")
     assert check.passed
     assert all(source.name != "where the sway sees the IMU" for source in result.budget)
+
+
+def test_who_trusts_the_legs_hears_the_sway_at_once(swaying):
+    """Nothing else looks like an IMU that sits elsewhere, then: moments hang less on what is believed of it."""
+    robot = with_imu_at((0.0, 0.0, 0.0))
+    shares, deviations = [], []
+    for legs in ("unknown", "trusted"):
+        result = Precise(budget=60, mass=14.5, legs=legs).estimate(robot, swaying, nominal_stance(robot))
+        shares.append([source.name for source in result.budget].count("where the sway sees the IMU"))
+        (height,) = (finding.deviation for finding in result.sensors if finding.name == "IMU position z")
+        deviations.append(height)
+    assert shares == [0, 1]
+    assert deviations[1] < 0.9 * deviations[0]
 
 
 def test_who_says_that_it_is_there_is_told_that_it_is_not(swaying):

@@ -330,8 +330,10 @@ class Precise(Method):
                     lifts_needed=lifts_needed, quiet_feet=self.swings, sway_heard=sway_heard,
                 )  # fmt: skip
 
-            posterior = estimate_uncontradicted(estimate, self.beliefs)
-            witness = SwayWitness.of(evidence, posterior)
+            # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
+            heard = self.legs == "trusted"
+            posterior = estimate_uncontradicted(partial(estimate, sway_heard=heard), self.beliefs)
+            witness = None if heard else SwayWitness.of(evidence, posterior)
             if witness is not None and witness.tells:
                 posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), self.beliefs)
             return posterior, ()

@@ -1,7 +1,7 @@
 """What a sway says of where the IMU sits, beside an estimate: tilts take that place for inertia, and a sway does not.
 
 In ordinary runs it says what the tilts say, less surely, and stays a witness: the check. Where the two differ, as with a file
-that has the IMU a centimetre elsewhere, its word is evidence.
+that has the IMU a centimetre elsewhere, its word is evidence; and where legs are trusted, whose lengths look the same.
 """
 
 from __future__ import annotations
