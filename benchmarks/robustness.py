@@ -176,6 +176,13 @@ def is_silent(row: Row) -> bool:
     return not row["alarms"] and bool(np.abs(deviates(row)).max() > SILENT)
 
 
+def fired(rows: Sequence[Row]) -> str:
+    """In how many runs a check fired, and which how often."""
+    alarms = Counter(alarm for row in rows for alarm in row["alarms"])
+    names = ", ".join(f"{name} {count}" for name, count in alarms.most_common())
+    return f"{sum(bool(row['alarms']) for row in rows)} {names}"
+
+
 HEAD = (
     "| effect | size | runs | mass % | CoM x, y, z [mm] | Ixx, Iyy, Izz % | file: mass; CoM; I | largest z | hold | "
     "doubtful | checks | silent |"
@@ -194,14 +201,11 @@ def line(label: str, size: str, rows: Sequence[Row]) -> str:
     cells = [
         f"**{value:.2f}**" if bad and doubtful < 1 else f"{value:.2f}" for value, bad in zip(ours, worse, strict=True)
     ]
-    alarms = Counter(alarm for row in good for alarm in row["alarms"])
-    fired = sum(bool(row["alarms"]) for row in good)
-    names = ", ".join(f"{name} {count}" for name, count in alarms.most_common())
     return (
         f"| {label} | {size} | {runs} | {cells[0]} | {' '.join(cells[1:4])} | {' '.join(cells[4:])} | {file[0]:.1f}; "
         f"{' '.join(f'{value:.1f}' for value in file[1:4])}; {' '.join(f'{value:.1f}' for value in file[4:])} | "
         f"{max(np.abs(deviates(row)).max() for row in good):.1f} | {np.mean([row['holds'] for row in good]):.0%} | "
-        f"{doubtful:.0%} | {fired} {names} | {sum(map(is_silent, good))} |"
+        f"{doubtful:.0%} | {fired(good)} | {sum(map(is_silent, good))} |"
     )
 
 
@@ -239,8 +243,8 @@ def verdict(rows: Sequence[Row]) -> list[str]:
     for name, factor in (("ideal", 1.0), ("realistic", 1.0), ("stress", 0.5)):
         of = [row for row in good if (row["name"], row["factor"]) == (name, factor)]
         if of:
-            fired = sum(bool(row["alarms"]) for row in of)
-            text.append(f"- A check fires on `{name}` at {factor:g} times the size: {fired} of {len(of)}.")
+            told = sum(bool(row["alarms"]) for row in of)
+            text.append(f"- A check fires on `{name}` at {factor:g} times the size: {told} of {len(of)}.")
     return text
 
 

@@ -131,7 +131,6 @@ def estimate_posterior(
         rounds: number of times that noise levels are renewed.
         lifts_needed: whether evidence without any lift is refused, or is estimated from as far as joint torques go.
         quiet_feet: whether planted feet are believed to be as quiet as they seem, or as restless as a floor may make them.
-
         sway_heard: whether a sway's word on where the IMU sits is evidence.
 
     Raises:
