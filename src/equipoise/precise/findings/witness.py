@@ -16,7 +16,7 @@ from equipoise.precise.measurements.imu_place import imu_by_sway
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.posterior import Posterior
 
-# Standard deviations by which sway and tilts differ. With an IMU where the file has it, two of 58 development runs come beyond,
+# Standard deviations by which sway and tilts differ. With an IMU where the file has it two of 58 development runs are beyond,
 # and their Ixx moves by 0.6 and 0.9 of its own; with one a centimetre off that tilts did not find, 14 of 16.
 _DIFFERS = 1.5
 
