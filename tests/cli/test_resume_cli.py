@@ -96,6 +96,18 @@ def test_a_run_that_was_killed_in_the_swing_of_its_motors_goes_on_to_the_same_re
     assert result(copy) == result(whole)
 
 
+def test_one_of_several_runs_goes_on(tmp_path):
+    """Each of a --repeat is whole by itself: the same robot and sensors, other noise."""
+    method = ["--method", "static", "--no-pictures", "--no-report", "--quiet"]
+    assert main(["calibrate", *method, *ROBOT, "--repeat", "2", "--out", str(tmp_path)]) == 0
+    first, second = (result(tmp_path / name) for name in ("01", "02"))
+    assert first["composite"] != second["composite"]
+    assert first["truth"] == second["truth"]
+    copy = cut_at(0.7, tmp_path / "02", tmp_path / "copy")
+    assert main(["calibrate", "--resume", str(copy), "--quiet", "--no-pictures"]) == 0
+    assert result(copy) == second
+
+
 def test_a_run_of_an_older_version_goes_on(whole, cut):
     """Its header held the settings of all methods."""
     header = json.loads((cut / "run.json").read_text(encoding="utf-8"))

@@ -233,14 +233,14 @@ def calibrate(
     facts = {"time": now.isoformat(timespec="seconds")}
     if not output.silent:
         _say_what(robot, where, asked, out)
-    with Session(where, model) as session:
-        if repeat == 1:
+    if repeat > 1:
+        results = _repeated(model, where, out, asked, facts, repeat, output)
+    else:
+        with Session(where, model) as session:
             folder = begun(session, out, asked, facts)
             with interruption_told(folder), output.watch.over(folder, output.silent):
                 results = [run_into(session, folder, asked, output.silent)]
                 output.show(results[0], folder)
-        else:
-            results = _repeated(session, out, asked, facts, repeat, output)
     return max(exit_code(required, verdicts(result.composite, result.checks)) for result in results)
 
 
@@ -364,14 +364,15 @@ def run_into(
 
 
 def _repeated(
-    session: Session,
+    model: RobotModel,
+    place: Place,
     out: Path,
     method: Method,
     facts: Mapping[str, Any],
     count: int,
     output: RunFlags,
 ) -> list[Calibration]:
-    """Several runs on one robot, and how much they differ."""
+    """Several runs on one robot, and how much they differ; each is whole by itself, and can be gone on with."""
     from equipoise.calibration.repeatability import repeatability, to_dict
     from equipoise.terminal.repeatability import print_repeatability
 
@@ -379,9 +380,10 @@ def _repeated(
     for number in range(count):
         if not output.silent:
             print(f"calibration {number + 1} of {count}", file=sys.stderr)
-        folder = begun(session, out / f"{number + 1:02d}", method, {**facts, "repetition": number})
-        with interruption_told(folder), output.watch.over(folder, output.silent, stays=number + 1 == count):
-            result = run_into(session, folder, method, output.silent)
+        with Session(place.again(number), model) as session:
+            folder = begun(session, out / f"{number + 1:02d}", method, {**facts, "repetition": number})
+            with interruption_told(folder), output.watch.over(folder, output.silent, stays=number + 1 == count):
+                result = run_into(session, folder, method, output.silent)
         results[folder.path.name] = result
         if output.report:
             if_installed(_page, result, folder.path)
@@ -392,6 +394,6 @@ def _repeated(
     if output.json:
         print(json_module.dumps(table, indent=2))
     else:
-        print_repeatability(session.robot.name, repeated, count)
+        print_repeatability(model.name, repeated, count)
         print(f"saved: {out}" + "".join(f"\nsee {file}" for file in page))
     return [*results.values()]

@@ -76,6 +76,14 @@ class Place:
         usual: dict[str, Any] = {"effects": {}, "without": [], "contacts": "own"}
         return facts | {name: value for name, value in other.items() if value != usual[name]}
 
+    def again(self, number: int) -> Place:
+        """Where the same robot is calibrated once more: if it is simulated, with the same errors and other noise."""
+        if not self.simulated or number == 0:
+            return self
+        return dataclasses.replace(
+            self, noise_seed=(self.seed if self.noise_seed is None else self.noise_seed) + number
+        )
+
     @classmethod
     def of(cls, folder: RunFolder) -> Place:
         """Where a run was made.
@@ -84,10 +92,6 @@ class Place:
             ResumeError: it does not say, or not well enough to go on there.
         """
         facts = folder.provenance
-        if facts.get("repetition"):
-            raise ResumeError(
-                f"the run {str(folder.path)!r} is one of several on one simulated robot; repeat them all instead"
-            )
         if "platform_settings" in facts:
             return cls(str(facts["platform"]), dict(facts["platform_settings"]))
         names = ("platform", "noise", "payload", "seed", "start")
