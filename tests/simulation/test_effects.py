@@ -8,15 +8,18 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import least_squares
 
 from equipoise import JointCommand, SensorErrors, Trajectory, nominal_stance, simulate
 from equipoise.errors import SettingsError
-from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.bodies import hip_positions
+from equipoise.robot.inertial import InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.scale import Scale
 from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
 from equipoise.simulation.leg_errors import LegErrors
 from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spring_name
-from equipoise.simulation.mujoco_model import SWINGING_LOAD
+from equipoise.simulation.mujoco_model import SWINGING_LOAD, build_simulated_robot
+from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.samples import Samples
 from equipoise.simulation.sensors import DrawnErrors
 
@@ -206,6 +209,17 @@ def as_drawn(robot, errors):
     return dataclasses.replace(robot, pinocchio=model)
 
 
+def told_by_hips(body, robot, shift):
+    """A body in the frame in which hips that are shifted in base axes lie nearest to where the file has them."""
+    modelled = hip_positions(robot)
+
+    def apart(motion):
+        return np.ravel([pin.exp6(motion).act(hip) for hip in modelled] - modelled - shift)
+
+    frame = pin.exp6(least_squares(apart, np.zeros(6), xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
+    return InertialParameters.from_pinocchio(frame.actInv(body.to_pinocchio()))
+
+
 def assert_same_body(one, other):
     assert one.mass == pytest.approx(other.mass, abs=1e-9)
     assert np.allclose(one.com, other.com, atol=1e-9)
@@ -218,8 +232,9 @@ def test_the_truth_is_that_of_the_robot_with_all_leg_errors_in(a1, skewed, name)
     others = {"springs": None, "backlash": None, "rotor_spin": None, "armature": None, "foot_radius": None}
     with simulate(robot, "ideal", seed=SEED, effects={**dict.fromkeys(LEG_EFFECTS), **others}) as simulation:
         truth, errors, seen = simulation.truth, simulation.errors, engine(simulation)
-    real, stance = as_drawn(robot, errors), nominal_stance(robot)
-    assert_same_body(truth.composite, composite_parameters(real, stance.joint_position))
+    real, stance, shift = as_drawn(robot, errors), nominal_stance(robot), errors.drawn["hip_position"].reshape(4, 3)
+    in_base_link = composite_parameters(real, stance.joint_position)
+    assert_same_body(truth.composite, told_by_hips(in_base_link, robot, shift))
     assert truth.composite.mass != pytest.approx(robot.mass, abs=0.01)
     data = mujoco.MjData(seen.simulated.links)
     data.qpos[seen.simulated.qpos] = stance.joint_position
@@ -229,6 +244,20 @@ def test_the_truth_is_that_of_the_robot_with_all_leg_errors_in(a1, skewed, name)
     pin.framesForwardKinematics(real.pinocchio, kinematic, real.configuration(stance.joint_position))
     assert np.allclose(feet, [kinematic.oMf[frame].translation for frame in real.foot_frames], atol=1e-9)
     assert np.abs(feet - stance.feet_in_base).max() > 3e-4
+
+
+def test_hips_that_are_all_elsewhere_alike_are_where_the_base_frame_is(a1):
+    """Legs stay in their places in it, and the base moves the other way."""
+    stance, shift = nominal_stance(a1), np.tile([2e-3, -1e-3, 3e-3], (4, 1))
+    nominal = nominal_inertia(a1, stance.joint_position)
+    moved = nominal.base.to_pinocchio()
+    moved.lever = moved.lever - shift[0]
+    legs = nominal.composite.to_pinocchio() - nominal.base.to_pinocchio()
+    errors = drawn(SensorErrors())
+    errors = dataclasses.replace(errors, drawn={**errors.drawn, "hip_position": shift.ravel()})
+    truth = simulated_truth(a1, build_simulated_robot(a1, stance, errors, None, 1e-3), stance.joint_position)
+    assert_same_body(truth.base, InertialParameters.from_pinocchio(moved))
+    assert_same_body(truth.composite, InertialParameters.from_pinocchio(moved + legs))
 
 
 def test_both_engines_have_the_same_legs(a1):
@@ -245,10 +274,10 @@ def test_both_engines_have_the_same_legs(a1):
 @pytest.mark.parametrize("name", ["leg_mass_common", "leg_com_common", "leg_com", "leg_length", "hip_position"])
 def test_each_leg_error_moves_the_truth_by_itself(a1, name):
     with simulate(a1, "ideal", seed=SEED, effects={name: None}) as simulation:
-        real = as_drawn(a1, simulation.errors)
+        real, shift = as_drawn(a1, simulation.errors), simulation.errors.drawn["hip_position"].reshape(4, 3)
         composite = simulation.truth.composite
     stance = nominal_stance(a1)
-    assert_same_body(composite, composite_parameters(real, stance.joint_position))
+    assert_same_body(composite, told_by_hips(composite_parameters(real, stance.joint_position), a1, shift))
     assert np.abs(composite.com - composite_parameters(a1, stance.joint_position).com).max() > 1e-5
 
 

@@ -10,10 +10,13 @@ from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.dart_model import SimulatedDartRobot
 from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.leg_errors import in_frame_of_hips
 
 
 def dart_truth(robot: RobotModel, simulated: SimulatedDartRobot, joint_position: FloatArray) -> RobotInertia:
     """The truth at a stance, payload and leg errors included; `robot` only tells which joints are knees.
+
+    The base's frame is the one that the hips define.
 
     Args:
         joint_position: (nj,) true joint positions of the stance [rad].
@@ -29,7 +32,8 @@ def dart_truth(robot: RobotModel, simulated: SimulatedDartRobot, joint_position:
     base = skeleton.getRootBodyNode()
     while base.getNumChildBodyNodes():
         base.getChildBodyNode(0).remove()
-    return RobotInertia(composite, _frozen(skeleton), stance_effective)
+    truth = RobotInertia(composite, _frozen(skeleton), stance_effective)
+    return in_frame_of_hips(truth, robot, simulated.errors.drawn["hip_position"].reshape(4, 3))
 
 
 def _frozen(skeleton: dynamics.Skeleton) -> InertialParameters:

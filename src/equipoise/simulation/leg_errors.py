@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
+from equipoise.robot.bodies import hip_positions
+from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.sensors import DrawnErrors
@@ -55,6 +58,30 @@ class LegErrors:
         radii = np.array([foot.radius for foot in robot.feet.values()])
         worn = np.maximum(drawn["foot_radius"], -_MOST_WORN * radii)
         return cls(com, end, drawn["hip_position"].reshape(4, 3), worn, turn)
+
+
+def in_frame_of_hips(truth: RobotInertia, robot: RobotModel, hip_shift: FloatArray) -> RobotInertia:
+    """A truth in the base frame that the hips define: the one in which they lie nearest to where the file has them.
+
+    Nothing else on a robot shows where its base frame is: encoders tell where feet are from the hips, and whoever uses a
+    centre of mass has the hips where the file has them. Hips that are all elsewhere alike are not, then: the base frame is.
+
+    Args:
+        truth: in the frame of the base link.
+        robot: the file's robot.
+        hip_shift: (4, 3) first joints of the legs FL FR RL RR less the model's, in the base link's frame [m].
+    """
+    if not hip_shift.any():
+        return truth
+    modelled = hip_positions(robot)
+    middle, found = modelled.mean(axis=0), modelled + hip_shift
+    turn = Rotation.align_vectors(found - found.mean(axis=0), modelled - middle)[0].as_matrix()
+    origin = found.mean(axis=0) - turn @ middle
+
+    def told(body: InertialParameters) -> InertialParameters:
+        return InertialParameters(body.mass, turn.T @ (body.com - origin), turn.T @ body.inertia @ turn)
+
+    return RobotInertia(told(truth.composite), told(truth.base), told(truth.stance_effective))
 
 
 def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray, FloatArray]]:

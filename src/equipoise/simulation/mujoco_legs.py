@@ -20,8 +20,8 @@ Ids = NDArray[np.intp]
 def change_legs(model: mujoco.MjModel, robot: RobotModel, joints: Ids, legs: LegErrors, errors: DrawnErrors) -> None:
     """Other masses, CoMs, lengths and axes of the moving leg links, with all that is fixed to them.
 
-    The base's frame stays the base link's; hips that are elsewhere are elsewhere in it. What is fixed to a link moves with its
-    CoM alone: a calf that is longer has its foot farther out, and weighs what it did.
+    Hips that are elsewhere are elsewhere in the base link's frame. What is fixed to a link moves with its CoM alone: a calf
+    that is longer has its foot farther out, and weighs what it did.
 
     Args:
         joints: (nj,) ids of the leg joints.

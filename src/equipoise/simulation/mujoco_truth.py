@@ -11,6 +11,7 @@ from equipoise.robot.bodies import link_names
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.leg_errors import in_frame_of_hips
 from equipoise.simulation.mujoco_contacts import floors_of_feet, foot_name
 from equipoise.simulation.mujoco_model import SWINGING_LOAD, SimulatedRobot
 
@@ -18,8 +19,8 @@ from equipoise.simulation.mujoco_model import SWINGING_LOAD, SimulatedRobot
 def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position: FloatArray) -> RobotInertia:
     """The truth at a stance, payload and leg errors included; `robot` only tells which joints are knees.
 
-    Frames are those of the simulated robot's own base link: hips that are elsewhere are elsewhere in it. Springs are unbent. A
-    load that swings is part of the base, and where its string hangs, for there it pulls.
+    The base's frame is the one that the hips define. Springs are unbent. A load that swings is part of the base, and where its
+    string hangs, for there it pulls.
 
     Args:
         joint_position: (nj,) true joint positions of the stance [rad].
@@ -36,11 +37,12 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
     knees = [model.jnt_bodyid[model.joint(leg.joint_names[-1]).id] for leg in robot.legs.values()]
     below_knee = np.isin(model.body_weldid, model.body_weldid[knees])
     moving = np.arange(model.nbody) > 0
-    return RobotInertia(
+    truth = RobotInertia(
         composite=_sum(model, data, moving),
         base=_sum(model, data, on_base | swinging),
         stance_effective=_sum(model, data, moving & ~below_knee),
     )
+    return in_frame_of_hips(truth, robot, simulated.errors.drawn["hip_position"].reshape(4, 3))
 
 
 def link_truth(robot: RobotModel, simulated: SimulatedRobot) -> dict[str, dict[str, float]]:
