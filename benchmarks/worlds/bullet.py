@@ -20,7 +20,7 @@ from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.robot.tree import joint_axis
-from equipoise.simulation.leg_errors import LegErrors
+from equipoise.simulation.leg_errors import LegErrors, in_frame_of_hips
 from equipoise.simulation.payload import Payload
 from equipoise.simulation.sensors import DrawnErrors
 from equipoise.simulation.simulated import SimulatedPlatform
@@ -97,7 +97,8 @@ class BulletPlatform(SimulatedPlatform):
             about += turned @ np.diag(diagonal) @ turned.T + mass * (com @ com * np.eye(3) - np.outer(com, com))
         pybullet.restoreState(before, **engine)
         com = moment / total
-        return InertialParameters(total, com, about - total * (com @ com * np.eye(3) - np.outer(com, com)))
+        body = InertialParameters(total, com, about - total * (com @ com * np.eye(3) - np.outer(com, com)))
+        return in_frame_of_hips(body, self._robot, self._errors)
 
     def _place(self, joint_position: FloatArray, base_height: float) -> None:
         engine = {"physicsClientId": self._engine}

@@ -32,8 +32,8 @@ def dart_truth(robot: RobotModel, simulated: SimulatedDartRobot, joint_position:
     base = skeleton.getRootBodyNode()
     while base.getNumChildBodyNodes():
         base.getChildBodyNode(0).remove()
-    truth = RobotInertia(composite, _frozen(skeleton), stance_effective)
-    return in_frame_of_hips(truth, robot, simulated.errors.drawn["hip_position"].reshape(4, 3))
+    bodies = (composite, _frozen(skeleton), stance_effective)
+    return RobotInertia(*(in_frame_of_hips(body, robot, simulated.errors) for body in bodies))
 
 
 def _frozen(skeleton: dynamics.Skeleton) -> InertialParameters:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.bodies import hip_positions
-from equipoise.robot.inertial import InertialParameters, RobotInertia
+from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 from equipoise.simulation.sensors import DrawnErrors
@@ -60,28 +60,25 @@ class LegErrors:
         return cls(com, end, drawn["hip_position"].reshape(4, 3), worn, turn)
 
 
-def in_frame_of_hips(truth: RobotInertia, robot: RobotModel, hip_shift: FloatArray) -> RobotInertia:
-    """A truth in the base frame that the hips define: the one in which they lie nearest to where the file has them.
+def in_frame_of_hips(body: InertialParameters, robot: RobotModel, errors: DrawnErrors) -> InertialParameters:
+    """A body in the base frame that the hips define: the one in which they lie nearest to where the file has them.
 
     Nothing else on a robot shows where its base frame is: encoders tell where feet are from the hips, and whoever uses a
     centre of mass has the hips where the file has them. Hips that are all elsewhere alike are not, then: the base frame is.
 
     Args:
-        truth: in the frame of the base link.
+        body: in the frame of the base link.
         robot: the file's robot.
-        hip_shift: (4, 3) first joints of the legs FL FR RL RR less the model's, in the base link's frame [m].
+        errors: with the places of its first joints less the model's.
     """
-    if not hip_shift.any():
-        return truth
+    shift = errors.drawn["hip_position"].reshape(4, 3)
+    if not shift.any():
+        return body
     modelled = hip_positions(robot)
-    middle, found = modelled.mean(axis=0), modelled + hip_shift
+    middle, found = modelled.mean(axis=0), modelled + shift
     turn = Rotation.align_vectors(found - found.mean(axis=0), modelled - middle)[0].as_matrix()
     origin = found.mean(axis=0) - turn @ middle
-
-    def told(body: InertialParameters) -> InertialParameters:
-        return InertialParameters(body.mass, turn.T @ (body.com - origin), turn.T @ body.inertia @ turn)
-
-    return RobotInertia(told(truth.composite), told(truth.base), told(truth.stance_effective))
+    return InertialParameters(body.mass, turn.T @ (body.com - origin), turn.T @ body.inertia @ turn)
 
 
 def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray, FloatArray]]:

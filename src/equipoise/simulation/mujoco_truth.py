@@ -37,12 +37,13 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
     knees = [model.jnt_bodyid[model.joint(leg.joint_names[-1]).id] for leg in robot.legs.values()]
     below_knee = np.isin(model.body_weldid, model.body_weldid[knees])
     moving = np.arange(model.nbody) > 0
-    truth = RobotInertia(
-        composite=_sum(model, data, moving),
-        base=_sum(model, data, on_base | swinging),
-        stance_effective=_sum(model, data, moving & ~below_knee),
+
+    def told(bodies: NDArray[np.bool_]) -> InertialParameters:
+        return in_frame_of_hips(_sum(model, data, bodies), robot, simulated.errors)
+
+    return RobotInertia(
+        composite=told(moving), base=told(on_base | swinging), stance_effective=told(moving & ~below_knee)
     )
-    return in_frame_of_hips(truth, robot, simulated.errors.drawn["hip_position"].reshape(4, 3))
 
 
 def link_truth(robot: RobotModel, simulated: SimulatedRobot) -> dict[str, dict[str, float]]:
