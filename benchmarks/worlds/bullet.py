@@ -98,7 +98,7 @@ class BulletPlatform(SimulatedPlatform):
         pybullet.restoreState(before, **engine)
         com = moment / total
         body = InertialParameters(total, com, about - total * (com @ com * np.eye(3) - np.outer(com, com)))
-        return in_frame_of_hips(body, self._robot, self._errors)
+        return in_frame_of_hips(body, self._errors)
 
     def _place(self, joint_position: FloatArray, base_height: float) -> None:
         engine = {"physicsClientId": self._engine}

@@ -33,7 +33,7 @@ def dart_truth(robot: RobotModel, simulated: SimulatedDartRobot, joint_position:
     while base.getNumChildBodyNodes():
         base.getChildBodyNode(0).remove()
     bodies = (composite, _frozen(skeleton), stance_effective)
-    return RobotInertia(*(in_frame_of_hips(body, robot, simulated.errors) for body in bodies))
+    return RobotInertia(*(in_frame_of_hips(body, simulated.errors) for body in bodies))
 
 
 def _frozen(skeleton: dynamics.Skeleton) -> InertialParameters:

@@ -39,7 +39,7 @@ def simulated_truth(robot: RobotModel, simulated: SimulatedRobot, joint_position
     moving = np.arange(model.nbody) > 0
 
     def told(bodies: NDArray[np.bool_]) -> InertialParameters:
-        return in_frame_of_hips(_sum(model, data, bodies), robot, simulated.errors)
+        return in_frame_of_hips(_sum(model, data, bodies), simulated.errors)
 
     return RobotInertia(
         composite=told(moving), base=told(on_base | swinging), stance_effective=told(moving & ~below_knee)

@@ -97,7 +97,8 @@ class LegShape:
     def of(cls, legs: LegChains, values: TracedValues) -> LegShape:
         """By the unknowns of LEG_SHAPE."""
         longer = values["link_length"][np.arange(8).reshape(4, 2).T] + values["link_length_common"][:, None]
-        # What all hips have in common, a shift or a turn, is the base's frame, which they define.
+        # What all hips have in common is left out: a shift is the base's frame, which they define, a turn looks like other
+        # lengths and zeros of their legs.
         apart = contract("ij,j...->i...", legs.hips_apart, values["hip_position"])
         return cls(longer, apart[np.arange(12).reshape(4, 3).T])
 
