@@ -55,7 +55,7 @@ class LegErrors:
             turn[joint] = _across(axis) @ turn_each[joint]
         radii = np.array([foot.radius for foot in robot.feet.values()])
         worn = np.maximum(drawn["foot_radius"], -_MOST_WORN * radii)
-        return cls(com, end, drawn["hip_position"].reshape(4, 3), worn, turn)
+        return cls(com, end, errors.hip_position, worn, turn)
 
 
 def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialParameters:
@@ -63,15 +63,14 @@ def in_frame_of_hips(body: InertialParameters, errors: DrawnErrors) -> InertialP
 
     Nothing else on a robot shows where its base frame is: encoders tell where feet are from the hips, and whoever uses a
     centre of mass has the hips where the file has them. Hips that are all elsewhere alike are not, then: the base frame is.
-    (Axes are in the base link's directions but for errors that are their own. Four places on a base that is 94 mm wide say
-    less of directions: hips 0.7 mm too high or low would roll it by 7 mrad.)
+    (Axes are in the base link's directions but for errors that are their own. Places say less of directions: an A1's hips are
+    94 mm apart, and 0.7 mm too high or low each would roll it by 7 mrad.)
 
     Args:
         body: in the frame of the base link.
         errors: with the places of its first joints less the model's.
     """
-    shift = errors.drawn["hip_position"].reshape(4, 3)
-    return InertialParameters(body.mass, body.com - shift.mean(axis=0), body.inertia)
+    return InertialParameters(body.mass, body.com - errors.hip_position.mean(axis=0), body.inertia)
 
 
 def _links(robot: RobotModel, stance: Stance) -> list[tuple[int, int, FloatArray, FloatArray]]:

@@ -76,6 +76,11 @@ class DrawnErrors:
         return 1 + self.drawn["leg_inertia"]
 
     @cached_property
+    def hip_position(self) -> FloatArray:
+        """(4, 3) first joints of the legs FL FR RL RR less the model's, in the base link's axes [m]."""
+        return self.drawn["hip_position"].reshape(4, 3)
+
+    @cached_property
     def gyro_bias(self) -> FloatArray:
         """(3,) bias of the gyroscope at the start, in the IMU frame [rad/s]."""
         return self.drawn["gyro_bias"]
