@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from statistics import NormalDist
 
 import numpy as np
@@ -18,7 +18,7 @@ from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, HeldOut
 from equipoise.result.shown import called
 from equipoise.result.statistics import NORMAL_95
-from equipoise.robot.inertial import COMPONENTS, composite_parameters
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, composite_parameters
 from equipoise.robot.model import RobotModel
 
 # Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
@@ -43,6 +43,10 @@ _LEGS_DIFFER = 4.0
 # [m] on an A1, planar and height: the geometric reading knows no sensor biases; 1.4 and 4 mm rms in fault-free runs.
 _PLANES_AGREE = (7e-3, 25e-3)
 _NOT_THERE = 2.5  # standard deviations that a sway has the IMU elsewhere by
+_IMPOSSIBLE = 3.0  # standard deviations below zero: clean runs come to 1.1, feet with edges and liquids to 3.7
+# What an estimate without a word for it takes for something else.
+_OUTSIDE = "a safety sling, hose or cable carries load"
+_SHAPES = f"feet are wide or worn flat, a load swings or flows, or {_OUTSIDE}"
 _SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the place along it
 
 
@@ -67,6 +71,7 @@ def judge(
         _no_motion_outweighs(evidence, posterior),
         *([] if predicted is None else [_predicts(predicted)]),
         _sensors_plausible(posterior),
+        _physically_possible(posterior),
         _left_and_right_agree(robot, posterior),
         _planes_agree(robot, evidence, posterior),
     ]
@@ -97,6 +102,21 @@ def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> 
     return np.array(shifts), np.array(deviations)
 
 
+def half_difference(posterior: Posterior, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
+    """Return by how much the estimates from the first and the second half of the motions differ, to first order.
+
+    Args:
+        body: one of `unknowns.robot_body`, `base_body` and `stance_effective_body`.
+
+    Returns:
+        (10,) absolute differences in the order of COMPONENTS.
+    """
+    motions = sorted(posterior.information)
+    middle = len(motions) // 2
+    first, second = (posterior.without(half)[0] for half in (motions[middle:], motions[:middle]))
+    return np.abs(body_jacobian(posterior.unknowns, posterior.x, body) @ (first - second))
+
+
 def _enough(evidence: RunEvidence, posterior: Posterior) -> Check:
     steps = sum(misfit.used for misfit in posterior.lifts if evidence.motions[misfit.motion].steps)
     used = sum(misfit.used for misfit in posterior.lifts)
@@ -117,7 +137,7 @@ def _lifts_fit(evidence: RunEvidence, lifts: tuple[Misfit, ...]) -> Check:
     message = _misfits(evidence, lifts, "step" if all(evidence.motions[one.motion].steps for one in lifts) else "lift")
     passed = _fit(lifts)
     if not passed:
-        message += ". The feet slip, the load shifts, samples are missing, or the model or a sensor is wrong"
+        message += f". Feet slip, {_OUTSIDE}, a load shifts, samples are missing, or the model or a sensor is wrong"
     return Check("lifts", passed, message)
 
 
@@ -133,8 +153,8 @@ def _feet_stay(evidence: RunEvidence, posterior: Posterior) -> Check:
     passed = _fit(moves)
     if not passed:
         message += (
-            ". The feet do not keep their places: they slip, or the legs are not the model's (lengths, foot frames), or a "
-            "joint's encoder is wrong"
+            ". The feet do not keep their places: they slip, the legs are not the model's (lengths, foot frames), a joint's "
+            f"encoder is wrong, or {_OUTSIDE}"
         )
     return Check("planted feet", passed, message)
 
@@ -148,7 +168,8 @@ def _converged(posterior: Posterior) -> Check:
     message = "the estimate settled"
     if not posterior.converged:
         message = (
-            "the estimate did not settle: something does not fit at all, and intervals and shifts are not to be trusted"
+            "the estimate did not converge: something does not fit at all, and intervals and shifts mean nothing. Feet slip, "
+            f"{_OUTSIDE}, or the model file is another robot's"
         )
     return Check("convergence", posterior.converged, message)
 
@@ -193,8 +214,8 @@ def _predicts(predicted: HeldOut) -> Check:
     )
     if not passed:
         message += (
-            ". What one posture says is not what the others say: the legs are not the model's (lengths, hips), something "
-            "bends or swings, a foot slips, or the floor is uneven"
+            ". One posture contradicts the others: the legs are not the model's (lengths, hips), something bends or swings, a "
+            f"foot slips, {_OUTSIDE}, or the floor is uneven"
         )
     return Check("held out", passed, message)
 
@@ -298,7 +319,7 @@ def _halves_agree(posterior: Posterior) -> Check:
     )
     passed = largest < _STEADY
     if not passed:
-        message += ": a payload or something else on the robot moved, or its sensors drift"
+        message += f": a payload or something else on the robot moved, its sensors drift, or {_OUTSIDE}"
     return Check("halves", passed, message)
 
 
@@ -315,8 +336,31 @@ def _sensors_plausible(posterior: Posterior) -> Check:
     passed = worst[0][0] < _IMPLAUSIBLE
     message = f"farthest from what was expected beforehand: {named}"
     if not passed:
-        message += ". So large an error is unlikely: that sensor is at fault, or the model is not this robot's"
+        message += (
+            f". So large an error is unlikely: that sensor is at fault, the model is not this robot's, or {_OUTSIDE}"
+        )
     return Check("sensor errors", passed, message)
+
+
+def _physically_possible(posterior: Posterior) -> Check:
+    """Test that compliance, backlash, rolling resistance and friction are not negative beyond their uncertainty."""
+    unknowns = posterior.unknowns
+    lowest = sorted(
+        (float(size), row.label.format(each=label))
+        for row in unknowns.rows
+        if row.nonnegative and row.name in posterior.informed
+        for label, size in zip(
+            unknowns.labels(row), unknowns.value(posterior.x, row.name) / posterior.deviation(row.name), strict=True
+        )
+    )
+    if not lowest:
+        return Check("physical parameters", True, "no compliance, backlash or friction is estimated")
+    shown = [f"{name} ({size:+.1f} standard deviations)" for size, name in lowest]
+    negative = [words for words, (size, _) in zip(shown, lowest, strict=True) if size < -_IMPOSSIBLE]
+    if not negative:
+        return Check("physical parameters", True, f"none is negative; lowest: {shown[0]}")
+    message = f"negative, which is impossible: {', '.join(negative)}. Possible causes: {_SHAPES}"
+    return Check("physical parameters", False, message)
 
 
 def _torques_carry_the_mass(posterior: Posterior) -> Check:

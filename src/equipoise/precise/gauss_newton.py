@@ -1,4 +1,7 @@
-"""Gauss-Newton in rounds: noise levels of trials that fit worse than their sensors explain are raised, outliers left out."""
+"""Least squares in rounds: noise levels of trials that fit worse than their sensors explain are raised, outliers left out.
+
+Each round takes Gauss-Newton steps, damped where a whole one does not lower the cost (Marquardt 1963).
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,11 @@ from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 
-_ITERATIONS, _HALVINGS, _PATIENCE = 8, 8, 4
+_ITERATIONS, _PATIENCE = 40, 4
+_LEAST_DAMPING, _MOST_DAMPING = 1e-5, 1e6  # below it a step is not damped, above it no step lowers the cost
+_STIFFEN, _EASE = 10.0, 5.0  # factors of the damping after a step that failed, and after one that gained as predicted
+_AS_PREDICTED = 0.5  # share of the predicted gain
+_ROUNDING = 1e-9  # of the cost
 # Largest part of a step, in posterior standard deviations of the unknown: with one so small a round is done, whose noise
 # levels hang on the unknowns little; with one so small the estimate is; and a larger last one is none.
 _NEAR, _CONVERGED, _SETTLED = 0.3, 1e-2, 0.5
@@ -41,11 +48,20 @@ class NormalEquations:
             self.information + other.information, self.gradient + other.gradient, self.cost + other.cost
         )
 
-    def step(self) -> tuple[FloatArray, float]:
-        """Gauss-Newton step, and the largest part of it in standard deviations of the unknown that it changes."""
-        step = -np.linalg.solve(self.information, self.gradient)
-        deviation = np.sqrt(np.diag(np.linalg.inv(self.information)))
-        return np.asarray(step, dtype=float), float(np.abs(step / deviation).max())
+    def damped_step(self, damping: float) -> tuple[FloatArray, float]:
+        """Return the Levenberg-Marquardt step, and by how much it is predicted to lower the cost.
+
+        Args:
+            damping: multiple of the information's diagonal that is added to it; zero gives the Gauss-Newton step.
+        """
+        damped = self.information + damping * np.diag(np.diag(self.information))
+        step = -np.linalg.solve(damped, self.gradient)
+        return step, float(-step @ (2 * self.gradient + self.information @ step))
+
+    def largest_step(self) -> float:
+        """Return the largest part of the Gauss-Newton step, in standard deviations of the unknown that it changes."""
+        step, _ = self.damped_step(0.0)
+        return float(np.abs(step / np.sqrt(np.diag(np.linalg.inv(self.information)))).max())
 
 
 class Problem(Protocol):
@@ -111,18 +127,40 @@ def descend(problem: Problem, start: FloatArray) -> tuple[FloatArray, bool]:
 
 
 def _descend(problem: Problem, x: FloatArray, near: float) -> tuple[FloatArray, float]:
-    """Steps that are halved until they help, until one is small or no part of one helps; and the last one's size."""
-    here, size = problem.normal_equations(x), np.inf
+    """Take damped steps until a whole one is small or no step lowers the cost.
+
+    Whole Gauss-Newton steps overshoot where the base is nearly a rod, whose log-Cholesky parameters curve strongly.
+
+    Returns:
+        (size,) unknowns, and the largest part of the last undamped step in standard deviations.
+    """
+    here, damping, size = problem.normal_equations(x), 0.0, np.inf
     for _ in range(_ITERATIONS):
         alive()
-        step, size = here.step()
+        size = here.largest_step()
+        lower = _lower(problem, x, here, damping)
+        if lower is None:
+            break
+        x, here, damping = lower
         if size < near:
-            return x + step, size
-        for part in 0.5 ** np.arange(_HALVINGS):
-            there = problem.normal_equations(x + part * step)
-            if there.cost <= here.cost * (1 + 1e-9):
-                x, here = x + part * step, there
-                break
-        else:
             break
     return x, size
+
+
+def _lower(
+    problem: Problem, x: FloatArray, here: NormalEquations, damping: float
+) -> tuple[FloatArray, NormalEquations, float] | None:
+    """Take one Levenberg-Marquardt step, damped until it lowers the cost.
+
+    Returns:
+        (size,) unknowns, their equations and the damping of the next step; None if no step lowers the cost.
+    """
+    while damping < _MOST_DAMPING:
+        step, predicted = here.damped_step(damping)
+        there = problem.normal_equations(x + step)
+        gain = here.cost - there.cost
+        if gain >= -_ROUNDING * here.cost:
+            eased = damping / _EASE if gain > _AS_PREDICTED * predicted else damping
+            return x + step, there, eased if eased > _LEAST_DAMPING else 0.0
+        damping = max(_STIFFEN * damping, _LEAST_DAMPING)
+    return None

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Literal
 
-from equipoise.errors import ReachError, SettingsError
+from equipoise.conventions import FloatArray
+from equipoise.errors import ReachError, RecordingError, SettingsError
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.experiments.progress import Progress
@@ -16,7 +17,7 @@ from equipoise.experiments.sway import SwaySettings
 from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.budget import budget_of
-from equipoise.precise.checks import judge
+from equipoise.precise.checks import half_difference, judge
 from equipoise.precise.findings.contradicted import estimate_uncontradicted, not_believed, taken_on_trust
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
@@ -51,7 +52,8 @@ from equipoise.recording.trials import (
 )
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
-from equipoise.robot.inertial import COMPONENTS, composite_parameters, nominal_inertia
+from equipoise.result.held_out import FOUND, MODEL, HeldOut
+from equipoise.robot.inertial import COMPONENTS, InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
 
@@ -65,6 +67,7 @@ _OF_LEGS = (
     "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
 )  # fmt: skip
 _TRUSTED_MASS = 0.03
+_FEWEST_PREDICTED = 4  # lifts or steps; whether fewer are predicted better or worse is chance
 _LOOKED_FOR = 2.0  # times as much may lengths of legs be off that are looked for: 1.5 mm on an A1
 
 
@@ -259,7 +262,8 @@ class Precise(Method):
             lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
 
         Raises:
-            RecordingError: they hold nothing that can be used, or sensors that cannot be believed.
+            RecordingError: they hold nothing that can be used, sensors contradict each other, or the estimate predicts
+                held-out motions worse than the model file does.
         """
         timings: dict[str, float] = {}
         with _Timed(timings, "screen the sensors"):
@@ -272,6 +276,7 @@ class Precise(Method):
         with _Timed(timings, "check"):
             predictions = predict_held_out(evidence, posterior, self.known)
             predicted = held_out(predictions)
+            _refuse_worse_than_file(predicted)
             looked_at = judge(robot, evidence, posterior, predicted)
             looked_at += [] if self.known is None else [check_of_changes(changes, self.known)]
             checks = tuple(sorted(looked_at, key=lambda check: check.passed))
@@ -279,29 +284,36 @@ class Precise(Method):
         nominal = nominal_inertia(robot, stance.joint_position)
         well = all(check.passed for check in checks)
 
-        def told(body: Body) -> Body:
-            return body if well else body.doubted()
+        unknowns = posterior.unknowns
 
-        links = link_findings(posterior.unknowns, posterior.x, posterior.covariance) if self.swings else {}
+        def judged(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
+            return body if well else body.doubted(half_difference(posterior, of))
+
+        links = link_findings(unknowns, posterior.x, posterior.covariance) if self.swings else {}
 
         return Calibration(
             **model_facts(robot, stance.joint_position),
             method=self.name,
-            composite=told(
+            composite=judged(
                 Body.known(
                     posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite
-                )
+                ),
+                unknowns.robot_body,
             ),
-            base=told(
-                Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base)
+            base=judged(
+                Body.known(
+                    posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base
+                ),
+                unknowns.base_body,
             ),
-            stance_effective=told(
+            stance_effective=judged(
                 Body.known(
                     posterior.stance_effective_body,
                     posterior.stance_effective_covariance,
                     posterior.prior_deviation,
                     nominal.stance_effective,
-                )
+                ),
+                unknowns.stance_effective_body,
             ),
             sensors=findings,
             checks=checks,
@@ -330,14 +342,32 @@ class Precise(Method):
                     lifts_needed=lifts_needed, quiet_feet=self.swings, sway_heard=sway_heard,
                 )  # fmt: skip
 
+            def prediction_error(posterior: Posterior) -> float:
+                predicted = held_out(predict_held_out(evidence, posterior))
+                return 0.0 if predicted is None else predicted.error(FOUND)
+
             # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
             heard = self.legs == "trusted"
-            posterior = estimate_uncontradicted(partial(estimate, sway_heard=heard), self.beliefs)
+            posterior = estimate_uncontradicted(partial(estimate, sway_heard=heard), self.beliefs, prediction_error)
             witness = None if heard else SwayWitness.of(evidence, posterior)
             if witness is not None and witness.tells:
-                posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), self.beliefs)
+                posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), self.beliefs, prediction_error)
             return posterior, ()
         return estimate_after(robot, stance, evidence, self.beliefs, self.scale, self.known, lifts_needed)
+
+
+def _refuse_worse_than_file(predicted: HeldOut | None) -> None:
+    """Refuse an estimate that predicts motions that it has not seen worse than the model file does."""
+    if predicted is None or len(predicted.lifts) < _FEWEST_PREDICTED:
+        return
+    found, file = (1000 * predicted.error(body) for body in (FOUND, MODEL))
+    if found > file:
+        raise RecordingError(
+            f"no estimate is shown: it predicts {predicted.counted} from {predicted.others} within {found:.2f} mm rms, and the "
+            f"model file does within {file:.2f} mm. Either something acted on the robot that no equation has (a slipping foot, "
+            "a sling, hose or cable, a swinging load), or sensors, joint order or model file are wrong. The recordings are "
+            "kept: `equipoise estimate` reads them again"
+        )
 
 
 def _planned_postures(robot: RobotModel, stance: Stance, plan: Plan) -> list[RehearsedPosture]:

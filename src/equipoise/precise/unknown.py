@@ -109,6 +109,7 @@ class Unknown:
         drift: change of it between two runs of a robot that nobody took apart, over its prior; None: nothing is kept.
         switched: change of it beside that where the robot was switched off in between, over its prior.
         judged: whether a value far from zero speaks against a result.
+        nonnegative: whether a value below zero is physically impossible.
         usual: standard deviation of the prior where nobody said another, as a multiple of its measure.
         otherwise: the same of a robot of which the model's number is not at all, taken where a run contradicts the usual
             prior; zero: there is none.
@@ -131,6 +132,7 @@ class Unknown:
     drift: float | None = 0.0
     switched: float = 0.0
     judged: bool = True
+    nonnegative: bool = False
     usual: float = 0.0
     otherwise: float = 0.0
     cause: str = ""

@@ -106,14 +106,17 @@ class Priors:
         5e-4, "angle by which a link of one kind lags behind its encoder, over the joint's torque", "rad/Nm", JOINT_KIND,
         "assumed: springs of 2000 Nm/rad; no bench of an A1 or Go2 is known", measure=PER_A1_TORQUE,
         label="compliance of the {each} joints", finding="{each} compliance", shown=1000.0, notable=2e-4, judged=False,
+        nonnegative=True,
         advice="the {each} joints give by {value:.2f} mrad per Nm (sd {deviation:.2f})",
+        advice_below="the compliance of the {each} joints is not measurable: {value:.2f} mrad/Nm (std {deviation:.2f})",
         cause="joints give under load: springs in gears or shanks",
     )  # fmt: skip
     play: float = unknown(
         2e-3, "angle that a joint of one kind is free to turn in its gear", "rad", JOINT_KIND,
         "data sheets of gears: 0.05 to 0.25 deg", label="play of the {each} joints", finding="{each} play",
-        shown=_DEGREES, notable=2e-3, judged=False,
+        shown=_DEGREES, notable=2e-3, judged=False, nonnegative=True,
         advice="the {each} joints have a play of {value:.2f} deg (sd {deviation:.2f})",
+        advice_below="the backlash of the {each} joints is not measurable: {value:.2f} deg (std {deviation:.2f})",
         cause="joints have play in their gears",
     )  # fmt: skip
     eccentricity: float = unknown(
@@ -191,7 +194,9 @@ class Priors:
         2e-2, "moment by which feet resist rolling, over the weight on them", "m", ROBOT,
         "wide: rubber has 0.3 to 1 mm; contact models of vendors up to 10 mm", measure=HIP_HEIGHT,
         label="rolling resistance of the feet", finding="rolling resistance", shown=1000.0, notable=1e-3, drift=0.5,
-        judged=False, advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
+        judged=False, nonnegative=True,
+        advice="the feet resist rolling as if carried {value:+.2f} mm off their centres (sd {deviation:.2f})",
+        advice_below="the rolling resistance of the feet is not measurable: {value:.2f} mm (std {deviation:.2f})",
         cause="the feet resist rolling: soft rubber or a soft floor",
     )  # fmt: skip
     foot_radius_each: float = unknown(
@@ -202,8 +207,9 @@ class Priors:
     sag: float = unknown(
         5e-5, "length by which a foot and the floor under it give, over the load on the foot", "m/N", ROBOT,
         "assumed: rubber of 20 kN/m; no bench of an A1 or Go2 is known", measure=PER_A1_STIFFNESS,
-        label="sag of the feet", finding="sag of the feet", shown=1e5, notable=2e-5, drift=0.5, judged=False,
+        label="sag of the feet", finding="sag of the feet", shown=1e5, notable=2e-5, drift=0.5, judged=False, nonnegative=True,
         advice="the feet, or the floor, sag by {value:.1f} mm per 100 N (sd {deviation:.1f})",
+        advice_below="the compliance of the feet is not measurable: {value:.1f} mm per 100 N (std {deviation:.1f})",
         cause="the feet or the floor give under load: soft rubber or a soft floor",
     )  # fmt: skip
     link_length: float = unknown(
@@ -265,6 +271,7 @@ class Priors:
     coulomb: float = unknown(
         0.5, "Coulomb friction of every joint", "Nm", ROBOT, "wide: the simulation's `realistic` joints have 0.3",
         measure=A1_TORQUE, label="Coulomb friction", finding="coulomb of the joints", drift=0.2, judged=False,
+        nonnegative=True,
         advice="coulomb of the joints: {value:.3f} Nm",
         cause="the joints have friction",
     )  # fmt: skip
@@ -277,12 +284,13 @@ class Priors:
     viscous: float = unknown(
         0.1, "viscous friction of every joint", "Nm s/rad", ROBOT, "wide: the simulation's `realistic` joints have 0.05",
         measure=A1_TORQUE, label="viscous friction", finding="viscous of the joints", drift=0.2, judged=False,
+        nonnegative=True,
         advice="viscous of the joints: {value:.3f} Nm s/rad",
         cause="the joints have friction that grows with speed",
     )  # fmt: skip
     armature: float = unknown(
         0.02, "rotor inertia seen at every joint", "kg m2", ROBOT, "wide: the simulation's `realistic` joints have 0.01",
-        measure=A1_TORQUE, label="armature", finding="armature of the joints", judged=False,
+        measure=A1_TORQUE, label="armature", finding="armature of the joints", judged=False, nonnegative=True,
         advice="armature of the joints: {value:.3f} kg m2",
         cause="the rotors have inertia",
     )  # fmt: skip

@@ -227,9 +227,16 @@ class Body(_Group):
             )
         return InertialParameters.from_components(self.values)
 
-    def doubted(self) -> Body:
-        """The same, as a run gives it of which a check failed."""
-        return self._of([one.doubted() for one in self], self.covariance)
+    def doubted(self, least: FloatArray) -> Body:
+        """Return the body as a run gives it of which a check failed.
+
+        Args:
+            least: (10,) smallest standard deviations, in the order of COMPONENTS; correlations stay.
+        """
+        factor = np.maximum(1.0, least / self.deviations)
+        covariance = None if self.covariance is None else _read_only(self.covariance * np.outer(factor, factor))
+        wider = self._with(deviation=factor * self.deviations)
+        return self._of([one.doubted() for one in wider], covariance)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form, with `uncertainty` beside the numbers; None there: the method gives none."""

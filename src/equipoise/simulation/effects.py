@@ -253,6 +253,15 @@ class SensorErrors:
         "mass of a load that swings under the base, on 0.1 m of string times the robot's length over an A1's", "kg", ROBOT,
         EXACT, "a plug, a lanyard", alone=0.1, measure=MASS, engines=MUJOCO,
     )  # fmt: skip
+    sling: float = effect(
+        "stiffness of a safety sling above the base, slack by 5 mm at the stance times the robot's length over an A1's",
+        "N/m", ROBOT, EXACT, "a crane that was lowered too little", alone=1e3, measure=STIFFNESS, engines=MUJOCO,
+        varied=False,
+    )  # fmt: skip
+    foot_width: float = effect(
+        "half width of feet that are cylinders across the leg", "m", ROBOT, EXACT, "feet of rubber hose or of printed plates",
+        alone=6e-3, measure=LENGTH, engines=MUJOCO, varied=False,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for row in self.rows():

@@ -27,6 +27,7 @@ CONTACT_TIME = 2e-3
 IMPEDANCE = 0.99, 0.99
 # Damping of rubber over its stiffness [s]: a robot that bounces at 16 Hz on its feet loses a fifth of its swing each time.
 _RUBBER_TIME = 2e-3
+_Z_TO_Y = [np.sqrt(0.5), np.sqrt(0.5), 0, 0]  # a cylinder's axis across the leg
 _FILE_KEYS = ("condim", "friction", "solref", "solimp", "solmix", "priority", "margin", "gap")
 
 
@@ -44,7 +45,7 @@ def add_contacts(
     legs: LegErrors,
     contacts: Contacts,
 ) -> None:
-    """Feet (spheres), belly (a box, for lying) and the floor; nothing else touches.
+    """Add feet (spheres, or cylinders across the leg), belly (a box, for lying) and the floor; nothing else touches.
 
     Args:
         contacts: contact parameters of feet and floor: "own", or "file", those that the model file gives its feet, on a floor
@@ -70,13 +71,12 @@ def add_contacts(
                 name=f"{FLOOR}_{leg}", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, heights[index]],
                 contype=4 << index, conaffinity=4 << index, **floor,
             )  # fmt: skip
+        radius, width = foot.radius + legs.foot_radius[index], errors.sizes.foot_width
+        shape = mujoco.mjtGeom.mjGEOM_CYLINDER if width else mujoco.mjtGeom.mjGEOM_SPHERE
         spec.body(foot.body).add_geom(
-            name=foot_name(leg),
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[foot.radius + legs.foot_radius[index], 0, 0],
-            pos=foot.position_in_body,
-            **how,
-        )
+            name=foot_name(leg), type=shape, size=[radius, width, 0], pos=foot.position_in_body,
+            quat=_Z_TO_Y if width else [1, 0, 0, 0], **how,
+        )  # fmt: skip
     hips_above_base = stance.hip_height - stance.base_height
     reach = np.abs(stance.feet_in_base[:, :2]).mean(axis=0)
     thickness = 0.02 * robot.leg_length

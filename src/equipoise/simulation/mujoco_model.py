@@ -29,10 +29,12 @@ IMU_SITE = "equipoise_imu"
 ACCELEROMETER = "equipoise_accelerometer"
 PAYLOAD = "equipoise_payload"
 SWINGING_LOAD = "equipoise_swinging_load"
+SLING = "equipoise_sling"
 
 _TENSOR_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 TIMESTEP = 0.5e-3  # [s], the usual one
 _NO_ISLANDS = int(getattr(mujoco.mjtDisableBit, "mjDSBL_ISLAND", 0))
+_SLING, _SLACK = 1.0, 5e-3  # [m] on an A1: length of a safety sling at the stance, and how much longer it may become
 _STRING = 0.1  # [m], of a load that swings, on an A1
 _SWING_DAMPING = 0.02  # share of the critical one: air and the string
 
@@ -110,6 +112,8 @@ def build_simulated_robot(
             _add_payload(base, payload)
         if errors.sizes.swinging_load:
             _add_swinging_load(base, stance, errors.sizes.swinging_load)
+        if errors.sizes.sling:
+            _add_sling(spec, base, stance, errors.sizes.sling)
         if has_springs(errors):
             add_springs(spec, robot, errors, errors.sizes.armature + timestep * kd[0])
         _add_actuators_and_sensors(spec, robot, base, errors)
@@ -322,6 +326,17 @@ def _add_swinging_load(base: mujoco.MjsBody, stance: Stance, mass: float) -> Non
     damping = 2 * _SWING_DAMPING * about_hook * np.sqrt(GRAVITY / length)
     joint = load.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
     joint.damping = _linear(damping, joint.damping)
+
+
+def _add_sling(spec: mujoco.MjSpec, base: mujoco.MjsBody, stance: Stance, stiffness: float) -> None:
+    """Add a sling from a point above the base to the base's origin; it pulls [N/m] where it is longer than its slack."""
+    length, slack = _SLING * stance.scale.length, _SLACK * stance.scale.length
+    spec.worldbody.add_site(name=f"{SLING}_hook", pos=[0, 0, stance.base_height + length])
+    base.add_site(name=f"{SLING}_eye", pos=[0, 0, 0])
+    sling = spec.add_tendon(name=SLING, springlength=[0, length + slack])
+    sling.stiffness = _linear(stiffness, sling.stiffness)
+    sling.wrap_site(f"{SLING}_hook")
+    sling.wrap_site(f"{SLING}_eye")
 
 
 def _add_actuators_and_sensors(

@@ -1,8 +1,9 @@
-"""What was found wrong with the sensors, in words: people can fix most of it."""
+"""Errors of sensors and joints that a run found, in words: most of them can be fixed."""
 
 from __future__ import annotations
 
 from equipoise.precise.posterior import Posterior
+from equipoise.precise.unknown import Unknown
 from equipoise.result.findings import SensorFinding
 
 _SURE = 3.0  # standard deviations from zero
@@ -17,7 +18,7 @@ def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
             float(value),
             float(deviation),
             row.sentence(label, float(value), float(deviation)),
-            bool(abs(value) > _SURE * deviation and abs(value) > row.notable),
+            bool(_size(row, value) > max(_SURE * deviation, row.notable)),
         )
         for row in unknowns.rows
         if row.finding and row.name in posterior.informed
@@ -26,3 +27,8 @@ def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
         )
     ]
     return sorted(findings, key=lambda finding: -abs(finding.value) / finding.deviation)
+
+
+def _size(row: Unknown, value: float) -> float:
+    """Return the size of an error; a negative value of what cannot be negative is none."""
+    return value if row.nonnegative else abs(value)
