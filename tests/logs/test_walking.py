@@ -18,7 +18,10 @@ from equipoise.logs.motions import gyroscope
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.offline import estimate_log
+from equipoise.precise.gauss_newton import solve
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.walking import gyro_bias_of_walks, up_between_steps
+from equipoise.precise.posterior import MapProblem
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.trials import TwoFeet, WalkTrial, read_trial
 from equipoise.report.contents import run_contents
@@ -106,6 +109,24 @@ def test_a_walk_tells_the_centre_of_mass(trotted, found):
     assert (errors[1:4] < model[1:4]).sum() >= 2  # the file does not know the payload
     assert sum(one.lower <= value <= one.upper for one, value in zip(whole, true, strict=True)) >= 9
     assert {one.verdict for one in [*whole][:3]} == {"identified"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_estimate_does_not_depend_on_the_start(a1, stance, found, seed):
+    """Starts whose CoMs are up to a centimetre and whose root moments are up to a fifth off the file's."""
+    evidence, before = found.result.evidence, found.result.evidence.posterior
+    weighed = before.problem.mass
+    problem = MapProblem(a1, stance, RunEvidence(evidence.motions), before.unknowns.priors, weighed, lifts_needed=False)
+    start = problem.unknowns.start()
+    start[:10] += np.random.default_rng(seed).uniform(-0.2, 0.2, 10) * ([1.0] * 4 + [0.1] * 6)
+    x, converged = solve(problem, start, 2)
+    assert converged
+    apart = components(problem.unknowns.robot_body(x)) - components(before.robot_body)
+    assert np.abs(apart / np.sqrt(np.diag(before.robot_covariance))).max() < 0.2
+
+
+def test_every_walk_states_that_the_height_of_the_imu_is_assumed(found):
+    assert "hardly determines its height, and an error of 10 mm changes Ixx by" in " ".join(found.result.assumptions)
 
 
 def test_what_a_walk_cannot_tell_is_said(found):

@@ -7,14 +7,17 @@ import pytest
 from scipy.stats import chi2
 
 from equipoise import Calibration
+from equipoise.errors import RecordingError
 from equipoise.precise.blocks.tilt import TiltBlock
 from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.checks import judge
 from equipoise.precise.findings.held_out import folds_of, tilt_errors
 from equipoise.precise.gauss_newton import descend
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
+from equipoise.precise.method import _refuse_worse_than_file
 from equipoise.precise.posterior import MapProblem
 from equipoise.recording.phases import Phase
+from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, MODEL, HeldOut
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.posture import BodyPosture
@@ -100,6 +103,22 @@ def test_the_check_allows_what_its_chance_is_and_no_more(a1, evidence, posterior
 
     assert verdict(0.98 * limit)
     assert not verdict(1.02 * limit)
+
+
+def test_an_estimate_that_predicts_worse_than_the_model_file_is_refused(precise_run):
+    predicted = precise_run.result.held_out
+    exchanged = HeldOut(
+        tuple(replace(lift, errors={MODEL: lift.errors[FOUND], FOUND: lift.errors[MODEL]}) for lift in predicted.lifts)
+    )
+    found, file = (f"{1000 * exchanged.error(body):.2f}" for body in (FOUND, MODEL))
+    _refuse_worse_than_file(predicted, [])
+    _refuse_worse_than_file(HeldOut(exchanged.lifts[:3]), [])
+    with pytest.raises(
+        RecordingError, match=f"no estimate is shown.*within {found} mm rms, the model file within {file}"
+    ):
+        _refuse_worse_than_file(exchanged, [])
+    with pytest.raises(RecordingError, match="Checks that failed: lifts: they do not fit"):
+        _refuse_worse_than_file(exchanged, [Check("lifts", False, "they do not fit"), Check("halves", True, "fine")])
 
 
 def test_it_is_in_the_json_form(precise_run, tmp_path):

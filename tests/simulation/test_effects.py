@@ -15,8 +15,9 @@ from equipoise.robot.inertial import InertialParameters, composite_parameters, n
 from equipoise.robot.scale import Scale
 from equipoise.simulation.effects import PRESETS, REALISTIC, STRESS, read_effects
 from equipoise.simulation.leg_errors import LegErrors
+from equipoise.simulation.mujoco_contacts import foot_name
 from equipoise.simulation.mujoco_drive import ChangingFriction, as_a_spring, spring_name
-from equipoise.simulation.mujoco_model import SWINGING_LOAD, build_simulated_robot
+from equipoise.simulation.mujoco_model import SLING, SWINGING_LOAD, build_simulated_robot
 from equipoise.simulation.mujoco_truth import simulated_truth
 from equipoise.simulation.samples import Samples
 from equipoise.simulation.sensors import DrawnErrors
@@ -81,7 +82,7 @@ def test_stress_has_all_of_realistic_and_more():
     alone = {row.name for row in ROWS if row.in_stress == row.none}
     assert alone == {
         "imu_clock_offset", "stribeck", "leg_inertia", "joint_axes", "imu_position", "gyro_drift", "sample_rate",
-        "encoder_eccentricity", "swinging_load",
+        "encoder_eccentricity", "swinging_load", "sling", "foot_width",
     }  # fmt: skip
 
 
@@ -510,6 +511,30 @@ def test_a_load_swings_on_its_string_and_weighs_where_it_hangs(a1):
     length = -seen.model.body(SWINGING_LOAD).ipos[2]
     period = 2 * np.pi * np.sqrt(length / 9.81 * (1 + 0.4 * 0.2**2))
     assert 2 * PERIOD * np.diff(crossings).mean() == pytest.approx(period, rel=0.03)
+
+
+def test_a_sling_pulls_where_the_robot_is_lower_than_its_slack(a1):
+    with simulate(a1, "ideal", effects={"sling": 1000.0}) as simulation:
+        seen = engine(simulation)
+        sling = seen.model.tendon(SLING).id
+        height, slack = seen.data.qpos[2], seen.model.tendon_lengthspring[sling][1] - seen.data.ten_length[sling]
+        for lower in (-3e-3, 2e-3):
+            seen.data.qpos[2] = height - lower
+            mujoco.mj_forward(seen.model, seen.data)
+            pull = seen.data.qfrc_passive[2]
+            assert pull == pytest.approx(1000.0 * max(lower - slack, 0.0), abs=0.1)
+
+
+def test_wide_feet_are_cylinders_across_their_legs(a1):
+    with simulate(a1, "ideal", effects={"foot_width": 6e-3}) as simulation:
+        seen = engine(simulation)
+        for leg, foot in a1.feet.items():
+            geom = seen.model.geom(foot_name(leg)).id
+            assert seen.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER
+            assert seen.model.geom_size[geom][:2] == pytest.approx([foot.radius, 6e-3])
+            axis = seen.data.geom_xmat[geom].reshape(3, 3)[:, 2]
+            assert abs(axis[1]) > 0.99
+        assert np.abs(simulation.witness.look().clearance).max() < 1e-3
 
 
 def test_all_motors_can_err_together():

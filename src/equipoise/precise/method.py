@@ -18,7 +18,7 @@ from equipoise.method.method import Method
 from equipoise.method.rehearsal import Course, RehearsedPosture, held_posture, sway_postures
 from equipoise.precise.budget import budget_of
 from equipoise.precise.checks import half_difference, judge
-from equipoise.precise.findings.contradicted import estimate_uncontradicted, not_believed, taken_on_trust
+from equipoise.precise.findings.contradicted import assumed_imu_position, estimate_uncontradicted, not_believed
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
@@ -52,6 +52,7 @@ from equipoise.recording.trials import (
 )
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
+from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, MODEL, HeldOut
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
@@ -276,10 +277,10 @@ class Precise(Method):
         with _Timed(timings, "check"):
             predictions = predict_held_out(evidence, posterior, self.known)
             predicted = held_out(predictions)
-            _refuse_worse_than_file(predicted)
             looked_at = judge(robot, evidence, posterior, predicted)
             looked_at += [] if self.known is None else [check_of_changes(changes, self.known)]
             checks = tuple(sorted(looked_at, key=lambda check: check.passed))
+            _refuse_worse_than_file(predicted, checks)
             findings = (*map(Change.finding, changes), *sensor_findings(posterior))
         nominal = nominal_inertia(robot, stance.joint_position)
         well = all(check.passed for check in checks)
@@ -322,7 +323,7 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-            assumptions=(*self.assumptions, *not_believed(posterior), *taken_on_trust(posterior)),
+            assumptions=(*self.assumptions, *not_believed(posterior), *assumed_imu_position(posterior, evidence)),
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
             held_out=predicted,
             budget=budget_of(posterior),
@@ -356,17 +357,17 @@ class Precise(Method):
         return estimate_after(robot, stance, evidence, self.beliefs, self.scale, self.known, lifts_needed)
 
 
-def _refuse_worse_than_file(predicted: HeldOut | None) -> None:
+def _refuse_worse_than_file(predicted: HeldOut | None, checks: Sequence[Check]) -> None:
     """Refuse an estimate that predicts motions that it has not seen worse than the model file does."""
     if predicted is None or len(predicted.lifts) < _FEWEST_PREDICTED:
         return
     found, file = (1000 * predicted.error(body) for body in (FOUND, MODEL))
     if found > file:
+        failed = "; ".join(f"{check.name}: {check.message}" for check in checks if not check.passed) or "none"
         raise RecordingError(
-            f"no estimate is shown: it predicts {predicted.counted} from {predicted.others} within {found:.2f} mm rms, and the "
-            f"model file does within {file:.2f} mm. Either something acted on the robot that no equation has (a slipping foot, "
-            "a sling, hose or cable, a swinging load), or sensors, joint order or model file are wrong. The recordings are "
-            "kept: `equipoise estimate` reads them again"
+            f"no estimate is shown: it predicts {predicted.counted} from {predicted.others} within {found:.2f} mm rms, the "
+            f"model file within {file:.2f} mm. Something acted on the robot that no equation has, or sensors, joint order or "
+            f"model file are wrong. Checks that failed: {failed}"
         )
 
 

@@ -18,6 +18,7 @@ from statistics import NormalDist
 import numpy as np
 
 from equipoise.precise.findings.score import deviate
+from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.posterior import Posterior, body_jacobian
 from equipoise.precise.unknown import Unknown
 from equipoise.precise.unknowns import Priors
@@ -95,21 +96,22 @@ def not_believed(posterior: Posterior) -> tuple[str, ...]:
     return tuple(f"{row.cause}, which the run contradicts" for row in posterior.unknowns.priors.not_of_this_robot)
 
 
-def taken_on_trust(posterior: Posterior) -> tuple[str, ...]:
-    """The place of the IMU, which inertia hangs on, where the run says next to nothing of its height; nothing if it does.
+def assumed_imu_position(posterior: Posterior, evidence: RunEvidence) -> tuple[str, ...]:
+    """State that the height of the IMU is taken from the model file, where the run hardly determines it; walks never do.
 
-    An error d of the file, in standard deviations of its prior, moves the estimate of what hangs on it by C d, with C the
+    An error d of the file, in standard deviations of its prior, moves the estimate of what depends on it by C d, with C the
     posterior's covariance of both, in the same unit.
     """
     unknowns = posterior.unknowns
     if unknowns.belief is not None or not any(row.name == "imu_position" for row in _asked(posterior)):
         return ()
     height = unknowns["imu_position"].stop - 1
-    if posterior.covariance[height, height] < _UNTOLD:
+    walks = all(evidence.motions[lift.motion].steps for lift in posterior.lifts)
+    if posterior.covariance[height, height] < _UNTOLD and not walks:
         return ()
     moved = body_jacobian(unknowns, posterior.x, unknowns.robot_body) @ posterior.covariance[:, height]
     share = abs(moved[_IXX] / components(posterior.robot_body)[_IXX]) * _CENTIMETRE / unknowns.scale[height]
     return (
-        f"the IMU sits where the file has it, to {1000 * unknowns.scale[height]:.0f} mm: the run hardly tells, and if it sits "
-        f"a centimetre higher or lower, Ixx is {share:.0%} off",
+        f"the IMU is where the model file has it, within {1000 * unknowns.scale[height]:.0f} mm (standard deviation): the run "
+        f"hardly determines its height, and an error of 10 mm changes Ixx by {share:.0%}",
     )
