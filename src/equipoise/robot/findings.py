@@ -11,10 +11,11 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.bodies import LinkInertial, RigidBody, hip_positions, radius_of_gyration_of
+from equipoise.robot.bodies import LinkInertial, RigidBody, hip_positions
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.legs import Leg
+from equipoise.robot.links import equal_round_moment, radius_of_gyration_of
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -30,8 +31,6 @@ _LARGEST_RADIUS_RATIO = 0.75
 # Steel [kg/m3]: motors and frames are steel and copper with much air, so no link is as compact as a solid steel ball.
 # The most compact body of the catalogue, Laikago's hip, has a radius of gyration 40 % above the ball's.
 _DENSEST = 7850.0
-# Files print 4 to 9 digits, and a link's own inertia is found by subtracting what is fixed to it.
-_EQUAL = 1e-6
 # Left and right are compared to 1 % in mass, 1 mm on an A1 (0.4 m legs) in CoM, which is what a calibration resolves,
 # and 2 % in inertia. Below that CAD exports differ by rounding (HyQ: 0.7 %).
 _SAME_MASS, _SAME_COM_RATIO, _SAME_INERTIA = 0.01, 0.0025, 0.02
@@ -127,7 +126,7 @@ def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
     """Inertias that somebody typed to satisfy a parser: the identity and its like, or too large for the link."""
     for link in links:
         reasons: list[str] = []
-        moment = _equal_round_moment(link.parameters.inertia)
+        moment = equal_round_moment(link.parameters.inertia)
         matters = link.inertia_share >= _MATTERS
         if moment is not None and matters:  # small round parts, as feet taken for balls, are fair
             reasons.append(f"Ixx = Iyy = Izz = {moment:g} kg m2")
@@ -141,15 +140,6 @@ def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
             share = "" if matters else f"; it is {link.inertia_share:.1%} of that body's inertia"
             text = f"an inertia that looks like a placeholder: {' and '.join(reasons)}{share}"
             yield ModelFinding("warning" if matters else "note", link.name, text)
-
-
-def _equal_round_moment(inertia: FloatArray) -> float | None:
-    """The value of an inertia v * identity whose v has one digit, as 1, 0.1 or 5e-4 [kg m2]; else None."""
-    moment = float(np.trace(inertia)) / 3
-    if moment <= 0 or np.abs(inertia - moment * np.eye(3)).max() > _EQUAL * moment:
-        return None
-    digits = moment / 10 ** math.floor(math.log10(moment * (1 + _EQUAL)))
-    return moment if abs(digits - round(digits)) < 10 * _EQUAL else None
 
 
 def _too_compact(bodies: list[RigidBody]) -> Iterator[ModelFinding]:

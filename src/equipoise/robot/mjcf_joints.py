@@ -1,0 +1,89 @@
+"""Cleaning of the joints of MJCF files: their axes and limits, and what ties them to each other."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from equipoise.errors import ModelError
+from equipoise.robot.mjcf_poses import AngleConvention, fold_reference
+from equipoise.robot.urdf_joints import Coupling
+
+_SMALLEST_AXIS = 1e-6  # length below which an axis has no direction; other readers normalise any
+_MOVED_BY_TENDON = ("stiffness", "range", "springlength")
+
+
+def clean_joints(base: ET.Element, convention: AngleConvention, path: Path) -> dict[str, float]:
+    """Make joints whose limits are equal fixed, in place; returns their positions by name [rad or m].
+
+    Raises:
+        ModelError: a joint without axis, with exchanged limits, or limited without a range.
+    """
+    locked: dict[str, float] = {}
+    for body in base.iter("body"):
+        for joint in [joint for joint in body.findall("joint") if joint.get("type", "hinge") in ("hinge", "slide")]:
+            if (position := _locked_at(joint, f"robot model {str(path)!r}: joint {joint.get('name')!r}")) is None:
+                continue
+            joint.set("ref", repr(-position))
+            fold_reference(body, convention)
+            body.remove(joint)
+            unit = convention.unit if joint.get("type", "hinge") == "hinge" else 1.0
+            locked[joint.get("name", "")] = position * unit
+    return locked
+
+
+def _locked_at(joint: ET.Element, who: str) -> float | None:
+    """Where a joint's limits lock it, in the file's unit; None if it can move."""
+    axis = joint.get("axis", "0 0 1")
+    if not np.linalg.norm([float(word) for word in axis.split()]) > _SMALLEST_AXIS:
+        raise ModelError(
+            f"{who}: axis {axis} has no direction; give the axis that it moves about or along, as 0 1 0, or take it out"
+        )
+    if "range" not in joint.attrib:
+        if joint.get("limited") == "true":
+            raise ModelError(f"{who} is limited and has no range; give it, or take limited out")
+        return None
+    lower, upper = (float(word) for word in joint.get("range", "").split())
+    if lower > upper:
+        raise ModelError(f"{who} has the range {lower:g} to {upper:g}, whose ends are exchanged: the smaller one comes first")
+    return lower if lower == upper else None
+
+
+def couplings_of(root: ET.Element) -> list[Coupling]:
+    """List what equalities and tendons tie to each other."""
+    tendons = {
+        tendon.get("name", ""): tuple(joint.get("joint", "") for joint in tendon.findall("joint"))
+        for tendon in root.iterfind("tendon/fixed")
+    }
+    moving = {element.get("tendon", "") for element in root.iterfind("actuator/*")}
+    moving |= {t.get("name", "") for t in root.iterfind("tendon/fixed") if any(key in t.attrib for key in _MOVED_BY_TENDON)}
+    by_tendon = [("<tendon>", joints) for name, joints in tendons.items() if name in moving]
+    return [*_equalities(root, tendons), *(coupling for coupling in by_tendon if len(coupling[1]) > 1)]
+
+
+def _equalities(root: ET.Element, tendons: dict[str, tuple[str, ...]]) -> Iterator[Coupling]:
+    above = _joints_by_part(root)
+    for element in root.iterfind("equality/*"):
+        if element.get("active") == "false":
+            continue
+        ends = [element.get(f"{element.tag}{end}", "") for end in ("1", "2")]
+        if element.tag == "joint":
+            joints = tuple(name for name in ends if name)
+        elif element.tag == "tendon":
+            joints = tuple(joint for name in ends for joint in tendons.get(name, ()))
+        else:
+            parts = [element.get(f"{kind}{end}", "") for kind in ("body", "site") for end in ("1", "2")]
+            joints = tuple(joint for part in parts for joint in above.get(part, ()))
+        yield f"<equality> <{element.tag}>", joints
+
+
+def _joints_by_part(root: ET.Element) -> dict[str, tuple[str, ...]]:
+    """Names of the joints of each body, by its name and by those of its sites."""
+    found: dict[str, tuple[str, ...]] = {}
+    for body in root.iter("body"):
+        joints = tuple(joint.get("name", "") for joint in body.findall("joint") if joint.get("type") != "free")
+        found |= dict.fromkeys([part.get("name", "") for part in (body, *body.findall("site"))], joints)
+    return found
