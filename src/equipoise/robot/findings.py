@@ -12,11 +12,14 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.bodies import LinkInertial, RigidBody, hip_positions
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.legs import Leg
+from equipoise.robot.limits import limits_not_mirrored
 from equipoise.robot.links import equal_round_moment, radius_of_gyration_of
 from equipoise.robot.model import RobotModel
+from equipoise.robot.shape_findings import coms_outside, trunk_unlike_its_shapes
 from equipoise.robot.stance import Stance
 
 Severity = Literal["error", "warning", "note"]
@@ -78,12 +81,18 @@ def find(
     """
     impossible = [*_impossible_in_file(robot, links), *_impossible_as_read(bodies.values(), links), *_light_base(robot)]
     suspects = {finding.body for finding in impossible}
+    made_up = [
+        *_placeholders([link for link in links if link.name not in suspects]),
+        *_too_compact([body for body in bodies.values() if body.name not in suspects]),
+    ]
+    suspects |= {finding.body for finding in made_up}
     return _merged(
         [
             *impossible,
-            *_placeholders([link for link in links if link.name not in suspects]),
-            *_too_compact([body for body in bodies.values() if body.name not in suspects]),
+            *made_up,
+            *_misplaced(robot, suspects),
             *_asymmetries(robot, bodies, stance),
+            *_limits(robot),
             *_lateral_offsets(robot, composite),
             *_missing_limits(robot),
         ]
@@ -153,6 +162,12 @@ def _too_compact(bodies: list[RigidBody]) -> Iterator[ModelFinding]:
                 f"{radius * 1000:.1f} mm, where a solid steel ball of that mass has {ball * 1000:.1f} mm"
             )
             yield ModelFinding("warning", body.name, text)
+
+
+def _misplaced(robot: RobotModel, suspects: set[str]) -> Iterator[ModelFinding]:
+    for link, text in (*coms_outside(robot), *trunk_unlike_its_shapes(robot)):
+        if link not in suspects:
+            yield ModelFinding("warning", link, text)
 
 
 def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance | None) -> Iterator[ModelFinding]:
@@ -236,6 +251,18 @@ def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) ->
     middle = float(hip_positions(robot)[:, 1].mean())
     if abs(middle) >= _SMALLEST_OFFSET:
         yield ModelFinding("note", "", f"the hips' middle is at y = {middle * 1000:+.1f} mm in the base frame")
+
+
+def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
+    """Position limits that are not mirrored, or that there are none of."""
+    for text in limits_not_mirrored(robot.pinocchio, robot.legs, robot.leg_length):
+        yield ModelFinding("warning", "", text)
+    spans = zip(robot.joint_names, robot.lower_limit, robot.upper_limit, strict=True)
+    endless = [name for name, low, high in spans if max(low, -high) <= -UNLIMITED_JOINT_RANGE]
+    if endless:
+        which = "all leg joints" if len(endless) == len(robot.joint_names) else ", ".join(endless)
+        text = f"no position limit within two turns of {which}; joint_limits in a robot description sets narrower ones"
+        yield ModelFinding("note", "", text)
 
 
 def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:

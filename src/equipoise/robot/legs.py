@@ -19,7 +19,7 @@ _DEFAULT_FOOT_RADIUS_RATIO = 0.05
 # What is nearer to the knee's axis is part of the knee [m; of the thigh's length]: motors and rotors are up to 0.05 off.
 _SHORTEST_SHANK, _SHANK_RATIO = 5e-3, 0.2
 _ADD_FOOT = (
-    "add a fixed link at the foot's centre in a copy of the file (a <link> and a <joint type=\"fixed\"> whose origin is there, "
+    'add a fixed link at the foot\'s centre in a copy of the file (a <link> and a <joint type="fixed"> whose origin is there, '
     "or a site in MJCF)"
 )
 
@@ -125,8 +125,8 @@ def _described_foot(
     placement = pin.SE3(np.eye(3), np.array(below_knee[0].placement.translation))
     if _on_knee(model, knee, placement.translation):
         raise SettingsError(
-            f"foot frame {wanted!r} of leg {leg} sits on the knee's axis (joint {str(model.names[knee])!r}), as the frame of the "
-            f"link itself does; {_ADD_FOOT}"
+            f"foot frame {wanted!r} of leg {leg} sits on the knee's axis (joint {str(model.names[knee])!r}), as the frame of "
+            f"the link itself does; {_ADD_FOOT}"
         )
     near = [
         radius

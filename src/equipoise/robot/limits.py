@@ -10,16 +10,41 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, SettingsError
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.legs import Leg
 from equipoise.robot.tree import joint_axis
-from equipoise.robot.urdf_joints import UNLIMITED_JOINT_RANGE
 
 _ROUNDED = 1e-3  # [rad] that a described limit may lie beyond the file's, which has more digits
 # Limits beyond two turns either stand for none, as +-10 or +-100, or are degrees: then they are not symmetric, or a whole
 # number of degrees that joints have.
 _FEWEST_DEGREES, _MOST_DEGREES = 4 * np.pi, 720.0
-_USUAL_DEGREES = (15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 70, 75, 80, 90, 110, 120, 135, 140, 150, 160, 170, 180, 270, 360)
+_USUAL_DEGREES = (
+    15,
+    20,
+    25,
+    30,
+    35,
+    40,
+    45,
+    50,
+    55,
+    60,
+    70,
+    75,
+    80,
+    90,
+    110,
+    120,
+    135,
+    140,
+    150,
+    160,
+    170,
+    180,
+    270,
+    360,
+)
 _FEWEST_RADIANS = 2 * np.pi**2 / 180  # [rad]; limits of all joints below it were radians, and read as degrees
 _MIRRORED = 0.05  # [rad] that limits of the two sides may differ
 _SAME_PLACE_RATIO = 0.01  # of the leg length; places that are mirrored at zero differ by less
@@ -123,7 +148,9 @@ def limits_not_mirrored(model: pin.Model, legs: Mapping[str, Leg], leg_length: f
 
 def _points(data: pin.Data, leg: Leg) -> FloatArray:
     """(n + 1, 3) joints and foot of a leg in the base frame [m]."""
-    return np.array([*(data.oMi[joint].translation for joint in leg.joint_ids), data.oMf[leg.foot_frame_id].translation])
+    return np.array(
+        [*(data.oMi[joint].translation for joint in leg.joint_ids), data.oMf[leg.foot_frame_id].translation]
+    )
 
 
 def _span(limits: tuple[float, float]) -> str:

@@ -144,6 +144,5 @@ def _refuse_large_inertias(links: list[FileLink], trunk: float, limb: float, pat
     raise ModelError(
         f"robot model {str(path)!r}: the inertia of link {worst!r} has a radius of gyration of {ratios[worst]:.3g} times the "
         f"link's length: it looks like {unit}; divide by 1e{_INERTIA_UNITS[unit]} the inertias of {', '.join(ratios)}, "
-        "which gives kg m2"
-        + (", and of all other links" if 2 * len(ratios) > len(links) else "")
+        "which gives kg m2" + (", and of all other links" if 2 * len(ratios) > len(links) else "")
     )

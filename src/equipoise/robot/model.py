@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.robot.cleaning.urdf import LIGHTEST_BASE, NEGLIGIBLE_MASS_FRACTION
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.forward import forward_axis, turned
 from equipoise.robot.legs import Leg, add_legs, leg_length
@@ -25,7 +26,6 @@ from equipoise.robot.links import refuse_other_units
 from equipoise.robot.scale import Scale
 from equipoise.robot.source import ModelSource, read_model_source
 from equipoise.robot.tree import hips_of, hold_other_joints, leg_chains, read_pinocchio
-from equipoise.robot.urdf import LIGHTEST_BASE, NEGLIGIBLE_MASS_FRACTION
 
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
 """The two diagonals; each support line runs from the right foot to the left one."""

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Literal
 
 from equipoise.errors import ModelError
-from equipoise.robot.urdf import clean_urdf
-from equipoise.robot.urdf_joints import Coupling, couplings_of, fix_locked_joints
+from equipoise.robot.cleaning.urdf import clean_urdf
+from equipoise.robot.cleaning.urdf_joints import Coupling, couplings_of, fix_locked_joints
 
 ModelFormat = Literal["urdf", "mjcf"]
 Forward = Literal["+x", "+y", "-x", "-y"]
@@ -101,7 +101,7 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
         xml = ET.tostring(root, encoding="unicode")
         return ModelSource(path, "urdf", xml, sha256, repairs, {}, locked=locked, couplings=tuple(couplings))
     if root.tag == "mujoco":
-        from equipoise.robot.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
+        from equipoise.robot.cleaning.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
 
         try:
             root, repairs, effort_limits, home, locked, couplings = clean_mjcf(root, path)

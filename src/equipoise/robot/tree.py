@@ -14,10 +14,10 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, SettingsError
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.forward import legs_by_place
 from equipoise.robot.source import ModelSource
-from equipoise.robot.urdf_joints import UNLIMITED_JOINT_RANGE
 
 _PLAY = 0.1  # [rad] between the limits of a joint that stands for backlash and not for a joint
 _SAME_PLACE = 1e-3  # [m] between two parallel axes that are one
@@ -151,7 +151,10 @@ def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) 
     for above, below in itertools.pairwise(chain):
         placement, axis = model.jointPlacements[below], joint_axis(model, above)
         apart = np.linalg.norm(np.cross(axis, placement.translation))
-        if apart < _SAME_PLACE and np.linalg.norm(np.cross(axis, placement.rotation @ joint_axis(model, below))) < _PARALLEL:
+        if (
+            apart < _SAME_PLACE
+            and np.linalg.norm(np.cross(axis, placement.rotation @ joint_axis(model, below))) < _PARALLEL
+        ):
             raise ModelError(
                 f"{where}: leg joints {str(model.names[above])!r} and {str(model.names[below])!r} turn about the same axis; "
                 "make the one that is not driven fixed in a copy of the file"
@@ -160,8 +163,7 @@ def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) 
 
 def _in_one_body(source: ModelSource, joint: str) -> list[str]:
     """Name of the body of a composite joint of Pinocchio's, and of its joints in the file; empty for other joints."""
-    bodies = [] if source.format == "urdf" else ET.fromstring(source.xml).iter("body")
-    for body in bodies:
+    for body in ET.fromstring(source.xml).iter("body"):
         names = [str(each.get("name")) for each in body.findall("joint")]
         if len(names) > 1 and joint == f"Composite_{names[0]}":
             return [str(body.get("name")), *names]

@@ -255,11 +255,11 @@ def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> tuple[FloatArra
 
 def _across(axis: FloatArray, direction: FloatArray) -> FloatArray:
     """Compute the unit vector across an axis that is nearest to a direction; any one if the direction is the axis's."""
-    for candidate in (direction, *np.eye(3)[np.argsort(np.abs(axis))]):
-        across = candidate - (candidate @ axis) * axis
-        if np.linalg.norm(across) > _PARALLEL * np.linalg.norm(candidate):
-            break
-    return across / np.linalg.norm(across)
+    across = direction - (direction @ axis) * axis
+    if not np.linalg.norm(across) > _PARALLEL * np.linalg.norm(direction):
+        unit = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        across = unit - (unit @ axis) * axis
+    return np.asarray(across / np.linalg.norm(across), dtype=float)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

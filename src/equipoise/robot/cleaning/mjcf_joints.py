@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from equipoise.errors import ModelError
-from equipoise.robot.mjcf_poses import AngleConvention, fold_reference
-from equipoise.robot.urdf_joints import Coupling
+from equipoise.robot.cleaning.mjcf_poses import AngleConvention, fold_reference
+from equipoise.robot.cleaning.urdf_joints import Coupling
 
 _SMALLEST_AXIS = 1e-6  # length below which an axis has no direction; other readers normalise any
 _MOVED_BY_TENDON = ("stiffness", "range", "springlength")
@@ -48,7 +48,9 @@ def _locked_at(joint: ET.Element, who: str) -> float | None:
         return None
     lower, upper = (float(word) for word in joint.get("range", "").split())
     if lower > upper:
-        raise ModelError(f"{who} has the range {lower:g} to {upper:g}, whose ends are exchanged: the smaller one comes first")
+        raise ModelError(
+            f"{who} has the range {lower:g} to {upper:g}, whose ends are exchanged: the smaller one comes first"
+        )
     return lower if lower == upper else None
 
 
@@ -59,7 +61,9 @@ def couplings_of(root: ET.Element) -> list[Coupling]:
         for tendon in root.iterfind("tendon/fixed")
     }
     moving = {element.get("tendon", "") for element in root.iterfind("actuator/*")}
-    moving |= {t.get("name", "") for t in root.iterfind("tendon/fixed") if any(key in t.attrib for key in _MOVED_BY_TENDON)}
+    moving |= {
+        t.get("name", "") for t in root.iterfind("tendon/fixed") if any(key in t.attrib for key in _MOVED_BY_TENDON)
+    }
     by_tendon = [("<tendon>", joints) for name, joints in tendons.items() if name in moving]
     return [*_equalities(root, tendons), *(coupling for coupling in by_tendon if len(coupling[1]) > 1)]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import ModelError
-from equipoise.robot.urdf_joints import clean_joints
-from equipoise.robot.urdf_text import number, tidy_vector
+from equipoise.robot.cleaning.urdf_joints import clean_joints
+from equipoise.robot.cleaning.urdf_text import number, tidy_vector
 
 # An inertial lighter than this fraction of the robot is a placeholder (1e-6 kg base links, 1e-5 kg camera frames): it
 # changes nothing that can be measured and fails engines' inertia checks.

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from equipoise.errors import ModelError
-from equipoise.robot.mjcf_joints import clean_joints, couplings_of
-from equipoise.robot.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
-from equipoise.robot.urdf_joints import Coupling
+from equipoise.robot.cleaning.mjcf_joints import clean_joints, couplings_of
+from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
+from equipoise.robot.cleaning.urdf_joints import Coupling
 
 # Sections that describe a simulation and not a robot. Ours replace them where the simulator needs them.
 _DROPPED_SECTIONS = (

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from equipoise.errors import ModelError
-from equipoise.robot.urdf_text import child, number, tidy_vector, words
+from equipoise.robot.cleaning.urdf_text import child, number, tidy_vector, words
 
 # A joint without limits may still be commanded only so far; two turns exceed any posture of a leg [rad].
 UNLIMITED_JOINT_RANGE = 2 * math.pi
@@ -36,7 +36,7 @@ def fix_locked_joints(root: ET.Element, path: Path) -> dict[str, float]:
     locked: dict[str, float] = {}
     for joint in root.findall("joint"):
         limit = joint.find("limit")
-        if joint.get("type") not in ("revolute", "prismatic") or limit is None or not {*_BOUNDS} & {*limit.keys()}:
+        if joint.get("type") not in ("revolute", "prismatic") or limit is None or not {*_BOUNDS} & {*limit.attrib}:
             continue
         lower, upper = (_limit(limit, key, joint, path) for key in _BOUNDS)
         if lower == upper:
@@ -56,7 +56,7 @@ def _fix(joint: ET.Element, position: float, path: Path) -> None:
         if joint.get("type") == "prismatic":
             xyz = xyz + rotation @ axis * position
         else:
-            rpy = pin.rpy.matrixToRpy(rotation @ pin.AngleAxis(position, axis).matrix())
+            rpy = pin.rpy.matrixToRpy(rotation @ pin.exp3(position * axis))
         origin.set("xyz", words(xyz))
         origin.set("rpy", words(rpy))
     joint.set("type", "fixed")
@@ -82,7 +82,7 @@ def clean_joints(root: ET.Element, path: Path) -> Iterator[str]:
 def _clean_limit(joint: ET.Element, path: Path, unlimited: list[str]) -> Iterator[str]:
     """Write all four numbers of a joint's <limit>; a joint that has neither bound is added to `unlimited`."""
     limit, name = child(joint, "limit"), joint.get("name")
-    given = [key for key in _BOUNDS if key in limit.keys()]
+    given = [key for key in _BOUNDS if key in limit.attrib]
     if joint.get("type") == "continuous" or not given:
         if joint.get("type") != "continuous":
             unlimited.append(str(name))
