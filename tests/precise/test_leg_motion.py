@@ -111,7 +111,7 @@ def test_links_have_directions_where_the_next_joint_lies_on_the_axis_too(tmp_pat
         legs.axes @ legs.axes.swapaxes(-1, -2), np.broadcast_to(np.eye(3), (4, 3, 3, 3)), atol=1e-12
     )
     np.testing.assert_array_equal(legs.axes[:, 0, :, 2], np.tile([1.0, 0, 0], (4, 1)))
-    x, y, z = map(float, offset.split())
+    _, y, z = map(float, offset.split())
     np.testing.assert_allclose(legs.reach[:, 0], np.hypot(y, z), rtol=1e-9)
     if legs.reach[0, 0] < 1e-6:  # down to the knee then
         np.testing.assert_allclose(legs.axes[:, 0, :, 0], np.tile([0.0, 0, -1], (4, 1)), atol=1e-12)

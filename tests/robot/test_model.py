@@ -354,7 +354,8 @@ def test_a_foot_frame_must_exist_and_be_below_the_legs_own_knee(refusal):
 
 def test_a_leg_that_ends_at_its_knee_needs_a_foot(refusal):
     assert refusal(quadruped_urdf(foot_links=False)) == (
-        "robot model 'robot': nothing marks the foot of leg FL: below joint 'FL_2' are only meshes, and frames on its axis; "
+        "robot model 'robot': nothing marks the foot of leg FL: below joint 'FL_2' there is neither a frame nor a "
+        "sphere away from its axis; "
         'add a fixed link at the foot\'s centre in a copy of the file (a <link> and a <joint type="fixed"> whose origin is '
         "there, or a site in MJCF)"
     )

@@ -152,8 +152,8 @@ def _found_foot(
             return placement, radius
     if _on_knee(model, knee, farthest):
         raise ModelError(
-            f"robot model {str(path)!r}: nothing marks the foot of leg {leg}: below joint {str(model.names[knee])!r} are only "
-            f"meshes, and frames on its axis; {_ADD_FOOT}"
+            f"robot model {str(path)!r}: nothing marks the foot of leg {leg}: below joint {str(model.names[knee])!r} there is "
+            f"neither a frame nor a sphere away from its axis; {_ADD_FOOT}"
         )
     return pin.SE3(np.eye(3), farthest), None
 

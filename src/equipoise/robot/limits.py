@@ -16,35 +16,8 @@ from equipoise.robot.legs import Leg
 from equipoise.robot.tree import joint_axis
 
 _ROUNDED = 1e-3  # [rad] that a described limit may lie beyond the file's, which has more digits
-# Limits beyond two turns either stand for none, as +-10 or +-100, or are degrees: then they are not symmetric, or a whole
-# number of degrees that joints have.
+# Limits beyond two turns either stand for none, as +-10, +-100 or +-10 pi, or are degrees.
 _FEWEST_DEGREES, _MOST_DEGREES = 4 * np.pi, 720.0
-_USUAL_DEGREES = (
-    15,
-    20,
-    25,
-    30,
-    35,
-    40,
-    45,
-    50,
-    55,
-    60,
-    70,
-    75,
-    80,
-    90,
-    110,
-    120,
-    135,
-    140,
-    150,
-    160,
-    170,
-    180,
-    270,
-    360,
-)
 _FEWEST_RADIANS = 2 * np.pi**2 / 180  # [rad]; limits of all joints below it were radians, and read as degrees
 _MIRRORED = 0.05  # [rad] that limits of the two sides may differ
 _SAME_PLACE_RATIO = 0.01  # of the leg length; places that are mirrored at zero differ by less
@@ -106,11 +79,11 @@ def refuse_degrees(model: pin.Model, path: Path) -> None:
 
 def _looks_like_degrees(lower: float, upper: float) -> bool:
     largest = max(-lower, upper)
-    if lower > UNLIMITED_JOINT_RANGE or upper < -UNLIMITED_JOINT_RANGE:
-        return True
-    if not _FEWEST_DEGREES < largest <= _MOST_DEGREES:
-        return False
-    return abs(lower + upper) > 1e-3 * largest or any(abs(largest - usual) < 1e-6 for usual in _USUAL_DEGREES)
+    if not 1.001 * _FEWEST_DEGREES < largest <= _MOST_DEGREES:
+        return max(lower, -upper) > UNLIMITED_JOINT_RANGE
+    turns, decades = largest / np.pi, np.log10(largest)
+    stands_for_none = abs(turns - round(turns)) < 0.01 or abs(decades - round(decades)) < 1e-6
+    return abs(lower + upper) > 1e-3 * largest or not stands_for_none
 
 
 def limits_not_mirrored(model: pin.Model, legs: Mapping[str, Leg], leg_length: float) -> Iterator[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.links import link_names
+from equipoise.robot.links import file_links
 from equipoise.robot.model import RobotModel
 from equipoise.robot.tree import read_shapes
 
@@ -28,15 +28,16 @@ def coms_outside(robot: RobotModel) -> Iterator[Found]:
     """Compare each link's CoM with the box around its joints, frames and shapes and those of the link above it."""
     model, shapes = robot.full_pinocchio, read_shapes(robot.source)[1]
     points = {joint: _points_of(model, shapes, joint) for joint in range(1, model.njoints)}
-    for joint, name in link_names(model).items():
-        body = model.inertias[joint]
-        outside = _distance_to_box(body.lever, points[joint])
-        if (parent := model.parents[joint]) > 0:
-            com_in_parent = model.jointPlacements[joint].act(body.lever)
+    for link in file_links(model):
+        com, parent = link.placement.act(link.inertia.lever), model.parents[link.joint]
+        outside = _distance_to_box(com, points[link.joint])
+        if parent > 0:
+            com_in_parent = model.jointPlacements[link.joint].act(com)
             outside = min(outside, _distance_to_box(com_in_parent, points[parent]))
-        if body.mass > _LEAST_MASS * robot.mass and outside > _OUTSIDE * robot.leg_length:
-            com = ", ".join(f"{value * 1000:.0f}" for value in body.lever)
-            yield name, f"a centre of mass at ({com}) mm that is {outside * 1000:.0f} mm outside its joints and shapes"
+        if link.inertia.mass > _LEAST_MASS * robot.mass and outside > _OUTSIDE * robot.leg_length:
+            shown = ", ".join(f"{value * 1000:.0f}" for value in link.inertia.lever)
+            text = f"a centre of mass at ({shown}) mm that is {outside * 1000:.0f} mm outside its joints and shapes"
+            yield link.name, text
 
 
 def _points_of(model: pin.Model, shapes: pin.GeometryModel, joint: int) -> FloatArray:

@@ -132,7 +132,7 @@ def _of_joints(locked: dict[str, float], couplings: list[Coupling]) -> Iterator[
         joints = ", ".join(f"{joint} at {position:g}" for joint, position in locked.items())
         yield f"joints whose lower and upper limits are equal are taken to be locked there: {joints}"
     if couplings:
-        tied = ", ".join(f"{' with '.join(joints) or 'links'} ({element})" for element, joints in couplings)
+        tied = ", ".join(f"{' with '.join(joints)} ({element})" for element, joints in couplings)
         yield f"couplings of joints that are held still are ignored: {tied}"
 
 

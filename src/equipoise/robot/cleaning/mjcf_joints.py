@@ -64,8 +64,8 @@ def couplings_of(root: ET.Element) -> list[Coupling]:
     moving |= {
         t.get("name", "") for t in root.iterfind("tendon/fixed") if any(key in t.attrib for key in _MOVED_BY_TENDON)
     }
-    by_tendon = [("<tendon>", joints) for name, joints in tendons.items() if name in moving]
-    return [*_equalities(root, tendons), *(coupling for coupling in by_tendon if len(coupling[1]) > 1)]
+    by_tendon = [("<tendon>", joints) for name, joints in tendons.items() if name in moving and len(joints) > 1]
+    return [*_equalities(root, tendons), *by_tendon]
 
 
 def _equalities(root: ET.Element, tendons: dict[str, tuple[str, ...]]) -> Iterator[Coupling]:
@@ -81,7 +81,8 @@ def _equalities(root: ET.Element, tendons: dict[str, tuple[str, ...]]) -> Iterat
         else:
             parts = [element.get(f"{kind}{end}", "") for kind in ("body", "site") for end in ("1", "2")]
             joints = tuple(joint for part in parts for joint in above.get(part, ()))
-        yield f"<equality> <{element.tag}>", joints
+        if joints:
+            yield f"<equality> <{element.tag}>", joints
 
 
 def _joints_by_part(root: ET.Element) -> dict[str, tuple[str, ...]]:
