@@ -205,8 +205,8 @@ MIRRORED = {"hip": (-0.4, 1.2), "thigh": (-3.0, 1.5), "calf": (0.5, 2.6)}
 def test_limits_that_are_copied_and_not_mirrored_are_warned_of(load, warned):
     text = cases.urdf(mirrored_axes=True)
     message = (
-        "limits of FL_calf_joint and FR_calf_joint are not mirrored: -2.6 to -0.5 rad both, though their axes are; mirrored, "
-        "FL_calf_joint has 0.5 to 2.6 rad"
+        "limits of FL_calf_joint and FR_calf_joint are not mirrored: -2.6 to -0.5 rad both, though equal angles do not mirror "
+        "these legs; mirrored, FL_calf_joint has 0.5 to 2.6 rad"
     )
     assert f"quad: {message}" in warned(text)
     assert ("", message) in findings(load(text))
@@ -273,6 +273,17 @@ def test_inertias_in_another_unit_are_refused_with_the_factor(refusal, unit, pow
     message = refusal(cases.with_inertias_times(cases.urdf(), 10.0**power, link))
     assert f"it looks like {unit}; divide by 1e{power} the inertias of trunk" in message
     assert message.endswith("all other links" if link != "trunk" else "of trunk, which gives kg m2")
+
+
+def test_an_inertia_that_no_body_can_have_is_in_no_unit(load):
+    text = cases.urdf().replace('ixx="0.025"', 'ixx="90.025"')
+    assert [link for link, _ in findings(load(text), "error")] == ["trunk"]
+
+
+@pytest.mark.parametrize("moment", [0.1, 1.0])
+def test_a_placeholder_is_in_no_unit(load, moment):
+    text = re.sub(r'i([xyz])\1="[^"]*"', rf'i\1\1="{moment}"', cases.urdf())
+    assert any("placeholder" in text for _, text in findings(load(text)))
 
 
 @pytest.mark.parametrize("moved", ["0.1 0 -0.04", "0 0 0.1", "0 0.2 -0.04"])

@@ -114,7 +114,7 @@ def limits_not_mirrored(model: pin.Model, legs: Mapping[str, Leg], leg_length: f
             same = np.abs(np.subtract(of_left, of_right)).max() <= _MIRRORED
             yield (
                 f"limits of {model.names[one]} and {model.names[other]} are not mirrored: {_span(of_left)} rad"
-                + (" both, though their axes are" if same else f" and {_span(of_right)} rad")
+                + (" both, though equal angles do not mirror these legs" if same else f" and {_span(of_right)} rad")
                 + f"; mirrored, {model.names[one]} has {_span(mirrored)} rad"
             )
 

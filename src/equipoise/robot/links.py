@@ -13,6 +13,7 @@ import pinocchio as pin
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError
 from equipoise.robot.scale import HEAVIEST
+from equipoise.robot.source import ModelSource
 
 # A link's own inertia is the joint's less what is fixed to it; what is left of this fraction of the robot is rounding.
 _ROUNDING = 1e-6
@@ -83,15 +84,16 @@ def equal_round_moment(inertia: FloatArray) -> float | None:
     return moment if abs(digits - round(digits)) < 10 * _EQUAL else None
 
 
-def refuse_other_units(model: pin.Model, leg_length: float, hips: FloatArray, path: Path) -> None:
+def refuse_other_units(model: pin.Model, leg_length: float, hips: FloatArray, source: ModelSource) -> None:
     """Refuse a file that does not count in metres, kilograms and kg m2; drawings are made in millimetres and grams.
 
     Args:
         model: Pinocchio model with all joints of the file.
         leg_length: length of thigh and shank together [m].
         hips: (4, 3) hips in the base frame [m].
-        path: path of the file, for the message.
+        source: cleaned file; links whose inertia was repaired are left to the audit.
     """
+    path = source.path
     mass = float(pin.computeTotalMass(model))
     if leg_length > _LONGEST_LEG:
         like = "look like millimetres" if leg_length > _CENTIMETRES else "are in another unit"
@@ -104,9 +106,10 @@ def refuse_other_units(model: pin.Model, leg_length: float, hips: FloatArray, pa
             f"robot model {str(path)!r} weighs {mass:.0f} kg: its masses look like grams; give them in kg, inertias in kg m2"
         )
     links = [link for link in file_links(model) if link.inertia.mass > _MATTERS * mass]
+    repaired = {link.name for link in links if any(text.startswith(f"link {link.name!r} ") for text in source.repairs)}
     trunk = 2 * float(np.linalg.norm(hips - hips.mean(axis=0), axis=1).mean())
     _refuse_far_coms(links, trunk + leg_length, hips.mean(axis=0), path)
-    _refuse_large_inertias(links, trunk, leg_length / 2, path)
+    _refuse_large_inertias([link for link in links if link.name not in repaired], trunk, leg_length / 2, path)
 
 
 def _refuse_far_coms(links: list[FileLink], size: float, middle: FloatArray, path: Path) -> None:
@@ -130,8 +133,10 @@ def _refuse_large_inertias(links: list[FileLink], trunk: float, limb: float, pat
     ratios: dict[str, float] = {}
     for link in links:
         inertia, length = np.array(link.inertia.inertia), trunk if link.joint == 1 else limb
-        radius = radius_of_gyration_of(link.inertia.mass, np.diag(inertia))
-        if radius > _LARGEST_RADIUS * length and equal_round_moment(inertia) is None:
+        moments = np.asarray(np.linalg.eigvalsh(inertia), dtype=float)
+        physical, made_up = moments[2] <= 1.001 * (moments[0] + moments[1]), equal_round_moment(inertia) is not None
+        radius = radius_of_gyration_of(link.inertia.mass, moments)
+        if physical and not made_up and radius > _LARGEST_RADIUS * length:
             ratios[link.name] = radius / length
     if not ratios:
         return

@@ -134,7 +134,7 @@ class RobotModel:
         velocity, effort = _velocity_and_effort_limits(model, source)
         robot = cls(name, source, description, model, full, held, legs, lower, upper, velocity, effort)
         hips = hips_of(model, chains)
-        refuse_other_units(robot.full_pinocchio, robot.leg_length, hips, source.path)
+        refuse_other_units(robot.full_pinocchio, robot.leg_length, hips, source)
         _refuse_far_imu(robot, hips)
         for text in limits_not_mirrored(model, legs, robot.leg_length):
             warnings.warn(f"{name}: {text}", ModelWarning, stacklevel=3)

@@ -10,9 +10,8 @@ import numpy as np
 
 from equipoise.errors import ModelError
 from equipoise.robot.cleaning.mjcf_poses import AngleConvention, fold_reference
-from equipoise.robot.cleaning.urdf_joints import Coupling
+from equipoise.robot.cleaning.urdf_joints import SMALLEST_AXIS, Coupling
 
-_SMALLEST_AXIS = 1e-6  # length below which an axis has no direction; other readers normalise any
 _MOVED_BY_TENDON = ("stiffness", "range", "springlength")
 
 
@@ -38,7 +37,7 @@ def clean_joints(base: ET.Element, convention: AngleConvention, path: Path) -> d
 def _locked_at(joint: ET.Element, who: str) -> float | None:
     """Where a joint's limits lock it, in the file's unit; None if it can move."""
     axis = joint.get("axis", "0 0 1")
-    if not np.linalg.norm([float(word) for word in axis.split()]) > _SMALLEST_AXIS:
+    if not np.linalg.norm([float(word) for word in axis.split()]) > SMALLEST_AXIS:
         raise ModelError(
             f"{who}: axis {axis} has no direction; give the axis that it moves about or along, as 0 1 0, or take it out"
         )

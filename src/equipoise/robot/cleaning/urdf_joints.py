@@ -19,7 +19,8 @@ UNLIMITED_JOINT_RANGE = 2 * math.pi
 Coupling = tuple[str, tuple[str, ...]]
 """The element of a file that ties joints to each other, and their names."""
 _BOUNDS = ("lower", "upper")
-_SMALLEST_AXIS = 1e-6  # length below which an axis has no direction; other readers normalise any
+SMALLEST_AXIS = 1e-6
+"""Length below which an axis has no direction; other readers normalise any."""
 
 
 def couplings_of(root: ET.Element) -> list[Coupling]:
@@ -113,7 +114,7 @@ def _axis_of(joint: ET.Element, path: Path) -> NDArray[np.float64]:
     text = "1 0 0" if element is None else element.get("xyz", "1 0 0")
     axis = np.array([float(word) for word in text.split()])
     length = float(np.linalg.norm(axis))
-    if not length > _SMALLEST_AXIS:
+    if not length > SMALLEST_AXIS:
         raise ModelError(
             f"robot model {str(path)!r}: joint {joint.get('name')!r}: axis {text} has no direction; give the axis that it "
             "moves about or along, as 0 1 0, or make the joint fixed"
