@@ -20,6 +20,15 @@ from equipoise.robot.model import RobotModel
 
 BOX = '<collision><origin xyz="0.02 0 0.01"/><geometry><box size="{}"/></geometry></collision>'
 
+MIMIC = '<mimic joint="{}" multiplier="-2" offset="0"/>'
+FINGERS = "".join(
+    f'<link name="finger_{side}"><inertial><mass value="0.02"/>'
+    '<inertia ixx="1e-5" iyy="1e-5" izz="1.1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    f'<joint name="grip_{side}" type="prismatic"><parent link="trunk"/><child link="finger_{side}"/><axis xyz="0 1 0"/>'
+    f'<limit lower="0" upper="0.03" effort="1" velocity="1"/>{mimic}</joint>'
+    for side, mimic in (("left", ""), ("right", MIMIC.format("grip_left")))
+)
+
 
 @pytest.fixture
 def load(tmp_path):
@@ -121,6 +130,16 @@ def test_a_wheel_that_is_locked_is_the_foot(load):
     robot = load(text)
     np.testing.assert_array_equal(robot.lower_limit, load(cases.urdf()).lower_limit)
     assert {foot.radius for foot in robot.feet.values()} == {0.02}
+
+
+def test_a_slider_that_is_locked_stays_where_it_is(load):
+    finger = FINGERS.replace('lower="0" upper="0.03"', 'lower="0.02" upper="0.02"').replace(
+        MIMIC.format("grip_left"), ""
+    )
+    still = FINGERS.replace("<parent", '<origin xyz="0 0.02 0"/><parent').replace('"prismatic"', '"fixed"')
+    locked, fixed = (load(cases.urdf(extra=extra)) for extra in (finger, still))
+    assert (locked.held, set(locked.source.locked)) == ({}, {"grip_left", "grip_right"})
+    np.testing.assert_allclose(composite(locked).com, composite(fixed).com, atol=1e-12)
 
 
 def test_a_robot_whose_joints_are_all_locked_is_refused_with_their_names(refusal):
@@ -329,15 +348,6 @@ def test_a_trunk_like_its_shape_or_with_a_shape_that_is_not_the_trunk_is_no_warn
 
 # --- couplings
 
-MIMIC = '<mimic joint="{}" multiplier="-2" offset="0"/>'
-FINGERS = "".join(
-    f'<link name="finger_{side}"><inertial><mass value="0.02"/>'
-    '<inertia ixx="1e-5" iyy="1e-5" izz="1.1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-    f'<joint name="grip_{side}" type="prismatic"><parent link="trunk"/><child link="finger_{side}"/><axis xyz="0 1 0"/>'
-    f'<limit lower="0" upper="0.03" effort="1" velocity="1"/>{mimic}</joint>'
-    for side, mimic in (("left", ""), ("right", MIMIC.format("grip_left")))
-)
-
 
 def test_leg_joints_that_mimic_are_refused(refusal):
     belt = MIMIC.format(r"\2_thigh_joint")
@@ -416,6 +426,9 @@ def test_a_trunk_that_is_merged_into_the_world_is_recognised(refusal):
 
 def test_a_trunk_without_a_freejoint_and_one_on_other_joints_are_told_apart(refusal):
     assert refusal(cases.mjcf()) == "has no floating base: give the trunk's body a <freejoint/>"
+    door = '<body name="door"><joint name="hinge"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+    static = f'{door}<body name="trunk">{{}}</body>'
+    assert refusal(cases.mjcf(static)) == "has no floating base: give the trunk's body a <freejoint/>"
     joints = '<joint name="x" type="slide" axis="1 0 0"/><joint name="yaw" axis="0 0 1"/>'
     assert refusal(cases.mjcf(f'<body name="trunk">{joints}{{}}</body>')) == (
         "has no floating base: replace the joints of trunk (x, yaw) by one <freejoint/>"
@@ -514,6 +527,12 @@ def test_a_second_hinge_in_a_body_is_named(refusal):
         "body 'FL_hip' of a leg has several joints, FL_hip_joint and FL_hip_backlash; legs need one joint a body: take "
         "FL_hip_backlash out in a copy of the file"
     )
+
+
+def test_of_two_hinges_in_a_body_the_one_that_moves_is_kept(refusal):
+    play = r'<joint name="\1_hip_backlash" axis="1 0 0" range="-0.01 0.01"/>'
+    text = re.sub(r'(?=<joint name="(\w\w)_hip_joint")', play, cases.mjcf(cases.FREE))
+    assert "FL_hip_joint and FL_hip_backlash; legs need one joint a body: take FL_hip_backlash out" in refusal(text)
 
 
 def with_backlash(part):

@@ -21,7 +21,7 @@ _EQUAL = 1e-6  # files print 4 to 9 digits
 
 _LONGEST_LEG = 5.0  # [m]; files in other units are a hundred to a thousand times the robot
 _CENTIMETRES = 50.0  # [m] of leg below which the unit is open: millimetres would make it a toy's
-_MATTERS = 0.01  # of the robot's mass; lighter links may have any placeholder
+_MATTERS = 0.01  # of the robot's mass; lighter links may have any placeholder for an inertia
 _FARTHEST_COM = 2.0  # robot sizes from a link's joint to its centre of mass; those of the catalogue have at most 0.3
 _MILLIMETRES = 20.0  # robot sizes beyond which the farthest CoM is in millimetres; in centimetres they are 4 to 15
 _LARGEST_RADIUS = 5.0  # radii of gyration over a link's length; in the smallest wrong unit, kg cm2, they are 10 to 50
@@ -105,11 +105,12 @@ def refuse_other_units(model: pin.Model, leg_length: float, hips: FloatArray, so
         raise ModelError(
             f"robot model {str(path)!r} weighs {mass:.0f} kg: its masses look like grams; give them in kg, inertias in kg m2"
         )
-    links = [link for link in file_links(model) if link.inertia.mass > _MATTERS * mass]
+    links = list(file_links(model))
     repaired = {link.name for link in links if any(text.startswith(f"link {link.name!r} ") for text in source.repairs)}
+    heavy = [link for link in links if link.inertia.mass > _MATTERS * mass and link.name not in repaired]
     trunk = 2 * float(np.linalg.norm(hips - hips.mean(axis=0), axis=1).mean())
     _refuse_far_coms(links, trunk + leg_length, hips.mean(axis=0), path)
-    _refuse_large_inertias([link for link in links if link.name not in repaired], trunk, leg_length / 2, path)
+    _refuse_large_inertias(heavy, trunk, leg_length / 2, path)
 
 
 def _refuse_far_coms(links: list[FileLink], size: float, middle: FloatArray, path: Path) -> None:

@@ -137,11 +137,11 @@ def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) 
     """Refuse joints of a leg that do not turn about one axis, or about the same one as the joint before."""
     where = f"robot model {str(source.path)!r}"
     for joint in chain:
-        together = _in_one_body(source, str(model.names[joint]))
+        body, *together = _in_one_body(source, str(model.names[joint]))
         if together:
             raise ModelError(
-                f"{where}: body {together[0]!r} of a leg has several joints, {' and '.join(together[1:])}; legs need one "
-                f"joint a body: take {' and '.join(together[2:])} out in a copy of the file"
+                f"{where}: body {body!r} of a leg has several joints, {' and '.join(together)}; legs need one joint a body: "
+                f"take {' and '.join(together[1:])} out in a copy of the file"
             )
         if (kind := _kind_unless_revolute(model, joint)) is not None:
             raise ModelError(
@@ -162,12 +162,20 @@ def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) 
 
 
 def _in_one_body(source: ModelSource, joint: str) -> list[str]:
-    """Name of the body of a composite joint of Pinocchio's, and of its joints in the file; empty for other joints."""
+    """Names of a joint's body and, if Pinocchio joined several of the file's, of those, the widest range first."""
     for body in ET.fromstring(source.xml).iter("body"):
-        names = [str(each.get("name")) for each in body.findall("joint")]
-        if len(names) > 1 and joint == f"Composite_{names[0]}":
-            return [str(body.get("name")), *names]
-    return []
+        joints = body.findall("joint")
+        if len(joints) > 1 and joint == f"Composite_{joints[0].get('name')}":
+            return [
+                str(body.get("name")),
+                *(str(each.get("name")) for each in sorted(joints, key=_range_of, reverse=True)),
+            ]
+    return [joint]
+
+
+def _range_of(joint: ET.Element) -> float:
+    words = joint.get("range", "-inf inf").split()
+    return float(words[-1]) - float(words[0])
 
 
 def _refuse_coupled(source: ModelSource, leg_joints: set[str]) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from equipoise.errors import ModelError
-from equipoise.robot.cleaning.mjcf_joints import clean_joints, couplings_of
+from equipoise.robot.cleaning.mjcf_joints import base_body, clean_joints, couplings_of
 from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
 from equipoise.robot.cleaning.urdf_joints import Coupling
 
@@ -58,7 +58,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
     _flatten_defaults(root, defaults)
     at_home = {} if home is None else _joint_positions(root, home)
     write_plain_poses(root)
-    base = _base_body(root, path)
+    base = base_body(root, path)
     _refuse_generators(base, path)
     locked = clean_joints(base, AngleConvention.of(root), path)
     for key in ("pos", *ORIENTATIONS):  # where the file starts the robot says nothing of the robot
@@ -242,33 +242,6 @@ def _flatten_defaults(root: ET.Element, defaults: _Defaults) -> None:
                     element.attrib.pop("range", None)
     for default in root.findall("default"):
         root.remove(default)
-
-
-def _base_body(root: ET.Element, path: Path) -> ET.Element:
-    bodies = [body for world in root.findall("worldbody") for body in world.findall("body")]
-    for body in bodies:
-        free = body.find("freejoint") is not None or any(j.get("type") == "free" for j in body.findall("joint"))
-        if free:
-            return body
-    raise ModelError(f"robot model {str(path)!r} {_without_base(bodies)}")
-
-
-def _without_base(bodies: list[ET.Element]) -> str:
-    """What a file lacks that has no body with a free joint."""
-    if not bodies:
-        return "has no <body> in its <worldbody>"
-    moving = [body for body in bodies if body.find("joint") is not None]
-    names = ", ".join(str(body.get("name")) for body in moving)
-    if len(moving) > 1:
-        return (
-            f"has no trunk: its legs ({names}) hang at the world, as MuJoCo writes a URDF without a floating joint. The "
-            "trunk's mass is not in the file: put the legs and the trunk's geoms into one <body> with a <freejoint/> and an "
-            "<inertial>, or give the URDF"
-        )
-    if moving:
-        joints = ", ".join(str(joint.get("name")) for joint in moving[0].findall("joint"))
-        return f"has no floating base: replace the joints of {names} ({joints}) by one <freejoint/>"
-    return "has no floating base: give the trunk's body a <freejoint/>"
 
 
 def _refuse_generators(base: ET.Element, path: Path) -> None:

@@ -12,7 +12,38 @@ from equipoise.errors import ModelError
 from equipoise.robot.cleaning.mjcf_poses import AngleConvention, fold_reference
 from equipoise.robot.cleaning.urdf_joints import SMALLEST_AXIS, Coupling
 
+_FEWEST_LEG_JOINTS = 8  # of a quadruped: four legs of two
 _MOVED_BY_TENDON = ("stiffness", "range", "springlength")
+
+
+def base_body(root: ET.Element, path: Path) -> ET.Element:
+    """Find the body with a free joint; refuse a file without one."""
+    bodies = [body for world in root.findall("worldbody") for body in world.findall("body")]
+    for body in bodies:
+        free = body.find("freejoint") is not None or any(j.get("type") == "free" for j in body.findall("joint"))
+        if free:
+            return body
+    raise ModelError(f"robot model {str(path)!r} {_without_base(bodies)}")
+
+
+def _without_base(bodies: list[ET.Element]) -> str:
+    """What a file lacks that has no body with a free joint."""
+    if not bodies:
+        return "has no <body> in its <worldbody>"
+    largest = max(bodies, key=lambda body: len(list(body.iter("joint"))))
+    legs = len(list(largest.iter("joint"))) >= _FEWEST_LEG_JOINTS
+    moving = [body for body in ([largest] if legs else bodies) if body.find("joint") is not None]
+    names = ", ".join(str(body.get("name")) for body in moving)
+    if len(moving) > 1:
+        return (
+            f"has no trunk: its legs ({names}) hang at the world, as MuJoCo writes a URDF without a floating joint. The "
+            "trunk's mass is not in the file: put the legs and the trunk's geoms into one <body> with a <freejoint/> and an "
+            "<inertial>, or give the URDF"
+        )
+    if moving:
+        joints = ", ".join(str(joint.get("name")) for joint in moving[0].findall("joint"))
+        return f"has no floating base: replace the joints of {names} ({joints}) by one <freejoint/>"
+    return "has no floating base: give the trunk's body a <freejoint/>"
 
 
 def clean_joints(base: ET.Element, convention: AngleConvention, path: Path) -> dict[str, float]:
