@@ -256,6 +256,11 @@ def test_limits_that_differ_between_the_sides_are_warned_of(warned):
     )
 
 
+def test_limits_that_differ_by_tolerances_are_not_warned_of(warned):
+    assert warned(cases.urdf(left_limits={**cases.LIMITS, "calf": (-2.51, -0.5)})) == []
+    assert len(warned(cases.urdf(left_limits={**cases.LIMITS, "calf": (-2.49, -0.5)}))) == 2
+
+
 def test_limits_that_a_description_narrows_on_one_side_are_no_defect_of_the_file(load):
     described = RobotDescription(joint_limits={"FL_calf_joint": (-2.0, -1.0)})
     assert findings(load(cases.urdf(), described)) == []

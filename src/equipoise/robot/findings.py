@@ -254,7 +254,7 @@ def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) ->
 
 
 def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
-    """Position limits that are not mirrored, or that there are none of."""
+    """Find position limits that are not mirrored, and joints without any."""
     for text in limits_not_mirrored(robot.pinocchio, robot.legs, robot.leg_length):
         yield ModelFinding("warning", "", text)
     spans = zip(robot.joint_names, robot.lower_limit, robot.upper_limit, strict=True)

@@ -159,6 +159,6 @@ def _found_foot(
 
 
 def _on_knee(model: pin.Model, knee: int, foot: FloatArray) -> bool:
-    """Whether a (3,) point in the knee joint's frame [m] is so near to its axis that there is no shank."""
+    """Return whether a (3,) point in the knee joint's frame [m] is so near to its axis that there is no shank."""
     thigh = float(np.linalg.norm(model.jointPlacements[knee].translation))
     return float(np.linalg.norm(np.cross(joint_axis(model, knee), foot))) < max(_SHORTEST_SHANK, _SHANK_RATIO * thigh)

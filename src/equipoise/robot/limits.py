@@ -19,7 +19,7 @@ _ROUNDED = 1e-3  # [rad] that a described limit may lie beyond the file's, which
 # Limits beyond two turns either stand for none, as +-10, +-100 or +-10 pi, or are degrees.
 _FEWEST_DEGREES, _MOST_DEGREES = 4 * np.pi, 720.0
 _FEWEST_RADIANS = 2 * np.pi**2 / 180  # [rad]; limits of all joints below it were radians, and read as degrees
-_MIRRORED = 0.05  # [rad] that limits of the two sides may differ
+_MIRRORED = 0.1  # [rad] that limits of the two sides may differ; the thighs of Spot differ by 0.06
 _SAME_PLACE_RATIO = 0.01  # of the leg length; places that are mirrored at zero differ by less
 _SAME_AXIS = 0.01  # [rad]
 
@@ -78,6 +78,7 @@ def refuse_degrees(model: pin.Model, path: Path) -> None:
 
 
 def _looks_like_degrees(lower: float, upper: float) -> bool:
+    """Return whether limits [rad] are beyond what a leg joint can do and do not stand for none."""
     largest = max(-lower, upper)
     if not 1.001 * _FEWEST_DEGREES < largest <= _MOST_DEGREES:
         return max(lower, -upper) > UNLIMITED_JOINT_RANGE
@@ -87,7 +88,7 @@ def _looks_like_degrees(lower: float, upper: float) -> bool:
 
 
 def limits_not_mirrored(model: pin.Model, legs: Mapping[str, Leg], leg_length: float) -> Iterator[str]:
-    """Compare the file's limits of left and right legs, joint by joint; yields what speaks against them.
+    """Compare the file's limits of left and right legs, joint by joint, and yield a sentence for each pair that differs.
 
     Mirroring in the plane y = 0 turns an axis (x, y, z) to (-x, y, -z). Where a left joint has that axis its limits are the
     right one's; where it has the opposite one they are those with exchanged signs. Joints that are not mirrored at zero
@@ -120,7 +121,7 @@ def limits_not_mirrored(model: pin.Model, legs: Mapping[str, Leg], leg_length: f
 
 
 def _points(data: pin.Data, leg: Leg) -> FloatArray:
-    """(n + 1, 3) joints and foot of a leg in the base frame [m]."""
+    """Return (n + 1, 3) joints and foot of a leg in the base frame [m]."""
     return np.array(
         [*(data.oMi[joint].translation for joint in leg.joint_ids), data.oMf[leg.foot_frame_id].translation]
     )

@@ -41,7 +41,7 @@ def coms_outside(robot: RobotModel) -> Iterator[Found]:
 
 
 def _points_of(model: pin.Model, shapes: pin.GeometryModel, joint: int) -> FloatArray:
-    """(n, 3) points of a joint's link in its frame: its joints and frames, and corners of boxes around its shapes [m]."""
+    """Return (n, 3) points of a joint's link in its frame: its joints and frames, and corners of boxes around its shapes [m]."""
     below = [
         model.jointPlacements[other].translation for other in range(2, model.njoints) if model.parents[other] == joint
     ]
@@ -57,7 +57,7 @@ def _points_of(model: pin.Model, shapes: pin.GeometryModel, joint: int) -> Float
 
 
 def _distance_to_box(point: FloatArray, points: FloatArray) -> float:
-    """Distance of a (3,) point from the axis-aligned box around (n, 3) points [m]."""
+    """Compute the distance of a (3,) point from the axis-aligned box around (n, 3) points [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
     return float(np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0)))
 

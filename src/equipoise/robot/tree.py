@@ -105,7 +105,7 @@ def leg_chains(model: pin.Model, source: ModelSource) -> list[list[str]]:
 
 
 def _limbs(model: pin.Model, by_length: dict[int, list[list[int]]]) -> str:
-    """How many limbs of how many joints there are, with the joints of one of each."""
+    """Count limbs by their number of joints, with the joints of one of each."""
     return ", ".join(
         f"{len(group)} of {length} joints ({', '.join(str(model.names[joint]) for joint in group[0])})"
         for length, group in sorted(by_length.items())
@@ -113,7 +113,7 @@ def _limbs(model: pin.Model, by_length: dict[int, list[list[int]]]) -> str:
 
 
 def _not_leg_joints(model: pin.Model, chains: list[list[int]], source: ModelSource) -> str:
-    """Advice about joints that keep limbs from being legs."""
+    """Advise on joints that keep limbs from being legs."""
     advice = ""
     odd = {str(model.names[joint]): kind for chain in chains for joint in chain if (kind := _odd_kind(model, joint))}
     if odd:
@@ -125,7 +125,7 @@ def _not_leg_joints(model: pin.Model, chains: list[list[int]], source: ModelSour
 
 
 def _odd_kind(model: pin.Model, joint: int) -> str | None:
-    """The kind of a joint that does not turn about one axis, or that hardly moves; None for others."""
+    """Return the kind of a joint that does not turn about one axis, or that hardly moves; None for others."""
     kind, at = _kind_unless_revolute(model, joint), model.joints[joint]
     if kind is not None or at.nq != 1:
         return kind
@@ -162,7 +162,7 @@ def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) 
 
 
 def _in_one_body(source: ModelSource, joint: str) -> list[str]:
-    """Names of a joint's body and, if Pinocchio joined several of the file's, of those, the widest range first."""
+    """List a joint's body and, if Pinocchio joined several joints of the file, those, the widest range first."""
     for body in ET.fromstring(source.xml).iter("body"):
         joints = body.findall("joint")
         if len(joints) > 1 and joint == f"Composite_{joints[0].get('name')}":

@@ -27,7 +27,7 @@ def base_body(root: ET.Element, path: Path) -> ET.Element:
 
 
 def _without_base(bodies: list[ET.Element]) -> str:
-    """What a file lacks that has no body with a free joint."""
+    """Describe what a file without a free joint lacks."""
     if not bodies:
         return "has no <body> in its <worldbody>"
     largest = max(bodies, key=lambda body: len(list(body.iter("joint"))))
@@ -66,7 +66,7 @@ def clean_joints(base: ET.Element, convention: AngleConvention, path: Path) -> d
 
 
 def _locked_at(joint: ET.Element, who: str) -> float | None:
-    """Where a joint's limits lock it, in the file's unit; None if it can move."""
+    """Return where a joint's limits lock it, in the file's unit; None if it can move."""
     axis = joint.get("axis", "0 0 1")
     if not np.linalg.norm([float(word) for word in axis.split()]) > SMALLEST_AXIS:
         raise ModelError(
@@ -116,7 +116,7 @@ def _equalities(root: ET.Element, tendons: dict[str, tuple[str, ...]]) -> Iterat
 
 
 def _joints_by_part(root: ET.Element) -> dict[str, tuple[str, ...]]:
-    """Names of the joints of each body, by its name and by those of its sites."""
+    """List the joints of each body, by its name and by those of its sites."""
     found: dict[str, tuple[str, ...]] = {}
     for body in root.iter("body"):
         joints = tuple(joint.get("name", "") for joint in body.findall("joint") if joint.get("type") != "free")
