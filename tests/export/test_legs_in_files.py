@@ -11,8 +11,8 @@ from equipoise.errors import ModelError, SettingsError
 from equipoise.exports.formats import export
 from equipoise.result.findings import Link
 from equipoise.result.quantity import Quantity
-from equipoise.robot.bodies import link_names
 from equipoise.robot.inertial import composite_parameters
+from equipoise.robot.links import link_names
 
 
 def with_links(result):

@@ -15,7 +15,7 @@ from equipoise.motors.method import Motors
 from equipoise.precise.blocks.block import LEFT_OUT
 from equipoise.precise.blocks.planted import PlantedBlock
 from equipoise.recording.trials import MotorTrial
-from equipoise.robot.bodies import link_names
+from equipoise.robot.links import link_names
 
 HEAVY = {"leg_mass_common": 0.15, "leg_com_common": 4e-3, "cable": 0.0}
 

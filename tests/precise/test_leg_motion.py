@@ -1,8 +1,10 @@
 """Legs for many samples at once, against Pinocchio one by one."""
 
+import cases
 import numpy as np
 import pinocchio as pin
 import pytest
+from robots import load_text
 
 from equipoise.precise.measurements.leg_motion import LegChains, cross, cross_matrix
 from equipoise.robot.kinematics import foot_positions
@@ -99,6 +101,27 @@ def test_masses_and_joints_are_those_of_the_legs(robot):
     for number, name in enumerate(LEG_NAMES):
         assert [robot.joint_names[joint] for joint in legs.joints[number]] == list(robot.legs[name].joint_names)
         assert legs.foot_radius[number] == robot.legs[name].foot_radius
+
+
+@pytest.mark.parametrize("offset", ["0 0 0", "0 1e-18 0", "0.05 0 0", "0 1e-4 0", "0 0 1e-4"])
+def test_links_have_directions_where_the_next_joint_lies_on_the_axis_too(tmp_path, offset):
+    robot = load_text(tmp_path, cases.urdf(offset))
+    legs = LegChains(robot)
+    np.testing.assert_allclose(
+        legs.axes @ legs.axes.swapaxes(-1, -2), np.broadcast_to(np.eye(3), (4, 3, 3, 3)), atol=1e-12
+    )
+    np.testing.assert_array_equal(legs.axes[:, 0, :, 2], np.tile([1.0, 0, 0], (4, 1)))
+    _, y, z = map(float, offset.split())
+    np.testing.assert_allclose(legs.reach[:, 0], np.hypot(y, z), rtol=1e-9)
+    if legs.reach[0, 0] < 1e-6:  # down to the knee then
+        np.testing.assert_allclose(legs.axes[:, 0, :, 0], np.tile([0.0, 0, -1], (4, 1)), atol=1e-12)
+
+
+def test_a_link_of_a_leg_of_two_joints_may_have_no_length(tmp_path):
+    locked = cases.with_limits(cases.urdf("0 0 0"), "calf", 'lower="-1" upper="-1"')
+    legs = LegChains(load_text(tmp_path, locked))  # abduction and hip pitch, whose axes meet
+    assert np.isfinite(legs.axes).all()
+    np.testing.assert_allclose(legs.reach[:, 0], 0, atol=1e-12)
 
 
 def test_the_cross_product_is_numpys():

@@ -5,6 +5,7 @@ import itertools
 import json
 import warnings
 
+import cases
 import numpy as np
 import pytest
 from robots import load_text, quadruped_urdf
@@ -368,3 +369,10 @@ def test_a_predicted_robot_tips_to_where_its_com_is(a1, side):
     lift = predictor.lift(LiftDesign(BodyPosture(), "FL_RR", side))
     assert np.sign(lift.angular_velocity_in_imu[-1, 1]) == -side  # pitch
     assert np.abs(lift.angular_velocity_in_imu[-1]).max() > 0.05
+
+
+def test_a_robot_whose_hip_axes_meet_has_a_plan(tmp_path):
+    robot = load_text(tmp_path, cases.urdf("0 0 0"))
+    plan = make_plan(candidates_of(robot), 60.0)
+    assert plan.lifts
+    assert np.isfinite(plan.deviation).all()

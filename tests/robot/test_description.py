@@ -125,8 +125,14 @@ REFUSED = [
     ("imu_rpy = [0, 0, 90]", "imu_rpy is 0.0, 0.0, 90.0, which is beyond a whole turn; radians, not degrees?"),
     ("[held]\narm = nan", "held.arm must be finite, got nan"),
     ("[stance]\nFL_hip = inf", "stance.FL_hip must be finite, got inf"),
-    ("[joint_limits]\nFL_hip = [1, 1]", "joint_limits of 'FL_hip' are 1.0 to 1.0; the lower one comes first"),
-    ("[joint_limits]\nFL_hip = [0, nan]", "joint_limits of 'FL_hip' are 0.0 to nan; the lower one comes first"),
+    (
+        "[joint_limits]\nFL_hip = [1, 1]",
+        "joint_limits of 'FL_hip' are 1.0 to 1.0; the lower one comes first, and they may not be equal",
+    ),
+    (
+        "[joint_limits]\nFL_hip = [0, nan]",
+        "joint_limits of 'FL_hip' are 0.0 to nan; the lower one comes first, and they may not be equal",
+    ),
 ]
 
 

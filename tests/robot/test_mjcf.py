@@ -12,11 +12,11 @@ from robots import FOOT_RADIUS, FOUR_LEGS, load_text, quadruped_mjcf
 from scipy.spatial.transform import Rotation
 
 from equipoise.errors import ModelError
+from equipoise.robot.cleaning.mjcf_poses import AngleConvention, orientation
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.inertial import base_parameters
-from equipoise.robot.mjcf_poses import AngleConvention, orientation
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import read_model_source
-from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 RADIAN = '<compiler angle="radian"/>'
 
@@ -155,7 +155,8 @@ def test_nested_includes_are_looked_for_beside_the_main_file_and_then_beside_the
     text = quadruped_mjcf(head='<include file="parts/head.xml"/>')
     assert load_text(tmp_path, text).upper_limit[0] == pytest.approx(0.9)
     (tmp_path / "angles.xml").write_text('<mujoco><compiler angle="degree"/></mujoco>', encoding="utf-8")
-    assert load_text(tmp_path, text).upper_limit[0] == pytest.approx(np.deg2rad(0.9))
+    degrees = in_degrees(tmp_path, head='<include file="parts/head.xml"/>')
+    assert degrees.upper_limit[0] == pytest.approx(np.deg2rad(90))
 
 
 def test_files_that_include_each_other_are_refused(refusal, tmp_path):
@@ -220,8 +221,14 @@ def test_a_trunk_is_free_in_any_of_the_ways_to_say_so(robot, free):
     assert len(robot(head=head, free=free).joint_names) == 12
 
 
-def test_angles_are_degrees_unless_the_file_says_otherwise(robot):
-    assert robot(head="").upper_limit[0] == pytest.approx(np.deg2rad(0.9))
+def in_degrees(folder, **changes):
+    """The robot with the limits of its hip pitch joints and knees in degrees."""
+    text = quadruped_mjcf(**changes).replace('"-2.7 2.7"', '"-150 150"').replace('"-0.9 0.9"', '"-90 90"')
+    return load_text(folder, text)
+
+
+def test_angles_are_degrees_unless_the_file_says_otherwise(robot, tmp_path):
+    assert in_degrees(tmp_path, head="").upper_limit[0] == pytest.approx(np.deg2rad(90))
     assert robot(head='<compiler autolimits="true"/>' + RADIAN).upper_limit[0] == pytest.approx(0.9)
 
 
@@ -351,7 +358,7 @@ REFUSED = [
     ("<mujoco/>", "robot model 'robot.xml' has no <body> in its <worldbody>"),
     (
         quadruped_mjcf(trunk_extra='<body><inertial pos="0 0 0" mass="nan" diaginertia="1 1 1"/></body>'),
-        "robot model 'robot.xml': <inertial> has mass='nan'; every number must be finite",
+        "robot model 'robot.xml': <inertial> of 'unnamed_body_1' has mass='nan'; every number must be finite",
     ),
     (
         quadruped_mjcf(trunk_extra='<body euler="a b c"/>'),
@@ -377,7 +384,7 @@ def test_a_file_that_cannot_be_meant_is_refused_with_the_reason(refusal, text, m
 
 def test_a_joint_of_more_than_one_axis_in_a_leg_is_refused(tmp_path):
     text = quadruped_mjcf().replace('<joint name="FL_0" axis="1 0 0" range="-0.9 0.9"/>', '<joint type="ball"/>')
-    with pytest.raises(ModelError, match=r"leg joint 'unnamed_joint_1_0' is one of more than one axis \(Spherical\)"):
+    with pytest.raises(ModelError, match=r"leg joint 'unnamed_joint_1_0' is of more than one axis \(spherical\)"):
         load_text(tmp_path, text)
 
 

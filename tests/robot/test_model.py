@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from robots import ARM, FOOT_RADIUS, FOUR_LEGS, HIPS, LINKS, REAR_TRUNK, SIX_LEGS, load_text, plain_name, quadruped_urdf
 
 from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.inertial import base_parameters, composite_parameters
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.tree import joint_axis
-from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
 NAMINGS = {
     "plain": plain_name,
@@ -119,10 +119,16 @@ def test_feet_are_where_their_names_say(quadruped):
 
 
 LIMBS = [
-    (quadruped_urdf(legs=FOUR_LEGS[:3]), "3 of 3 joints"),
-    (quadruped_urdf(legs=SIX_LEGS), "6 of 3 joints"),
-    (quadruped_urdf(legs=SIX_LEGS, joints_per_leg=2, arm_joints=5), "6 of 2 joints, 1 of 5 joints"),
-    (quadruped_urdf(legs=FOUR_LEGS[:3], spine=True), "2 of 3 joints, 1 of 4 joints"),
+    (quadruped_urdf(legs=FOUR_LEGS[:3]), "3 of 3 joints (FL_0, FL_1, FL_2)"),
+    (quadruped_urdf(legs=SIX_LEGS), "6 of 3 joints (FL_0, FL_1, FL_2)"),
+    (
+        quadruped_urdf(legs=SIX_LEGS, joints_per_leg=2, arm_joints=5),
+        "6 of 2 joints (FL_0, FL_1), 1 of 5 joints (arm_0, arm_1, arm_2, arm_3, arm_4)",
+    ),
+    (
+        quadruped_urdf(legs=FOUR_LEGS[:3], spine=True),
+        "2 of 3 joints (FL_0, FL_1, FL_2), 1 of 4 joints (spine, RL_0, RL_1, RL_2)",
+    ),
     (quadruped_urdf(legs=[]), "none"),
 ]
 
@@ -130,7 +136,7 @@ LIMBS = [
 @pytest.mark.parametrize(("text", "found"), LIMBS, ids=[found for _, found in LIMBS])
 def test_what_has_not_four_legs_is_refused_with_what_was_found(refusal, text, found):
     assert refusal(text) == (
-        "robot model 'robot' is no quadruped that equipoise knows: it needs exactly four legs of two or three joints "
+        "robot model 'robot' is not a quadruped that equipoise knows: it needs exactly four legs of two or three joints "
         f"each; limbs found: {found}"
     )
 
@@ -179,8 +185,8 @@ def test_files_in_other_units_are_refused(refusal, text, said):
     ("kind", "said"),
     [
         ("prismatic", "prismatic"),
-        ("planar", "one of more than one axis (Planar)"),
-        ("floating", "one of more than one axis (FreeFlyer)"),
+        ("planar", "of more than one axis (planar)"),
+        ("floating", "floating"),
     ],
 )
 def test_a_leg_joint_that_does_not_turn_about_one_axis_is_refused(refusal, kind, said):
@@ -346,10 +352,12 @@ def test_a_foot_frame_must_exist_and_be_below_the_legs_own_knee(refusal):
         )
 
 
-def test_a_leg_that_ends_at_its_knee_needs_a_described_foot(refusal):
+def test_a_leg_that_ends_at_its_knee_needs_a_foot(refusal):
     assert refusal(quadruped_urdf(foot_links=False)) == (
-        "robot model 'robot': nothing marks the foot of leg FL (below joint 'FL_2'); name its frame under [foot_frames] "
-        "in a description"
+        "robot model 'robot': nothing marks the foot of leg FL: below joint 'FL_2' there is neither a frame nor a "
+        "sphere away from its axis; "
+        'add a fixed link at the foot\'s centre in a copy of the file (a <link> and a <joint type="fixed"> whose origin is '
+        "there, or a site in MJCF)"
     )
 
 
@@ -386,13 +394,10 @@ def test_joints_that_turn_without_end_are_bounded_by_two_turns(load):
     np.testing.assert_allclose(robot.lower_limit, -robot.upper_limit)
 
 
-def test_limits_of_zero_mean_none(load):
-    text = quadruped_urdf().replace('effort="30" velocity="20"', 'effort="0" velocity="0"')
-    robot = load(text.replace('lower="-0.9" upper="0.9"', 'lower="0" upper="0"'))
+def test_limits_of_torque_and_speed_of_zero_mean_none(load):
+    robot = load(quadruped_urdf().replace('effort="30" velocity="20"', 'effort="0" velocity="0"'))
     assert np.isinf(robot.effort_limit).all()
     assert np.isinf(robot.velocity_limit).all()
-    assert robot.upper_limit[0] == UNLIMITED_JOINT_RANGE
-    assert robot.lower_limit[0] == -UNLIMITED_JOINT_RANGE
 
 
 def test_described_limits_win(load, refusal):

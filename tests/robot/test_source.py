@@ -13,9 +13,10 @@ from hypothesis.extra import numpy as hnp
 from robots import FOUR_LEGS, load_text, quadruped_mjcf, quadruped_urdf
 
 from equipoise.errors import ModelError, ModelWarning
+from equipoise.robot.cleaning.urdf import physical_inertia
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import read_model_source
-from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE, physical_inertia
 
 WORLD = '<link name="odom"/><link name="footprint"/>'
 
@@ -165,7 +166,7 @@ def test_the_inertia_of_real_matter_stays_as_it_is(points, mass):
 
 def test_a_massless_world_above_the_trunk_is_dropped(read):
     source = read(quadruped_urdf(world=True, foot_links=False))
-    assert source.repairs == ("massless link 'world' above the base 'trunk' is ignored",)
+    assert source.repairs == ("what is above the base 'trunk' is ignored: world",)
     assert "world" not in links_of(source)
     assert joint_of(source, "fix_base") is None
 
@@ -176,10 +177,7 @@ def test_a_chain_of_massless_links_is_dropped_down_to_the_trunk(read):
         '<joint name="b" type="fixed"><parent link="footprint"/><child link="trunk"/></joint>'
     )
     source = read(quadruped_urdf(extra=extra, foot_links=False))
-    assert source.repairs == (
-        "massless link 'odom' above the base 'footprint' is ignored",
-        "massless link 'footprint' above the base 'trunk' is ignored",
-    )
+    assert source.repairs == ("what is above the base 'trunk' is ignored: odom, footprint",)
 
 
 def test_a_described_base_link_ends_the_chain(read):
@@ -200,8 +198,8 @@ def test_continuous_joints_are_bounded(read):
 def test_a_joint_without_limits_gets_the_element_that_readers_want(read):
     source = read(edited(r'<axis xyz="1 0 0"/><limit [^>]*>', '<axis xyz="1 0 0"/>'))
     assert joint_of(source, "FL_0").find("limit").attrib == {
-        "lower": "0.0",
-        "upper": "0.0",
+        "lower": str(-UNLIMITED_JOINT_RANGE),
+        "upper": str(UNLIMITED_JOINT_RANGE),
         "effort": "0.0",
         "velocity": "0.0",
     }
@@ -250,11 +248,11 @@ def test_xacro_that_was_run_leaves_a_declaration_that_is_no_defect(read):
 DEFECTS = [
     (
         quadruped_urdf(trunk_mass="nan"),
-        ": <mass> has value='nan'; every number must be finite",
+        ": <mass> of 'trunk' has value='nan'; every number must be finite",
     ),
     (
         edited('lower="-0.9"', 'lower="-inf"'),
-        ": <limit> has lower='-inf'; every number must be finite",
+        ": <limit> of 'FL_0' has lower='-inf'; every number must be finite",
     ),
     (quadruped_urdf(trunk_mass=-6.0), ": link 'trunk' has a negative mass, -6.0 kg"),
     (quadruped_urdf(trunk_mass="heavy"), ": link 'trunk': mass is 'heavy', which is not a number"),
@@ -351,5 +349,5 @@ def test_what_the_reader_of_urdf_refuses_is_a_model_error_too(tmp_path, text):
 def test_every_repair_is_a_warning_that_names_the_robot(tmp_path):
     path = tmp_path / "spot.urdf"
     path.write_text(quadruped_urdf(world=True), encoding="utf-8")
-    with pytest.warns(ModelWarning, match=r"^spot: massless link 'world' above the base 'trunk' is ignored$"):
+    with pytest.warns(ModelWarning, match=r"^spot: what is above the base 'trunk' is ignored: world$"):
         RobotModel.from_file(path)

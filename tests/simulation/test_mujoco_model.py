@@ -54,7 +54,7 @@ CLUTTERED = quadruped_mjcf(
     + "".join(f'<motor name="{leg}_{j}" joint="{leg}_{j}" ctrlrange="-9 9"/>' for leg in FOUR_LEGS for j in range(3))
     + '</actuator><sensor><accelerometer name="own" site="s"/><gyro site="s"/></sensor>'
     '<keyframe><key name="home" qpos="0 0 0.5 1 0 0 0 0 0.5 -1 0 0.5 -1 0 0.5 -1 0 0.5 -1"/></keyframe>'
-    '<equality><joint joint1="FL_0" joint2="FR_0"/></equality>'
+    '<equality><joint joint1="FL_0" joint2="FR_0" active="false"/></equality>'
     '<tendon><fixed name="t"><joint joint="FL_1" coef="1"/></fixed></tendon>'
     '<contact><exclude body1="trunk" body2="FL_link_1"/></contact>',
 )

@@ -14,10 +14,10 @@ import pytest
 from robots import load_text, mjcf_arm_on_a_mount, quadruped_mjcf, quadruped_urdf, urdf_arm_on_a_mount
 
 from equipoise.errors import ModelWarning
-from equipoise.robot.bodies import link_names
 from equipoise.robot.catalog import CATALOG, load_robot
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, base_parameters, composite_parameters, nominal_inertia
+from equipoise.robot.links import link_names
 from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.effects import IDEAL
 from equipoise.simulation.mujoco_model import build_simulated_robot

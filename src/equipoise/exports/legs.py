@@ -12,8 +12,8 @@ from equipoise.exports.found import BASE, LEGS, MOTORS
 from equipoise.exports.model_file import edited_link, read_robot
 from equipoise.exports.subject import Subject, seen_from
 from equipoise.exports.xml_edit import Document, Edit
-from equipoise.robot.bodies import link_names
 from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
 
 COMMENT = ("equipoise: mass and first moment as found, with the base",)

@@ -19,9 +19,9 @@ from equipoise.exports.model_file import (
 from equipoise.exports.subject import PAYLOAD, Subject, number, numbers, seen_from
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Edit, Element, comment_lines
+from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS
 from equipoise.robot.forward import link_in_file
 from equipoise.robot.inertial import InertialParameters
-from equipoise.robot.mjcf_poses import ORIENTATIONS
 
 _ATTRIBUTES = {"armature": "armature", "frictionloss": "coulomb_friction", "damping": "viscous_friction"}
 _JOINTS = "joints' armature, frictionloss and damping as found, torques in the unit in which the motors report them"

@@ -20,14 +20,14 @@ from equipoise.exports.subject import PAYLOAD, FloatArray, Subject, UsersFile, s
 from equipoise.exports.written import Written
 from equipoise.exports.xml_edit import Document, Element, escaped
 from equipoise.result.calibration import Calibration
-from equipoise.robot.bodies import link_names
 from equipoise.robot.catalog import find_in_menagerie
+from equipoise.robot.cleaning.urdf import NEGLIGIBLE_MASS_FRACTION
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import InertialParameters, composite_parameters
 from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import parse_model_source
-from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION
 
 _SAME_LEGS, _OTHER_LEGS = 0.003, 0.05  # of the leg length; files of one robot place its feet to a few millimetres
 _CLOSE = 1e-9  # how well the file that is written must give the composite that was found, relative

@@ -17,10 +17,10 @@ from equipoise.errors import NotPhysicalError
 from equipoise.exports.found import Column
 from equipoise.result.calibration import Calibration
 from equipoise.result.statistics import NORMAL_95
+from equipoise.robot.cleaning.urdf import physical_inertia
 from equipoise.robot.forward import link_in_file
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.source import Forward
-from equipoise.robot.urdf import physical_inertia
 
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""

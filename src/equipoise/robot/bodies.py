@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.links import file_links, link_names, radius_of_gyration_of
 from equipoise.robot.model import RobotModel
-from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION
 
 # A hip's two joints can be 14 mm apart (Solo) and its motors are far larger: no leg link counts as smaller than this
 # fraction of the leg length.
@@ -119,37 +117,13 @@ def _distance_to_next(robot: RobotModel, joint: int) -> float:
     return float(np.linalg.norm(robot.pinocchio.frames[leg.foot_frame_id].placement.translation))
 
 
-def link_names(model: pin.Model) -> dict[int, str]:
-    """Name of the link that each joint moves, without those fixed to it."""
-    return {
-        int(frame.parentJoint): str(frame.name)
-        for frame in model.frames
-        if frame.type == pin.FrameType.BODY and model.frames[frame.parentFrame].type == pin.FrameType.JOINT
-    }
-
-
 def links_of(robot: RobotModel, bodies: dict[int, RigidBody]) -> Iterator[LinkInertial]:
-    """Every link that has mass, as the file gives it. Pinocchio keeps fixed links' inertias on their joints' frames.
+    """Every link that has mass, as the file gives it.
 
     The model before joints were held is asked, for a held arm's links are links too; they belong to the base.
     """
-    model = robot.full_pinocchio
     body_of = {robot.pinocchio.names[joint]: body for joint, body in bodies.items()}
-    fixed_names = {frame.parentFrame: str(frame.name) for frame in model.frames if frame.type == pin.FrameType.BODY}
-    own_names = link_names(model)
-    for joint in range(1, model.njoints):
-        body = body_of.get(model.names[joint], bodies[1])
-        own = pin.Inertia(model.inertias[joint])
-        for index, frame in enumerate(model.frames):
-            if frame.parentJoint == joint and frame.type == pin.FrameType.FIXED_JOINT and frame.inertia.mass > 0:
-                own -= frame.placement.act(frame.inertia)
-                name = fixed_names.get(index, str(frame.name))
-                yield LinkInertial(name, body, InertialParameters.from_pinocchio(frame.inertia))
-        if own.mass > NEGLIGIBLE_MASS_FRACTION * robot.mass:
-            name = own_names.get(joint, str(model.names[joint]))
-            yield LinkInertial(name, body, InertialParameters.from_pinocchio(own))
-
-
-def radius_of_gyration_of(mass: float, moments: FloatArray) -> float:
-    """sqrt(tr(I) / 2m) [m], from principal moments; 0 without mass."""
-    return math.sqrt(max(float(moments.sum()), 0.0) / (2 * mass)) if mass > 0 else 0.0
+    model = robot.full_pinocchio
+    for link in file_links(model):
+        body = body_of.get(model.names[link.joint], bodies[1])
+        yield LinkInertial(link.name, body, InertialParameters.from_pinocchio(link.inertia))

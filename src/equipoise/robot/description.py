@@ -83,7 +83,9 @@ class RobotDescription:
             )
         for joint, (lower, upper) in self.joint_limits.items():
             if not lower < upper:
-                raise SettingsError(f"joint_limits of {joint!r} are {lower} to {upper}; the lower one comes first")
+                raise SettingsError(
+                    f"joint_limits of {joint!r} are {lower} to {upper}; the lower one comes first, and they may not be equal"
+                )
 
     @classmethod
     def from_toml(cls, path: str | Path) -> RobotDescription:

@@ -11,11 +11,15 @@ import numpy as np
 import pinocchio as pin
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.bodies import LinkInertial, RigidBody, hip_positions, radius_of_gyration_of
+from equipoise.robot.bodies import LinkInertial, RigidBody, hip_positions
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.inertial import InertialParameters, base_parameters
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.legs import Leg
+from equipoise.robot.limits import limits_not_mirrored
+from equipoise.robot.links import equal_round_moment, radius_of_gyration_of
 from equipoise.robot.model import RobotModel
+from equipoise.robot.shape_findings import coms_outside, trunk_unlike_its_shapes
 from equipoise.robot.stance import Stance
 
 Severity = Literal["error", "warning", "note"]
@@ -30,8 +34,6 @@ _LARGEST_RADIUS_RATIO = 0.75
 # Steel [kg/m3]: motors and frames are steel and copper with much air, so no link is as compact as a solid steel ball.
 # The most compact body of the catalogue, Laikago's hip, has a radius of gyration 40 % above the ball's.
 _DENSEST = 7850.0
-# Files print 4 to 9 digits, and a link's own inertia is found by subtracting what is fixed to it.
-_EQUAL = 1e-6
 # Left and right are compared to 1 % in mass, 1 mm on an A1 (0.4 m legs) in CoM, which is what a calibration resolves,
 # and 2 % in inertia. Below that CAD exports differ by rounding (HyQ: 0.7 %).
 _SAME_MASS, _SAME_COM_RATIO, _SAME_INERTIA = 0.01, 0.0025, 0.02
@@ -79,12 +81,18 @@ def find(
     """
     impossible = [*_impossible_in_file(robot, links), *_impossible_as_read(bodies.values(), links), *_light_base(robot)]
     suspects = {finding.body for finding in impossible}
+    made_up = [
+        *_placeholders([link for link in links if link.name not in suspects]),
+        *_too_compact([body for body in bodies.values() if body.name not in suspects]),
+    ]
+    suspects |= {finding.body for finding in made_up}
     return _merged(
         [
             *impossible,
-            *_placeholders([link for link in links if link.name not in suspects]),
-            *_too_compact([body for body in bodies.values() if body.name not in suspects]),
+            *made_up,
+            *_misplaced(robot, suspects),
             *_asymmetries(robot, bodies, stance),
+            *_limits(robot),
             *_lateral_offsets(robot, composite),
             *_missing_limits(robot),
         ]
@@ -127,7 +135,7 @@ def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
     """Inertias that somebody typed to satisfy a parser: the identity and its like, or too large for the link."""
     for link in links:
         reasons: list[str] = []
-        moment = _equal_round_moment(link.parameters.inertia)
+        moment = equal_round_moment(link.parameters.inertia)
         matters = link.inertia_share >= _MATTERS
         if moment is not None and matters:  # small round parts, as feet taken for balls, are fair
             reasons.append(f"Ixx = Iyy = Izz = {moment:g} kg m2")
@@ -143,15 +151,6 @@ def _placeholders(links: list[LinkInertial]) -> Iterator[ModelFinding]:
             yield ModelFinding("warning" if matters else "note", link.name, text)
 
 
-def _equal_round_moment(inertia: FloatArray) -> float | None:
-    """The value of an inertia v * identity whose v has one digit, as 1, 0.1 or 5e-4 [kg m2]; else None."""
-    moment = float(np.trace(inertia)) / 3
-    if moment <= 0 or np.abs(inertia - moment * np.eye(3)).max() > _EQUAL * moment:
-        return None
-    digits = moment / 10 ** math.floor(math.log10(moment * (1 + _EQUAL)))
-    return moment if abs(digits - round(digits)) < 10 * _EQUAL else None
-
-
 def _too_compact(bodies: list[RigidBody]) -> Iterator[ModelFinding]:
     for body in bodies:
         radius = body.radius_of_gyration
@@ -163,6 +162,12 @@ def _too_compact(bodies: list[RigidBody]) -> Iterator[ModelFinding]:
                 f"{radius * 1000:.1f} mm, where a solid steel ball of that mass has {ball * 1000:.1f} mm"
             )
             yield ModelFinding("warning", body.name, text)
+
+
+def _misplaced(robot: RobotModel, suspects: set[str]) -> Iterator[ModelFinding]:
+    for link, text in (*coms_outside(robot), *trunk_unlike_its_shapes(robot)):
+        if link not in suspects:
+            yield ModelFinding("warning", link, text)
 
 
 def _asymmetries(robot: RobotModel, bodies: dict[int, RigidBody], stance: Stance | None) -> Iterator[ModelFinding]:
@@ -246,6 +251,18 @@ def _lateral_offsets(robot: RobotModel, composite: InertialParameters | None) ->
     middle = float(hip_positions(robot)[:, 1].mean())
     if abs(middle) >= _SMALLEST_OFFSET:
         yield ModelFinding("note", "", f"the hips' middle is at y = {middle * 1000:+.1f} mm in the base frame")
+
+
+def _limits(robot: RobotModel) -> Iterator[ModelFinding]:
+    """Find position limits that are not mirrored, and joints without any."""
+    for text in limits_not_mirrored(robot.pinocchio, robot.legs, robot.leg_length):
+        yield ModelFinding("warning", "", text)
+    spans = zip(robot.joint_names, robot.lower_limit, robot.upper_limit, strict=True)
+    endless = [name for name, low, high in spans if max(low, -high) <= -UNLIMITED_JOINT_RANGE]
+    if endless:
+        which = "all leg joints" if len(endless) == len(robot.joint_names) else ", ".join(endless)
+        text = f"no position limit within two turns of {which}; joint_limits in a robot description sets narrower ones"
+        yield ModelFinding("note", "", text)
 
 
 def _missing_limits(robot: RobotModel) -> Iterator[ModelFinding]:

@@ -9,12 +9,19 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.tree import Spheres, body_frame_of, joint_axis, name_legs
 
 # A model without foot spheres gets feet of this fraction of the leg length: Solo's 16 mm feet on 0.32 m legs.
 _DEFAULT_FOOT_RADIUS_RATIO = 0.05
+# What is nearer to the knee's axis is part of the knee [m; of the thigh's length]: motors and rotors are up to 0.05 off.
+_SHORTEST_SHANK, _SHANK_RATIO = 5e-3, 0.2
+_ADD_FOOT = (
+    'add a fixed link at the foot\'s centre in a copy of the file (a <link> and a <joint type="fixed"> whose origin is there, '
+    "or a site in MJCF)"
+)
 
 
 @dataclass(frozen=True)
@@ -116,6 +123,11 @@ def _described_foot(
     if not below_knee:
         raise SettingsError(f"foot frame {wanted!r} is not below the knee of leg {leg}")
     placement = pin.SE3(np.eye(3), np.array(below_knee[0].placement.translation))
+    if _on_knee(model, knee, placement.translation):
+        raise SettingsError(
+            f"foot frame {wanted!r} of leg {leg} sits on the knee's axis (joint {str(model.names[knee])!r}), as the frame of "
+            f"the link itself does; {_ADD_FOOT}"
+        )
     near = [
         radius
         for sphere, radius in spheres
@@ -135,11 +147,18 @@ def _found_foot(
     farthest = max(frames, key=lambda position: float(np.linalg.norm(position)))
     if spheres:
         placement, radius = max(spheres, key=lambda sphere: float(np.linalg.norm(sphere[0].translation)))
-        if np.linalg.norm(placement.translation) > 0.5 * np.linalg.norm(farthest):  # else it is part of the knee
+        part_of_knee = np.linalg.norm(placement.translation) <= 0.5 * np.linalg.norm(farthest)
+        if not part_of_knee and not _on_knee(model, knee, placement.translation):
             return placement, radius
-    if np.linalg.norm(farthest) < 1e-3:
+    if _on_knee(model, knee, farthest):
         raise ModelError(
-            f"robot model {str(path)!r}: nothing marks the foot of leg {leg} "
-            f"(below joint {model.names[knee]!r}); name its frame under [foot_frames] in a description"
+            f"robot model {str(path)!r}: nothing marks the foot of leg {leg}: below joint {str(model.names[knee])!r} there is "
+            f"neither a frame nor a sphere away from its axis; {_ADD_FOOT}"
         )
     return pin.SE3(np.eye(3), farthest), None
+
+
+def _on_knee(model: pin.Model, knee: int, foot: FloatArray) -> bool:
+    """Return whether a (3,) point in the knee joint's frame [m] is so near to its axis that there is no shank."""
+    thigh = float(np.linalg.norm(model.jointPlacements[knee].translation))
+    return float(np.linalg.norm(np.cross(joint_axis(model, knee), foot))) < max(_SHORTEST_SHANK, _SHANK_RATIO * thigh)

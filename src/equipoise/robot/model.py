@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, ModelWarning, SettingsError
+from equipoise.robot.cleaning.urdf import LIGHTEST_BASE, NEGLIGIBLE_MASS_FRACTION
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.forward import forward_axis, turned
 from equipoise.robot.legs import Leg, add_legs, leg_length
-from equipoise.robot.scale import HEAVIEST, Scale
+from equipoise.robot.limits import joint_index, limits_not_mirrored, position_limits, refuse_degrees
+from equipoise.robot.links import refuse_other_units
+from equipoise.robot.scale import Scale
 from equipoise.robot.source import ModelSource, read_model_source
 from equipoise.robot.tree import hips_of, hold_other_joints, leg_chains, read_pinocchio
-from equipoise.robot.urdf import NEGLIGIBLE_MASS_FRACTION, UNLIMITED_JOINT_RANGE
 
 DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", "RL")}
 """The two diagonals; each support line runs from the right foot to the left one."""
@@ -31,10 +33,6 @@ DIAGONALS: dict[str, tuple[str, str]] = {"FL_RR": ("FL", "RR"), "FR_RL": ("FR", 
 PAIRS = DIAGONALS | {"FL_RL": ("FL", "RL"), "FR_RR": ("FR", "RR"), "FL_FR": ("FL", "FR"), "RL_RR": ("RL", "RR")}
 """Two feet that a robot may stand on while it walks; of lifts it is a diagonal."""
 
-_LONGEST_LEG = 5.0  # [m]; files in other units are a hundred to a thousand times the robot
-_CENTIMETRES = 50.0  # [m] of leg below which the unit is not told: millimetres would make it a toy's
-_LIGHTEST_BASE = 0.05  # of its robot's mass; bases of the catalogue have 0.37 to 0.70
-_ROUNDED = 1e-3  # [rad] by which a described limit may be beyond the file's, where somebody wrote it with fewer digits
 
 _KP, _KD = 100.0, 3.0  # joint gains [Nm/rad], [Nm s/rad] on an A1
 
@@ -90,21 +88,6 @@ class RobotModel:
             limit.setflags(write=False)
         if not self.mass > 0:
             raise ModelError(f"robot model {str(self.source.path)!r} has no mass")
-        self._refuse_other_units()
-
-    def _refuse_other_units(self) -> None:
-        """URDF and MJCF count in metres and kilograms; drawings are made in millimetres and grams."""
-        path, legs = str(self.source.path), self.leg_length
-        if legs > _LONGEST_LEG:
-            like = "look like millimetres" if legs > _CENTIMETRES else "are in another unit"
-            raise ModelError(
-                f"robot model {path!r} has legs of {legs:.3g} m: its lengths {like}; give them in metres, inertias in kg m2"
-            )
-        if self.mass > HEAVIEST:
-            raise ModelError(
-                f"robot model {path!r} weighs {self.mass:.0f} kg: its masses look like grams; give them in kg, inertias in "
-                "kg m2"
-            )
 
     def __reduce__(self) -> tuple[type[RobotModel], tuple[Any, ...]]:
         """For pickle and copy, which know no read-only mappings."""
@@ -136,7 +119,7 @@ class RobotModel:
         # A file's name may be bytes that are no UTF-8, which no picture, page or JSON takes.
         name = name or source.path.stem.encode(errors="backslashreplace").decode()
         full, spheres = read_pinocchio(source)
-        chains = leg_chains(full, source.path)
+        chains = leg_chains(full, source)
         if source.forward == "+x":
             axis = description.forward or forward_axis(chains, hips_of(full, chains), source.path)
             if axis != "+x":
@@ -146,10 +129,15 @@ class RobotModel:
             warnings.warn(f"{name}: {repair}", ModelWarning, stacklevel=3)
         model, held = hold_other_joints(full.copy(), chains, description, source.home)
         legs = add_legs(model, chains, spheres, description, name, source.path)
-        lower, upper = _position_limits(model, description, name)
+        refuse_degrees(model, source.path)
+        lower, upper = position_limits(model, _joint_names(model), description, name)
         velocity, effort = _velocity_and_effort_limits(model, source)
         robot = cls(name, source, description, model, full, held, legs, lower, upper, velocity, effort)
-        _refuse_far_imu(robot, hips_of(model, chains))
+        hips = hips_of(model, chains)
+        refuse_other_units(robot.full_pinocchio, robot.leg_length, hips, source)
+        _refuse_far_imu(robot, hips)
+        for text in limits_not_mirrored(model, legs, robot.leg_length):
+            warnings.warn(f"{name}: {text}", ModelWarning, stacklevel=3)
         if robot.defect_of_base is not None:
             said = f"the base {robot.base_link!r} has {robot.defect_of_base}"
             if model.inertias[1].mass <= NEGLIGIBLE_MASS_FRACTION * robot.mass:
@@ -186,7 +174,7 @@ class RobotModel:
     def defect_of_base(self) -> str | None:
         """What is wrong with the mass that the file gives the base, or None if nothing is."""
         mass = float(self.pinocchio.inertias[1].mass)
-        if mass >= _LIGHTEST_BASE * self.mass:
+        if mass >= LIGHTEST_BASE * self.mass:
             return None
         return (
             f"hardly any mass, {mass:.3g} of the robot's {self.mass:.4g} kg, though motors and battery are there: give its "
@@ -261,7 +249,7 @@ class RobotModel:
         """(nj,) from values by joint name; every leg joint must be named once."""
         vector = np.full(len(self.joint_names), np.nan)
         for joint, value in by_name.items():
-            vector[_joint_index(self.joint_names, joint, key, self.name)] = value
+            vector[joint_index(self.joint_names, joint, key, self.name)] = value
         missing = [name for name, value in zip(self.joint_names, vector, strict=True) if np.isnan(value)]
         if missing:
             raise SettingsError(f"{key} lacks {', '.join(missing)}; it needs every leg joint")
@@ -275,34 +263,6 @@ def _base_link(model: pin.Model) -> str:
 
 def _joint_names(model: pin.Model) -> tuple[str, ...]:
     return tuple(str(name) for name in model.names[2:])
-
-
-def _joint_index(joint_names: Sequence[str], joint: str, key: str, robot: str) -> int:
-    try:
-        return joint_names.index(joint)
-    except ValueError:
-        raise SettingsError(
-            f"{key} names {joint!r}, which is no leg joint of {robot!r}; those are {', '.join(joint_names)}"
-        ) from None
-
-
-def _position_limits(model: pin.Model, description: RobotDescription, robot: str) -> tuple[FloatArray, FloatArray]:
-    """(nj,) lower and upper position limits [rad]: the model's where it gives any, or narrower described ones."""
-    lower, upper = np.array(model.lowerPositionLimit[7:]), np.array(model.upperPositionLimit[7:])
-    unlimited = ~(upper > lower)
-    lower[unlimited | (lower < -UNLIMITED_JOINT_RANGE)] = -UNLIMITED_JOINT_RANGE
-    upper[unlimited | (upper > UNLIMITED_JOINT_RANGE)] = UNLIMITED_JOINT_RANGE
-    names = _joint_names(model)
-    for joint, (least, most) in description.joint_limits.items():
-        index = _joint_index(names, joint, "joint_limits", robot)
-        if max(lower[index] - least, most - upper[index]) > _ROUNDED:
-            units = "; rad, not degrees?" if max(-least, most) > UNLIMITED_JOINT_RANGE else ""
-            raise SettingsError(
-                f"joint_limits of {joint!r} are {least:g} to {most:g} rad, beyond the model's {lower[index]:.3f} to "
-                f"{upper[index]:.3f} rad; they may be narrower, not wider{units}"
-            )
-        lower[index], upper[index] = max(least, lower[index]), min(most, upper[index])
-    return lower, upper
 
 
 def _refuse_far_imu(robot: RobotModel, hips: FloatArray) -> None:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from equipoise.errors import ModelError
-from equipoise.robot.urdf import clean_urdf
+from equipoise.robot.cleaning.urdf import clean_urdf
+from equipoise.robot.cleaning.urdf_joints import Coupling, couplings_of, fix_locked_joints
 
 ModelFormat = Literal["urdf", "mjcf"]
 Forward = Literal["+x", "+y", "-x", "-y"]
@@ -33,6 +35,8 @@ class ModelSource:
         effort_limits: torque limits by joint name [Nm], where the format keeps them outside the joint (MJCF).
         home: joint positions of the keyframe "home", by joint name [rad]; empty where the file has none.
         forward: axis of the file's base link that points forward; if not x, the model has a base link above it, turned.
+        locked: positions of joints that their limits lock, by name [rad or m]; they are fixed in the cleaned model.
+        couplings: elements that tie joints to each other, with the names of the joints; the cleaned model has none.
     """
 
     path: Path
@@ -43,6 +47,8 @@ class ModelSource:
     effort_limits: dict[str, float]
     home: dict[str, float] = field(default_factory=dict[str, float])
     forward: Forward = "+x"
+    locked: dict[str, float] = field(default_factory=dict[str, float])
+    couplings: tuple[Coupling, ...] = ()
 
 
 def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSource:
@@ -90,13 +96,15 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
-        repairs = list(clean_urdf(root, path, base_link))
-        return ModelSource(path, "urdf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), {})
+        couplings, locked = couplings_of(root), fix_locked_joints(root, path)
+        repairs = (*clean_urdf(root, path, base_link), *_of_joints(locked, couplings))
+        xml = ET.tostring(root, encoding="unicode")
+        return ModelSource(path, "urdf", xml, sha256, repairs, {}, locked=locked, couplings=tuple(couplings))
     if root.tag == "mujoco":
-        from equipoise.robot.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
+        from equipoise.robot.cleaning.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
 
         try:
-            root, repairs, effort_limits, home = clean_mjcf(root, path)
+            root, repairs, effort_limits, home, locked, couplings = clean_mjcf(root, path)
         except ModelError:
             raise
         except ValueError as error:
@@ -109,18 +117,34 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
                 f"{base.get('name')!r}"
             )
         xml = ET.tostring(root, encoding="unicode")
-        return ModelSource(path, "mjcf", xml, sha256, tuple(repairs), effort_limits, home)
+        repairs = (*repairs, *_of_joints(locked, couplings))
+        return ModelSource(
+            path, "mjcf", xml, sha256, repairs, effort_limits, home, locked=locked, couplings=tuple(couplings)
+        )
     raise ModelError(
         f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
         "or <mujoco> (MJCF)"
     )
 
 
-def _refuse_non_finite_numbers(root: ET.Element, path: Path) -> None:
-    for element in root.iter():
-        for key, value in element.attrib.items():
-            for word in value.split():
-                if word.lower().lstrip("+-") in ("nan", "inf", "infinity") and key not in ("name", "link", "joint"):
-                    raise ModelError(
-                        f"robot model {str(path)!r}: <{element.tag}> has {key}={value!r}; every number must be finite"
-                    )
+def _of_joints(locked: dict[str, float], couplings: list[Coupling]) -> Iterator[str]:
+    if locked:
+        joints = ", ".join(f"{joint} at {position:g}" for joint, position in locked.items())
+        yield f"joints whose lower and upper limits are equal are taken to be locked there: {joints}"
+    if couplings:
+        tied = ", ".join(f"{' with '.join(joints)} ({element})" for element, joints in couplings)
+        yield f"couplings of joints that are held still are ignored: {tied}"
+
+
+def _refuse_non_finite_numbers(root: ET.Element, path: Path, within: str = "") -> None:
+    """Refuse NaN and infinity, with the name of the nearest element that has one."""
+    if name := root.get("name"):
+        within = f" of {name!r}"
+    for key, value in root.attrib.items():
+        for word in value.split():
+            if word.lower().lstrip("+-") in ("nan", "inf", "infinity") and key not in ("name", "link", "joint"):
+                raise ModelError(
+                    f"robot model {str(path)!r}: <{root.tag}>{within} has {key}={value!r}; every number must be finite"
+                )
+    for element in root:
+        _refuse_non_finite_numbers(element, path, within)

@@ -133,10 +133,11 @@ def _stance_at_ratio(robot: RobotModel, ratio: float) -> Stance:
         except ReachError as error:
             failure = failure or error
             continue
-        margin = np.minimum(position - robot.lower_limit, robot.upper_limit - position).min()
-        if margin >= _LIMIT_MARGIN:
+        margins = np.minimum(position - robot.lower_limit, robot.upper_limit - position)
+        if margins.min() >= _LIMIT_MARGIN:
             return stance_at(robot, position)
-        failure = failure or ReachError(f"a joint is {margin:.3f} rad from its limit")
+        joint = robot.joint_names[int(np.argmin(margins))]
+        failure = failure or ReachError(f"{joint} is {margins.min():.3f} rad from its limit")
     raise failure or ReachError("no seed posture")
 
 

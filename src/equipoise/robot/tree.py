@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tempfile
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -13,11 +14,14 @@ import pinocchio as pin
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError, SettingsError
+from equipoise.robot.cleaning.urdf_joints import UNLIMITED_JOINT_RANGE
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.forward import legs_by_place
 from equipoise.robot.source import ModelSource
-from equipoise.robot.urdf import UNLIMITED_JOINT_RANGE
 
+_PLAY = 0.1  # [rad] between the limits of a joint that stands for backlash and not for a joint
+_SAME_PLACE = 1e-3  # [m] between two parallel axes that are one
+_PARALLEL = 1e-3  # [rad]
 # Spheres among the collision shapes by the joint that moves them: placement in its frame, and radius [m].
 Spheres = dict[str, list[tuple[pin.SE3, float]]]
 
@@ -63,7 +67,7 @@ def read_shapes(source: ModelSource) -> tuple[pin.Model, pin.GeometryModel]:
         raise ModelError(f"robot model {str(source.path)!r} cannot be read by Pinocchio: {error}") from error
 
 
-def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
+def leg_chains(model: pin.Model, source: ModelSource) -> list[list[str]]:
     """The four legs as joint names from the hip down, found as four like chains that end in a leaf.
 
     A chain runs from a leaf joint up to the last joint above which the tree branches.
@@ -84,31 +88,111 @@ def leg_chains(model: pin.Model, path: Path) -> list[list[str]]:
     wheels = [str(model.names[chain[-1]]) for chain in by_length.get(4, []) if _turns_freely(model, chain[-1])]
     if not legs and len(wheels) == 4:
         raise ModelError(
-            f"robot model {str(path)!r} stands on wheels (joints {', '.join(wheels)}), and equipoise on feet that stay where "
-            "they are: it would need wheels that are braked all through, by their motors or by pins. If yours are, make those "
-            "joints fixed in a copy of the file, and give the wheels' radius as foot_radius in a robot description"
+            f"robot model {str(source.path)!r} stands on wheels (joints {', '.join(wheels)}), and equipoise on feet that stay "
+            "where they are: it would need wheels that are braked all through, by their motors or by pins. If yours are, make "
+            "those joints fixed in a copy of the file, and give the wheels' radius as foot_radius in a robot description"
         )
     if len(legs) != 1:
-        found = ", ".join(f"{len(group)} of {length} joints" for length, group in sorted(by_length.items())) or "none"
         raise ModelError(
-            f"robot model {str(path)!r} is no quadruped that equipoise knows: it needs exactly four legs of two or three "
-            f"joints each; limbs found: {found}"
+            f"robot model {str(source.path)!r} is not a quadruped that equipoise knows: it needs exactly four legs of two or "
+            f"three joints each; limbs found: {_limbs(model, by_length) or 'none'}{_not_leg_joints(model, chains, source)}"
         )
-    for joint in itertools.chain(*legs[0]):
+    for chain in legs[0]:
+        _refuse_leg_joints(model, chain, source)
+    names = [[str(model.names[joint]) for joint in chain] for chain in legs[0]]
+    _refuse_coupled(source, {joint for chain in names for joint in chain})
+    return names
+
+
+def _limbs(model: pin.Model, by_length: dict[int, list[list[int]]]) -> str:
+    """Count limbs by their number of joints, with the joints of one of each."""
+    return ", ".join(
+        f"{len(group)} of {length} joints ({', '.join(str(model.names[joint]) for joint in group[0])})"
+        for length, group in sorted(by_length.items())
+    )
+
+
+def _not_leg_joints(model: pin.Model, chains: list[list[int]], source: ModelSource) -> str:
+    """Advise on joints that keep limbs from being legs."""
+    advice = ""
+    odd = {str(model.names[joint]): kind for chain in chains for joint in chain if (kind := _odd_kind(model, joint))}
+    if odd:
+        kinds = " and ".join(dict.fromkeys(odd.values()))
+        advice += f"; {', '.join(odd)} are {kinds}: make them fixed in a copy of the file if they do not move"
+    if source.locked:
+        advice += f"; {', '.join(source.locked)} are locked by limits that are equal: give the range of those that move"
+    return advice
+
+
+def _odd_kind(model: pin.Model, joint: int) -> str | None:
+    """Return the kind of a joint that does not turn about one axis, or that hardly moves; None for others."""
+    kind, at = _kind_unless_revolute(model, joint), model.joints[joint]
+    if kind is not None or at.nq != 1:
+        return kind
+    span = float(model.upperPositionLimit[at.idx_q] - model.lowerPositionLimit[at.idx_q])
+    return "hardly moving" if span < _PLAY else None
+
+
+def _refuse_leg_joints(model: pin.Model, chain: list[int], source: ModelSource) -> None:
+    """Refuse joints of a leg that do not turn about one axis, or about the same one as the joint before."""
+    where = f"robot model {str(source.path)!r}"
+    for joint in chain:
+        body, *together = _in_one_body(source, str(model.names[joint]))
+        if together:
+            raise ModelError(
+                f"{where}: body {body!r} of a leg has several joints, {' and '.join(together)}; legs need one joint a body: "
+                f"take {' and '.join(together[1:])} out in a copy of the file"
+            )
         if (kind := _kind_unless_revolute(model, joint)) is not None:
             raise ModelError(
-                f"robot model {str(path)!r}: leg joint {str(model.names[joint])!r} is {kind}, and legs need joints that turn "
-                "about one axis (revolute, continuous or hinge); if it does not move, make it fixed in a copy of the file"
+                f"{where}: leg joint {str(model.names[joint])!r} is {kind}, and legs need joints that turn about one axis "
+                "(revolute, continuous or hinge); if it does not move, make it fixed in a copy of the file"
             )
-    return [[str(model.names[joint]) for joint in chain] for chain in legs[0]]
+    for above, below in itertools.pairwise(chain):
+        placement, axis = model.jointPlacements[below], joint_axis(model, above)
+        apart = np.linalg.norm(np.cross(axis, placement.translation))
+        if (
+            apart < _SAME_PLACE
+            and np.linalg.norm(np.cross(axis, placement.rotation @ joint_axis(model, below))) < _PARALLEL
+        ):
+            raise ModelError(
+                f"{where}: leg joints {str(model.names[above])!r} and {str(model.names[below])!r} turn about the same axis; "
+                "make the one that is not driven fixed in a copy of the file"
+            )
+
+
+def _in_one_body(source: ModelSource, joint: str) -> list[str]:
+    """List a joint's body and, if Pinocchio joined several joints of the file, those, the widest range first."""
+    for body in ET.fromstring(source.xml).iter("body"):
+        joints = body.findall("joint")
+        if len(joints) > 1 and joint == f"Composite_{joints[0].get('name')}":
+            return [
+                str(body.get("name")),
+                *(str(each.get("name")) for each in sorted(joints, key=_range_of, reverse=True)),
+            ]
+    return [joint]
+
+
+def _range_of(joint: ET.Element) -> float:
+    words = joint.get("range", "-inf inf").split()
+    return float(words[-1]) - float(words[0])
+
+
+def _refuse_coupled(source: ModelSource, leg_joints: set[str]) -> None:
+    coupled = [f"{' with '.join(joints)} ({element})" for element, joints in source.couplings if leg_joints & {*joints}]
+    if coupled:
+        raise ModelError(
+            f"robot model {str(source.path)!r}: leg joints are coupled, and equipoise moves each on its own: "
+            f"{', '.join(coupled)}; if they are not coupled on the robot, take that out in a copy of the file"
+        )
 
 
 def _kind_unless_revolute(model: pin.Model, joint: int) -> str | None:
     """What a joint is, in words, that does not turn about one axis; None for one that does."""
     at = model.joints[joint]
     if at.nq != 1 or at.nv != 1:
-        name = str(cast("Any", at).shortname())
-        return f"one of more than one axis ({name.removeprefix('JointModel')})"
+        name = str(cast("Any", at).shortname()).removeprefix("JointModel")
+        return {"FreeFlyer": "floating"}.get(name, f"of more than one axis ({name.lower()})")
     return None if _motion_of(model, joint)[3:].any() else "prismatic"
 
 

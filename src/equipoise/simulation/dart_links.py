@@ -13,8 +13,8 @@ from dartpy import dynamics
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ModelError
+from equipoise.robot.cleaning.mjcf_poses import AngleConvention, orientation
 from equipoise.robot.inertial import InertialParameters
-from equipoise.robot.mjcf_poses import AngleConvention, orientation
 from equipoise.robot.source import ModelSource
 
 _WATER = 1000.0  # [kg/m3], MuJoCo's default density of shapes

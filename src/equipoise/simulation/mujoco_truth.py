@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.robot.bodies import link_names
 from equipoise.robot.inertial import InertialParameters, RobotInertia
+from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
 from equipoise.simulation.glimpse import Glimpse
 from equipoise.simulation.leg_errors import in_frame_of_hips

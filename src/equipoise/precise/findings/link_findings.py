@@ -10,7 +10,7 @@ from equipoise.precise.parameters import LINKS, Unknowns
 from equipoise.result.findings import Link
 from equipoise.result.quantity import Quantity
 from equipoise.result.statistics import verdict_of
-from equipoise.robot.bodies import link_names
+from equipoise.robot.links import link_names
 
 _NAMES = ("mass", "moment_x", "moment_y", "moment_z", "length")
 _UNITS = ("kg", "kg m", "kg m", "kg m", "m")

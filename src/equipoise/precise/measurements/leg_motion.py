@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from equipoise.alive import alive
 from equipoise.conventions import FloatArray
@@ -21,6 +22,8 @@ from equipoise.robot.tree import joint_axis
 
 LEG_SHAPE = ("link_length", "link_length_common", "hip_position")
 _SUM = "kl,il...->ik..."
+_ON_AXIS = 1e-6  # of the leg length: a joint that is this near to the previous joint's axis is taken to lie on it
+_PARALLEL = 1e-6  # sine of the angle to an axis below which a direction is taken for the axis's own
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +115,7 @@ class LegChains:
         mass: (4, k) mass of each link, with all that is fixed to it, by the model [kg].
         foot_radius: (4,) radius of each foot [m].
         axes: (4, k, 3, 3) directions in each link's frame, as columns: down the link to the next joint or foot, forward across
-            the joint's axis, and along that axis.
+            the joint's axis, and along that axis. Where the next joint lies on the axis, down is to the one after it.
         reach: (4, k) distance across its axis from each joint to the next, or to the foot's centre, by the model [m].
         robot_mass: mass of the whole robot by the model [kg].
         hips_apart: (12, 12) projection of the first joints' displacements on what is no common shift or turn.
@@ -233,18 +236,30 @@ def _no_rigid_motion(places: FloatArray) -> FloatArray:
 
 
 def _axes_of_links(robot: RobotModel, joint_axes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(4, k, 3, 3) `LegChains.axes` and (4, k) `reach`, of (4, k, 3) axes of the joints in the links' frames."""
+    """Compute (4, k, 3, 3) `LegChains.axes` and (4, k) `reach`, of (4, k, 3) axes of the joints in the links' frames."""
     model = robot.pinocchio
-    next_ones = [
-        [*(model.jointPlacements[joint].translation for joint in leg.joint_ids[1:]),
-         model.frames[leg.foot_frame_id].placement.translation]
-        for leg in robot.legs.values()
-    ]  # fmt: skip
-    across = np.cross(joint_axes, np.array(next_ones))
-    reach = np.linalg.norm(across, axis=-1)
-    across /= reach[..., None]
-    down = np.cross(across, joint_axes)
-    return np.stack([down, across, joint_axes], axis=-1), reach
+    down = np.zeros_like(joint_axes)
+    reach = np.zeros(joint_axes.shape[:2])
+    for number, leg in enumerate(robot.legs.values()):
+        foot = pin.SE3(np.eye(3), np.array(model.frames[leg.foot_frame_id].placement.translation))
+        below = [*(model.jointPlacements[joint] for joint in leg.joint_ids[1:]), foot]  # placement of each link's end
+        further = joint_axes[number, -1]  # direction beyond the end of a link, in that link's frame
+        for link in reversed(range(len(below))):
+            axis, end = joint_axes[number, link], np.array(below[link].translation)
+            reach[number, link] = np.linalg.norm(np.cross(axis, end))
+            on_axis = reach[number, link] < _ON_AXIS * robot.leg_length
+            further = _across(axis, below[link].rotation @ further if on_axis else end)
+            down[number, link] = further
+    return np.stack([down, np.cross(joint_axes, down), joint_axes], axis=-1), reach
+
+
+def _across(axis: FloatArray, direction: FloatArray) -> FloatArray:
+    """Compute the unit vector across an axis that is nearest to a direction; any one if the direction is the axis's."""
+    across = direction - (direction @ axis) * axis
+    if not np.linalg.norm(across) > _PARALLEL * np.linalg.norm(direction):
+        unit = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        across = unit - (unit @ axis) * axis
+    return np.asarray(across / np.linalg.norm(across), dtype=float)
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -42,7 +42,7 @@ def write_plain_poses(root: ET.Element) -> None:
     for world in root.findall("worldbody"):
         _dissolve_frames(world, convention)
         for body in world.iter("body"):
-            _fold_reference(body, convention)
+            fold_reference(body, convention)
         for element in world.iter():
             if element.tag in _PLACED and ("euler" in element.attrib or "axisangle" in element.attrib):
                 _set_orientation(element, orientation(element, convention))
@@ -104,7 +104,7 @@ def _dissolve_frames(parent: ET.Element, convention: AngleConvention) -> None:
                 parent.insert(place + offset, held)
 
 
-def _fold_reference(body: ET.Element, convention: AngleConvention) -> None:
+def fold_reference(body: ET.Element, convention: AngleConvention) -> None:
     """Turn the body to where its joint is at zero and not at its reference, which is where the file has it."""
     joints = body.findall("joint")
     references = [float(joint.attrib.pop("ref", "0")) for joint in joints]

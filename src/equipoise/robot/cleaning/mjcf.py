@@ -5,9 +5,12 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import NamedTuple
 
 from equipoise.errors import ModelError
-from equipoise.robot.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
+from equipoise.robot.cleaning.mjcf_joints import base_body, clean_joints, couplings_of
+from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
+from equipoise.robot.cleaning.urdf_joints import Coupling
 
 # Sections that describe a simulation and not a robot. Ours replace them where the simulator needs them.
 _DROPPED_SECTIONS = (
@@ -22,16 +25,24 @@ _POSITIONS = {"free": 7, "ball": 4}  # numbers in `qpos`; other joints have one
 _GENERATORS = ("replicate", "attach", "composite", "flexcomp")
 
 
-def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dict[str, float], dict[str, float]]:
-    """Clean a parsed MJCF file.
+class CleanedMjcf(NamedTuple):
+    """A cleaned MJCF file: its root, and what `ModelSource` keeps beside it."""
 
-    Returns:
-        root of the cleaned model; repairs, a sentence each; torque limits by joint name [Nm]; joint positions of the keyframe
-        "home" by joint name [rad].
+    root: ET.Element
+    repairs: list[str]
+    effort_limits: dict[str, float]
+    home: dict[str, float]
+    locked: dict[str, float]
+    couplings: list[Coupling]
+
+
+def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
+    """Clean a parsed MJCF file.
 
     Raises:
         ModelError: no body with a free joint, a body whose mass only a mesh tells, bodies or masses that only MuJoCo
-            can work out, or something that is no number.
+            can work out, joints without an axis or with exchanged limits.
+        ValueError: something that is not a number.
     """
     root = copy.deepcopy(root)
     _expand_includes(root, path, path, depth=0)
@@ -39,7 +50,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
     _refuse_mass_settings(root, path)
     _name_the_nameless(root)
     defaults = _Defaults(root)
-    effort_limits = _effort_limits(root, defaults)
+    effort_limits, couplings = _effort_limits(root, defaults), couplings_of(root)
     home = root.find("keyframe/key[@name='home']")
     for section in _DROPPED_SECTIONS:
         for element in root.findall(section):
@@ -47,8 +58,9 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
     _flatten_defaults(root, defaults)
     at_home = {} if home is None else _joint_positions(root, home)
     write_plain_poses(root)
-    base = _base_body(root, path)
+    base = base_body(root, path)
     _refuse_generators(base, path)
+    locked = clean_joints(base, AngleConvention.of(root), path)
     for key in ("pos", *ORIENTATIONS):  # where the file starts the robot says nothing of the robot
         base.attrib.pop(key, None)
     _drop_overruled_inertials(root)
@@ -61,7 +73,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> tuple[ET.Element, list[str], dic
         for child in list(world):
             if child is not base:
                 world.remove(child)
-    return root, repairs, effort_limits, at_home
+    return CleanedMjcf(root, repairs, effort_limits, at_home, locked, couplings)
 
 
 def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> None:
@@ -230,19 +242,6 @@ def _flatten_defaults(root: ET.Element, defaults: _Defaults) -> None:
                     element.attrib.pop("range", None)
     for default in root.findall("default"):
         root.remove(default)
-
-
-def _base_body(root: ET.Element, path: Path) -> ET.Element:
-    bodies = [body for world in root.findall("worldbody") for body in world.findall("body")]
-    for body in bodies:
-        free = body.find("freejoint") is not None or any(j.get("type") == "free" for j in body.findall("joint"))
-        if free:
-            return body
-    raise ModelError(
-        f"robot model {str(path)!r} has no floating base: give the trunk's body a <freejoint/>"
-        if bodies
-        else f"robot model {str(path)!r} has no <body> in its <worldbody>"
-    )
 
 
 def _refuse_generators(base: ET.Element, path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.errors import ModelError
+from equipoise.robot.cleaning.urdf_joints import clean_joints
+from equipoise.robot.cleaning.urdf_text import number, tidy_vector
 
 # An inertial lighter than this fraction of the robot is a placeholder (1e-6 kg base links, 1e-5 kg camera frames): it
 # changes nothing that can be measured and fails engines' inertia checks.
 NEGLIGIBLE_MASS_FRACTION = 1e-6
-# A joint without limits may still be commanded only so far; two turns exceed any posture of a leg [rad].
-UNLIMITED_JOINT_RANGE = 2 * math.pi
+# The base of a robot has 0.37 to 0.70 of its mass in the catalogue. A lighter link above one moving joint is a virtual one.
+LIGHTEST_BASE = 0.05
 
 
 def clean_urdf(root: ET.Element, path: Path, base_link: str | None) -> Iterator[str]:
@@ -30,19 +31,7 @@ def clean_urdf(root: ET.Element, path: Path, base_link: str | None) -> Iterator[
     yield from _strip_geometry(links)
     yield from _repair_inertials(links, path)
     yield from _prune_to_base(root, links, path, base_link)
-    for joint in root.findall("joint"):
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
-            limit = _child(joint, "limit")
-            limit.set("lower", str(-UNLIMITED_JOINT_RANGE))
-            limit.set("upper", str(UNLIMITED_JOINT_RANGE))
-        if joint.get("type") in ("revolute", "prismatic"):
-            limit = _child(joint, "limit")
-            for key, default in (("lower", 0.0), ("upper", 0.0), ("effort", 0.0), ("velocity", 0.0)):
-                limit.set(key, str(_number(limit.get(key), default, f"joint {joint.get('name')!r}: {key}", path)))
-        for tag in ("mimic", "safety_controller", "calibration"):
-            for element in joint.findall(tag):
-                joint.remove(element)
+    yield from clean_joints(root, path)
 
 
 def _strip_geometry(links: dict[str, ET.Element]) -> Iterator[str]:
@@ -80,7 +69,7 @@ def _repair_inertials(links: dict[str, ET.Element], path: Path) -> Iterator[str]
         for key in _INERTIA_KEYS:
             element.attrib.setdefault(key, "0")
         for key in ("xyz", "rpy"):
-            _tidy_vector(inertial.find("origin"), key, f"link {name!r}: {key} of its <inertial>", path)
+            tidy_vector(inertial.find("origin"), key, f"link {name!r}: {key} of its <inertial>", path)
         inertia = _read_inertia(element, name, path)
         repaired = physical_inertia(inertia, masses[name])
         if np.array_equal(repaired, inertia):
@@ -104,7 +93,7 @@ _INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iy
 def _read_inertia(element: ET.Element, link: str, path: Path) -> NDArray[np.float64]:
     inertia = np.zeros((3, 3))
     for key, (row, column) in _INERTIA_KEYS.items():
-        value = _number(element.get(key), 0.0, f"link {link!r}: {key}", path)
+        value = number(element.get(key), 0.0, f"link {link!r}: {key}", path)
         inertia[row, column] = inertia[column, row] = value
     return inertia
 
@@ -140,26 +129,29 @@ def _is_physical_but_for_rounding(inertia: NDArray[np.float64]) -> bool:
 
 
 def _prune_to_base(root: ET.Element, links: dict[str, ET.Element], path: Path, base_link: str | None) -> Iterator[str]:
-    """Drop massless links above the base, as `world` or an `odom` that a file starts with."""
+    """Drop links above the base: `world`, an `odom`, the links of a chain of joints that stands for a floating base."""
     joints = root.findall("joint")
     ends, top = _tree(joints, links, path)
     if base_link is not None and base_link not in links:
         raise ModelError(f"robot model {str(path)!r} has no link {base_link!r}; it has {', '.join(sorted(links))}")
+    masses, dropped = {name: _link_mass(link, path) for name, link in links.items()}, list[str]()
     while top != base_link:
         below = [joint for joint in joints if ends[id(joint)][0] == top]
-        has_mass = links[top].find("inertial") is not None
-        may_be_dropped = len(below) == 1 and below[0].get("type") in ("fixed", "floating") and not has_mass
-        if not may_be_dropped:
+        moves = len(below) == 1 and below[0].get("type") not in ("fixed", "floating")
+        light = masses[top] <= (LIGHTEST_BASE if moves else 0.0) * sum(masses.values())
+        if len(below) != 1 or not light:
             if base_link is not None:
                 raise ModelError(
                     f"base link {base_link!r} hangs below {top!r}, which has mass or more than one joint: "
                     f"{top!r} is the base"
                 )
-            return
+            break
         root.remove(below[0])
         root.remove(links[top])
-        dropped, top = top, ends[id(below[0])][1]
-        yield f"massless link {dropped!r} above the base {top!r} is ignored"
+        dropped.append(top)
+        top = ends[id(below[0])][1]
+    if dropped:
+        yield f"what is above the base {top!r} is ignored: {', '.join(dropped)}"
 
 
 def _tree(joints: list[ET.Element], links: dict[str, ET.Element], path: Path) -> tuple[dict[int, tuple[str, str]], str]:
@@ -201,34 +193,7 @@ def _link_mass(link: ET.Element, path: Path) -> float:
     element = link.find("inertial/mass")
     if element is None:
         return 0.0
-    mass = _number(element.get("value"), 0.0, f"link {link.get('name')!r}: mass", path)
+    mass = number(element.get("value"), 0.0, f"link {link.get('name')!r}: mass", path)
     if mass < 0:
         raise ModelError(f"robot model {str(path)!r}: link {link.get('name')!r} has a negative mass, {mass} kg")
     return mass
-
-
-def _tidy_vector(element: ET.Element | None, key: str, what: str, path: Path) -> None:
-    """Write three numbers with one space between, as urdfdom wants them; refuse what are not three."""
-    if element is None or (text := element.get(key)) is None:
-        return
-    words = text.split()
-    for word in words:
-        _number(word, 0.0, what, path)
-    if len(words) != 3:
-        raise ModelError(f"robot model {str(path)!r}: {what} is {text!r}; it must be three numbers")
-    element.set(key, " ".join(words))
-
-
-def _number(text: str | None, default: float, what: str, path: Path) -> float:
-    if text is None:
-        return default
-    try:
-        return float(text)
-    except ValueError:
-        remedy = "; write decimals with a point" if "," in text else ""
-        raise ModelError(f"robot model {str(path)!r}: {what} is {text!r}, which is not a number{remedy}") from None
-
-
-def _child(element: ET.Element, tag: str) -> ET.Element:
-    found = element.find(tag)
-    return ET.SubElement(element, tag) if found is None else found
