@@ -127,7 +127,7 @@ def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
     sure = np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8]))
     body = Body.known(BASE, sure, np.full(10, 1.5e-3), TRUE).with_truth(TRUE)
     assert {quantity.verdict for quantity in body} == {"identified", "weak", "not identified"}
-    doubted = body.doubted()
+    doubted = body.doubted(np.zeros(10))
     assert [one.verdict for one in doubted] == [
         "not identified" if one.verdict == "not identified" else "doubtful" for one in body
     ]
@@ -138,5 +138,15 @@ def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
     assert list(again) == list(doubted)
 
 
+def test_a_doubted_body_has_standard_deviations_of_at_least_what_is_given():
+    body = Body.known(BASE, np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8])) + 1e-13, np.ones(10))
+    least = np.where(np.arange(10) == 2, 0.02, 1e-9)
+    doubted = body.doubted(least)
+    assert np.allclose(doubted.deviations, np.maximum(body.deviations, least))
+    scale = np.outer(doubted.deviations, doubted.deviations)
+    before = np.outer(body.deviations, body.deviations)
+    assert np.allclose(doubted.covariance / scale, body.covariance / before)
+
+
 def test_a_doubted_body_without_verdicts_has_none_still():
-    assert {quantity.verdict for quantity in Body.partly(mass=6.0).doubted()} == {None}
+    assert {quantity.verdict for quantity in Body.partly(mass=6.0).doubted(np.zeros(10))} == {None}
