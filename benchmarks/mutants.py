@@ -45,6 +45,7 @@ LIMITS = {
         "_FROZEN_TIME _FROZEN_MOVE _JUMP _JUMP_SPEED _FASTEST",
         "",
     ),
+    "recording/encoder_steps.py": ("guard/test_limits.py", "_COARSEST _STILL_STEPS", ""),
     "guard/tilt_filter.py": ("guard/test_limits.py guard/test_tilt_filter.py", "_TIME _BELIEVED", ""),
     "guard/held_robot.py": ("guard/test_limits.py", "_PATIENCE", ""),
     "guard/guard.py": ("guard/test_limits.py", "_HANGS", "_LOOK_TIME"),

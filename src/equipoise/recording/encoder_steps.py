@@ -11,8 +11,8 @@ _COARSEST = 2 * np.pi / 1024
 _STILL_STEPS = 30
 """Commanded travel of a loaded joint that need not turn by one step, in steps.
 
-Targets move as the load does, and friction holds the joint: simulated A1, Go2, ANYmal C and Solo 12 with steps of 1.5 to 6 mrad
-have up to 16 steps of it.
+Targets move as the load does, and friction holds the joint: simulated A1, Go2, ANYmal C and Solo 12 with steps of 1.5 to
+6 mrad have up to 16 steps of it.
 """
 
 

@@ -15,9 +15,14 @@ from typing import Literal
 
 from equipoise.errors import ModelError
 from equipoise.robot.urdf import clean_urdf
+from equipoise.user_file import read_bytes
 
 ModelFormat = Literal["urdf", "mjcf"]
 Forward = Literal["+x", "+y", "-x", "-y"]
+
+_MOST_BYTES = 100_000_000
+_MOST_LINKS = 5000  # which take five seconds
+_DEEPEST = 200  # elements within elements
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
     """
     path = Path(path)
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except FileNotFoundError:
         raise ModelError(f"robot model {str(path)!r} does not exist; see 'equipoise robots' for known names") from None
     except IsADirectoryError:
@@ -68,6 +73,23 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
     except OSError as error:
         raise ModelError(f"robot model {str(path)!r} cannot be read: {error.strerror}") from error
     return parse_model_source(content, path, base_link)
+
+
+def refuse_immense(root: ET.Element, path: Path) -> None:
+    """Refuse a model that would take minutes, for reading takes the square of the number of links; raises ModelError."""
+    links = sum(element.tag in ("link", "body") for element in root.iter())
+    if links > _MOST_LINKS:
+        raise ModelError(
+            f"robot model {str(path)!r} has {links} links; up to {_MOST_LINKS} are read: give the file of one robot, without "
+            "its surroundings"
+        )
+    level, depth = [root], 0
+    while level := [child for element in level for child in element]:
+        depth += 1
+        if depth > _DEEPEST:
+            raise ModelError(
+                f"robot model {str(path)!r} is nested more than {_DEEPEST} deep; it is damaged, or not of a quadruped"
+            )
 
 
 def parse_model_source(content: bytes, path: Path, base_link: str | None = None) -> ModelSource:
@@ -81,10 +103,16 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     Raises:
         ModelError: it is not XML, or is neither format.
     """
+    if len(content) > _MOST_BYTES:
+        raise ModelError(
+            f"robot model {str(path)!r} has {len(content) / 1e6:.0f} MB; up to {_MOST_BYTES / 1e6:.0f} MB are read: is it a "
+            "model of one robot? Meshes belong in files of their own"
+        )
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, ValueError) as error:
         raise ModelError(f"robot model {str(path)!r} is not valid XML: {error}") from error
+    refuse_immense(root, path)
     sha256 = hashlib.sha256(content).hexdigest()
     if any("xacro}" in element.tag for element in root.iter()):
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
