@@ -102,7 +102,7 @@ class Page(NamedTuple):
 
     @property
     def banner(self) -> str:
-        """What a page that is not current says at its head."""
+        """Sentence at the head of a page that is not current."""
         made = f"commit {', '.join(self.commits)}" if self.commits else "a commit that the page does not name"
         changed = [counts for name in self.commits if (counts := changes(self.maker, name)) is not None]
         how_many = ["{} of its {} source files have changed since".format(*max(changed))] if changed else []

@@ -101,7 +101,7 @@ def sources(maker: str, tree: Tree) -> dict[str, str]:
 
 @functools.cache
 def _used(path: str, tree: Tree, as_parent: bool) -> frozenset[tuple[str, bool]]:
-    """Return what a module imports or reads: paths, and of each whether it is a package on the way to another module.
+    """Return the paths that a module imports or reads, each with a flag: whether it is a package on the way to another module.
 
     Such a package opens none of the modules that it dispatches to.
     """
@@ -205,8 +205,8 @@ def _names(nodes: Iterable[ast.AST]) -> Iterator[str]:
             ):
                 yield f"{text}*"
             case ast.List(elts=parts):
-                said = [part.value if isinstance(part, ast.Constant) else None for part in parts]
-                if "-m" in said and "equipoise" in said:
+                words = [part.value if isinstance(part, ast.Constant) else None for part in parts]
+                if "-m" in words and "equipoise" in words:
                     yield "equipoise.__main__"
             case _:
                 pass
@@ -228,7 +228,7 @@ def _digest(path: str, content: bytes) -> str:
 
 
 def _shape(node: object) -> str:
-    """Return the syntax as text; what is empty is left out, because versions of Python differ in it."""
+    """Return the syntax as text without empty fields, in which versions of Python differ."""
     if isinstance(node, ast.AST):
         fields = (f"{name}={_shape(value)}" for name, value in ast.iter_fields(node) if value not in (None, []))
         return f"{type(node).__name__}({','.join(fields)})"

@@ -48,10 +48,10 @@ def lfs_pointer(path):
 
 @pytest.fixture(autouse=True)
 def nothing_waits():
-    """Who opens a pipe waits for a writer."""
+    """A pipe blocks its reader until a writer comes."""
 
     def late(*_):
-        raise TimeoutError("it waits for what never comes")
+        raise TimeoutError("a read blocks")
 
     before = signal.signal(signal.SIGALRM, late)
     signal.alarm(60)
@@ -77,9 +77,9 @@ def test_pipes_devices_and_lfs_pointers_are_named(tmp_path, monkeypatch, capsys,
 def test_so_are_they_within_a_run_folder(tmp_path, put):
     why = put(tmp_path / "recording.mcap")
     for read in (read_mcap, was_closed, lambda path: McapTail(path).read(), lambda path: resume_log(path, True)):
-        with pytest.raises(RecordingError) as told:
+        with pytest.raises(RecordingError) as raised:
             read(tmp_path / "recording.mcap")
-        assert str(told.value).endswith(why)
+        assert str(raised.value).endswith(why)
     put(tmp_path / "run.json")
     with pytest.raises(RecordingError, match=r"run.json' cannot be read \(it is a "):
         RunFolder.open(tmp_path)
@@ -96,9 +96,9 @@ def test_a_part_of_a_bag_and_an_included_file_are_named(tmp_path, put):
     pytest.importorskip("rosbags")
     (tmp_path / "bag").mkdir()
     why = put(tmp_path / "bag" / "walk_0.mcap")
-    with pytest.raises(RecordingError, match=r"the bag .* cannot be read: it is a") as told:
+    with pytest.raises(RecordingError, match=r"the bag .* cannot be read: it is a") as raised:
         read_log(tmp_path / "bag", load_robot("unitree_a1"))
-    assert str(told.value).endswith(why)
+    assert str(raised.value).endswith(why)
     put(tmp_path / "legs.xml")
     (tmp_path / "robot.xml").write_text('<mujoco><include file="legs.xml"/></mujoco>')
     with pytest.raises(ModelError, match=r"includes 'legs.xml', which cannot be read: it is a"):

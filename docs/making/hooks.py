@@ -66,7 +66,7 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def with_banner(markdown: str, page: Page) -> str:
-    """A results page with a mark at its head if older code made it."""
+    """Return a results page, with a mark at its head if older code made it."""
     if page.is_current:
         return markdown
     title, rest = re.fullmatch(r"(\s*# [^\n]*\n)(.*)", markdown, re.DOTALL).groups()
@@ -74,12 +74,12 @@ def with_banner(markdown: str, page: Page) -> str:
 
 
 def _mark(file: Path) -> str:
-    """What follows a link to a file, if that is a results page that older code made."""
+    """Return the mark behind a link to a results page that older code made; else nothing."""
     return f" {_OLDER}" if file.is_relative_to(RESULTS) and file.is_file() and not Page.read(file).is_current else ""
 
 
 def _rows_note(file: Path) -> str:
-    """What follows rows of a results page, if older code made it."""
+    """Return the note below rows of a results page that older code made; else nothing."""
     return f"\n\n*Rows made by older code: commit {', '.join(Page.read(file).commits)}.*\n" if _mark(file) else ""
 
 

@@ -32,18 +32,18 @@ _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
 
 class UnreadableError(OSError):
-    """Description of what stands where a regular file should; callers put it into an error of theirs."""
+    """Path that leads to something else than a readable regular file; callers put the reason into an error of theirs."""
 
     def __str__(self) -> str:
         return self.strerror or ""
 
 
 def refuse_unreadable(path: str | Path) -> None:
-    """Refuse what a reader would wait for or misread: a pipe, a device, a socket, a Git LFS pointer.
+    """Refuse a path at which a reader would block or misread: a pipe, a device, a socket, a Git LFS pointer.
 
     Raises:
-        UnreadableError: it is one.
-        OSError: there is nothing, or it may not be read. A folder is left to the caller.
+        UnreadableError: the path leads to one of these.
+        OSError: there is no file, or no permission to read it. A folder is left to the caller.
     """
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):

@@ -47,7 +47,7 @@ class Coarse(PlatformWrapper):
 
 
 class Kept(PlatformWrapper):
-    """Keeps what was recorded."""
+    """A platform that keeps its recordings."""
 
     def __init__(self, inner):
         super().__init__(inner)
@@ -80,7 +80,7 @@ def with_steps(recording, step, frozen=None):
 
 
 def filtered(robot, recording):
-    """What the guard's filter says of samples that arrive one by one, each with the target sent before it."""
+    """Put samples through the guard's filter one by one, each with the target that was sent before it."""
     sieve = SampleFilter(robot, 0.002, 0.1)
     joints, imu, commands = recording.joints, recording.imu, recording.commands
     targets = commands.position[np.searchsorted(commands.time, joints.time, side="right") - 1]

@@ -63,9 +63,9 @@ def write(path: Path, columns):
 
 
 def proposal_for(robot, path):
-    with pytest.raises(ColumnsError) as told:
+    with pytest.raises(ColumnsError) as raised:
         read_log(path, robot)
-    return told.value.proposal
+    return raised.value.proposal
 
 
 def accepted(robot, path):
@@ -78,7 +78,7 @@ def accepted(robot, path):
 
 
 def assert_same(found, expected):
-    """The same samples, whenever they began."""
+    """Assert that two recordings hold the same samples, from any start."""
     for quantity in QUANTITIES:
         np.testing.assert_allclose(getattr(found.joints, quantity), getattr(expected.joints, quantity), atol=1e-5)
     np.testing.assert_allclose(found.imu.angular_velocity_in_imu, expected.imu.angular_velocity_in_imu, atol=1e-5)
@@ -91,7 +91,7 @@ def in_order(robot, legs):
     return [robot.joint_names[joint] for leg in legs for joint in robot.legs[leg].joints]
 
 
-def test_the_trot_itself_tells_where_the_centre_of_mass_is(a1, expected):
+def test_the_trot_with_our_names_is_estimated_without_a_failed_check(a1, expected):
     result = estimate_log(a1, Log(expected, JointMap(()), {}, ()), Precise(mass=MASS, mass_sd=0.1)).result
     assert all(check.passed for check in result.checks)
 
@@ -105,7 +105,7 @@ def test_23_seconds_and_nanoseconds_in_two_columns_are_one_time(a1, trotted, exp
 
 
 @later("24: names of joints in the cells are not read; the model's order is assumed")
-def test_24_names_of_joints_in_cells_say_which_joint_is_which(a1, trotted, expected, tmp_path):
+def test_24_names_of_joints_in_cells_determine_the_order_of_joints(a1, trotted, expected, tmp_path):
     stamp = EPOCH * 10**9 + np.round(trotted["time"] * 1e9).astype(np.int64)
     names = in_order(a1, UNITREE)
     columns = {"%time": stamp, "field.header.seq": np.arange(len(stamp)), "field.header.stamp": stamp}
@@ -122,9 +122,9 @@ def test_24_names_of_joints_in_cells_say_which_joint_is_which(a1, trotted, expec
 def test_26_an_accelerometer_that_points_down_is_named(a1, trotted, tmp_path, torques):
     columns = {name: -column if name.startswith("acc") else column for name, column in trotted.items()}
     kept = {name: column for name, column in columns.items() if torques or not name.startswith("torque")}
-    with pytest.raises(EquipoiseError) as told:
+    with pytest.raises(EquipoiseError) as raised:
         estimate_log(a1, read_log(write(tmp_path / "log.csv", kept), a1), Precise(mass=MASS))
-    assert re.search("accelerometer has the wrong sign|IMU (hangs|is) upside down", str(told.value))
+    assert re.search("accelerometer has the wrong sign|IMU (hangs|is) upside down", str(raised.value))
 
 
 @later("27: an IMU's columns with units in their names are not found", raises=RecordingError)
