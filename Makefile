@@ -9,8 +9,6 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 RUN_STAMP := $(VENV)/.run-installed
 DEV_STAMP := $(VENV)/.dev-installed
 ROBOTS_STAMP := $(VENV)/.robots-installed
-# Last line of a results page that a verb writes: benchmarks say it themselves.
-MADE_AT = printf '\nMade at commit %s.\n' "$$(git rev-parse --short HEAD)"
 
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report view robots motors footholds legs weigh validate size walking wrong-files feet)
@@ -100,12 +98,12 @@ bench-monte-carlo: $(ROBOTS_STAMP)
 
 bench-paper: $(DEV_STAMP)
 	$(BIN)/equipoise reproduce --out benchmarks/results/paper
-	$(MADE_AT) >> benchmarks/results/paper/README.md
+	$(BIN)/python benchmarks/provenance.py paper/README.md
 
 # What each error source costs the paper's method; three minutes.
 bench-sources: $(DEV_STAMP)
 	$(BIN)/equipoise monte-carlo --trials 240 --vary-noise --seed 10000 --out benchmarks/results/sources
-	$(MADE_AT) >> benchmarks/results/sources/summary.md
+	$(BIN)/python benchmarks/provenance.py sources/summary.md
 
 # Twenty minutes on one core, most of it mujoco.sysid. Peers whose packages are missing get a row that says so:
 # pip install cvxpy 'mujoco[sysid]' into the environment for all of them.

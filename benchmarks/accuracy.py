@@ -30,7 +30,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
     os.environ.setdefault(_name, "1")
 
 import numpy as np
-from commit import commit
+from provenance import commit, write_page
 from scipy.stats import binom
 
 import equipoise
@@ -333,7 +333,7 @@ def source_table(rows: Iterable[Row]) -> list[str]:
 
 ABOUT = """# Accuracy
 
-`make bench-accuracy`; rows made at commit {commits}; seeds from {first} on, which no development used. RMS of estimate less
+`make bench-accuracy`; seeds from {first} on, which no development used. RMS of estimate less
 truth, for the whole robot at the nominal stance; random payloads of 5 to 30 % of the base's mass; a scale good to 0.5 % where
 nothing else is said. What the precise method was told otherwise is estimated from the same recordings. *Model file*: the file,
 which does not know the payload. Bold: target missed. The paper's I is compared with the whole robot's.
@@ -346,7 +346,7 @@ def write_tables() -> str:
     seconds = [row["estimation_s"] for row in rows if row["method"] == "precise" and "failed" not in row]
     text = "\n".join(
         [
-            ABOUT.format(commits=", ".join(sorted({row["commit"] for row in rows})), first=FIRST_SEED),
+            ABOUT.format(first=FIRST_SEED),
             *accuracy_table(rows),
             "",
             "## Do the 95 % intervals of `precise` hold the truth?",
@@ -363,7 +363,7 @@ def write_tables() -> str:
             "",
         ]
     )
-    (RESULTS / "accuracy.md").write_text(text, encoding="utf-8")
+    write_page("accuracy.md", text, rows)
     return text
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pinocchio as pin
-from commit import commit
+from provenance import write_page
 
 import equipoise
 from equipoise import ComSearchSettings, Paper, calibrate, load_robot, simulate
@@ -199,8 +199,8 @@ def main() -> None:
     a1, a1_rows = a1_tables()
     realistic, realistic_rows = realistic_table()
     robots, robot_rows = robots_table()
-    text = "\n".join([*head, *a1, *realistic, *robots, "", f"Made at commit {commit()}."]) + "\n"
-    (RESULTS / "accuracy_paper.md").write_text(text, encoding="utf-8")
+    text = "\n".join([*head, *a1, *realistic, *robots]) + "\n"
+    write_page("accuracy_paper.md", text)
     rows = [row.__dict__ for row in (*a1_rows, *realistic_rows, *robot_rows)]
     (RESULTS / "accuracy_paper.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     print(text)

@@ -28,7 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
 import mujoco
 import numpy as np
 import pinocchio as pin
-from commit import commit, made_at
+from provenance import commit, write_page
 from scipy.stats import beta
 
 import equipoise
@@ -347,9 +347,8 @@ def write_tables() -> str:
     ]
     if failed:
         lines += ["", "## Runs that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
-    text = "\n".join([*lines, "", made_at(rows)]) + "\n"
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "balance.md").write_text(text, encoding="utf-8")
+    text = "\n".join(lines) + "\n"
+    write_page("balance.md", text, rows)
     draw(rows)
     return text
 

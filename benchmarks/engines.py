@@ -28,7 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
 
 import numpy as np
 from accuracy import load_rows, payload_of, rms, rounded
-from commit import commit, made_at
+from provenance import commit, write_page
 from worlds.world import ENGINES, lacking, world
 
 from equipoise import Payload, calibrate, load_robot
@@ -219,8 +219,8 @@ def write_tables() -> str:
     ]
     if failed:
         lines += ["", "## Runs that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
-    text = "\n".join([*lines, "", made_at(rows.values())]) + "\n"
-    (RESULTS / "engines.md").write_text(text, encoding="utf-8")
+    text = "\n".join(lines) + "\n"
+    write_page("engines.md", text, rows.values())
     return text
 
 

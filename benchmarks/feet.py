@@ -28,7 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
 import mujoco
 import numpy as np
 from accuracy import Row, judged, load_rows, payload_of, relative, rms, rounded
-from commit import checkout, commit, made_at
+from provenance import checkout, commit, write_page
 from robustness import SCALE, SILENT, deviates, fired, is_silent
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
@@ -132,8 +132,6 @@ def page(rows: list[Row]) -> str:
             f"**{holds:.1%} of {10 * len(good)} intervals hold.**",
             *(["", "Ended by name:", "", *failed] if failed else []),
             "",
-            made_at(rows),
-            "",
         ]
     )
 
@@ -151,7 +149,7 @@ def main() -> None:
         with ROWS.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         print(row["key"], row.get("failed") or row["alarms"], flush=True)
-    (RESULTS / "feet.md").write_text(page(list(rows.values())), encoding="utf-8")
+    write_page("feet.md", page(list(rows.values())), rows.values())
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from commit import commit
+from provenance import write_page
 
 from equipoise import Precise, RobotModel, load_robot, nominal_stance
 from equipoise.conventions import FloatArray
@@ -38,8 +38,8 @@ FOOTHOLDS = {
 
 def main() -> None:
     warnings.simplefilter("ignore")
-    text = "\n".join([*lines(), "", f"Made at commit {commit()}.", ""])
-    (RESULTS / "footholds.md").write_text(text, encoding="utf-8")
+    text = "\n".join([*lines(), ""])
+    write_page("footholds.md", text)
     print(text)
 
 

@@ -29,7 +29,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the other core is t
 
 import mujoco
 import numpy as np
-from commit import checkout, commit
+from provenance import checkout, commit, write_page
 
 from equipoise import Precise, SteppedPlatform, calibrate, load_robot, nominal_stance
 from equipoise.drivers.dds.cyclone import VERSION
@@ -377,7 +377,7 @@ def main() -> None:
     for rows in given.make(given, found.get(given.part, {}).get("rows", [])):
         found[given.part] = {"of": sources(given), "rows": rows}
         ROWS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    (RESULTS / "foreign.md").write_text(page(found), encoding="utf-8")
+    write_page("foreign.md", page(found), (row for part in found.values() for row in part["rows"] if "commit" in row))
 
 
 if __name__ == "__main__":

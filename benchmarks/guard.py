@@ -14,7 +14,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit
+from provenance import write_page
 
 from equipoise import Precise, calibrate, load_robot, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError, ModelWarning
@@ -70,10 +70,8 @@ def main() -> None:
         "| robot | method | starts | commands | lean [deg] | at the end | |",
         "|---|---|---|---|---|---|---|",
         *(line for _, line in rows),
-        "",
-        f"Made at commit {commit()}.",
     ]
-    (RESULTS / "guard.md").write_text("\n".join(text) + "\n", encoding="utf-8")
+    write_page("guard.md", "\n".join(text) + "\n")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import mujoco
 import numpy as np
-from commit import commit
+from provenance import write_page
 
 import equipoise
 from equipoise.recording.run_log_reader import read_log
@@ -212,11 +212,9 @@ def main() -> None:
         "",
         f"Writing a quarter of a second (125 samples of joints, IMU and commands) takes {np.median(took):.2f} ms in the "
         f"middle, {np.percentile(took, 95):.2f} ms in 95 of 100 cases.",
-        "",
-        f"Made at commit {commit()}.",
     ]
     text = "\n".join(lines) + "\n"
-    (RESULTS / "kill_resume.md").write_text(text, encoding="utf-8")
+    write_page("kill_resume.md", text)
     print(text)
 
 

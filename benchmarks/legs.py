@@ -20,7 +20,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit
+from provenance import commit, write_page
 
 from equipoise import Calibration, Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
@@ -136,7 +136,6 @@ def rms(values: Any) -> Any:
 
 def table(rows: list[Row]) -> Iterator[str]:
     """Lines of the page."""
-    commits = ", ".join(sorted({row["commit"] for row in rows}))
     yield "# Legs, found in the same run as the base"
     yield ""
     yield (
@@ -162,8 +161,6 @@ def table(rows: list[Row]) -> Iterator[str]:
             of = [row for row in rows if (row["robot"], row["world"], row["what"]) == (name, preset, what)]
             if of:
                 yield line(f"{preset} | {what}", name, of)
-    yield ""
-    yield f"Made at commit {commits}."
 
 
 def line(world: str, name: str, rows: list[Row]) -> str:
@@ -223,7 +220,7 @@ def main() -> None:
                 print(*case, row["what"], row.get("failed", ""), flush=True)
                 with ROWS.open("a") as file:
                     file.write(json.dumps(row) + "\n")
-    (RESULTS / "legs.md").write_text("\n".join(table(rows)) + "\n")
+    write_page("legs.md", "\n".join(table(rows)) + "\n", rows)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 import tyro
-from commit import commit
+from provenance import commit, write_page
 
 import equipoise
 from equipoise import JointCommand, Precise, RunFolder, Trajectory, calibrate, load_robot, nominal_stance, simulate
@@ -371,7 +371,8 @@ def main() -> None:
                 known[str(seed)] = measured
             kept.write_text(json.dumps(results, indent=1) + "\n")
     text = report(results)
-    (RESULTS / "link.md").write_text(text)
+    late = [row["late"] for row in results.get("calibrations", {}).values()]
+    write_page("link.md", text, [*(results[name] for name in COLUMNS), *late])
     print(text)
 
 

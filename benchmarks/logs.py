@@ -16,7 +16,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit
+from provenance import write_page
 from scipy.spatial.transform import Rotation
 
 from equipoise import Calibration, Recording, calibrate, load_robot, simulate
@@ -105,7 +105,7 @@ def main() -> None:
     lines = [
         "# Estimates from logs without our events",
         "",
-        f"`make bench-logs` at commit {commit()}; {len(SEEDS)} simulated calibrations each, `--noise realistic`, with a "
+        f"`make bench-logs`; {len(SEEDS)} simulated calibrations each, `--noise realistic`, with a "
         "payload. Root mean square errors of the whole robot, and 95 % intervals of its CoM, the mean.",
         "",
         "| robot | estimated from | mass [%] | CoM x y z [mm] | its intervals +- [mm] | Ixx Iyy Izz [%] | within intervals |",
@@ -114,7 +114,7 @@ def main() -> None:
     for name, payload in ROBOTS.items():
         runs = [run(name, payload, seed) for seed in SEEDS]
         lines += [row(name, way, [one[way] for one in runs]) for way in WAYS]
-    (RESULTS / "logs.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_page("logs.md", "\n".join(lines) + "\n")
     print("\n".join(lines))
 
 

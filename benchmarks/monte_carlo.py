@@ -27,8 +27,8 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import mujoco
 import numpy as np
-from commit import commit
 from mujoco import rollout
+from provenance import commit, write_page
 
 import equipoise
 from equipoise import Paper, Precise, calibrate, estimate, load_robot, simulate
@@ -328,7 +328,7 @@ def main() -> None:
         found[name] = PARTS[name]()
         found.setdefault("made", {})[name] = {"commit": commit(), "load": load}
         store.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    (RESULTS / "monte_carlo.md").write_text(report(found), encoding="utf-8")
+    write_page("monte_carlo.md", report(found), found["made"].values())
     print(report(found))
 
 

@@ -11,7 +11,6 @@ import json
 import os
 import platform
 import warnings
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,8 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import mujoco
 import numpy as np
-from commit import commit
 from peers import motors as peers
+from provenance import commit, write_page
 
 from equipoise import __version__, calibrate, load_robot, simulate
 from equipoise.errors import ModelWarning
@@ -81,9 +80,7 @@ def page(rows: list[dict[str, Any]], of_peers: list[dict[str, Any]]) -> Iterator
     yield ""
     yield from peers.section(of_peers, {name: label for name, label, *_ in FOUND})
     yield ""
-    commits = Counter(row["commit"] for row in (*rows, *of_peers))
-    made = ", ".join(f"{count} rows at commit {name}" for name, count in commits.items())
-    yield f"equipoise {__version__} ({made}), MuJoCo {mujoco.__version__}, Python {platform.python_version()}."
+    yield f"equipoise {__version__}, MuJoCo {mujoco.__version__}, Python {platform.python_version()}."
 
 
 def table(rows: list[dict[str, Any]]) -> Iterator[str]:
@@ -181,7 +178,8 @@ def main() -> None:
             rows.append(run(*case))
             with ROWS.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
-    (RESULTS / "motors.md").write_text("\n".join(page(rows, peers.run_missing())) + "\n")
+    of_peers = peers.run_missing()
+    write_page("motors.md", "\n".join(page(rows, of_peers)) + "\n", [*rows, *of_peers, *peers.real_log()])
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from commit import commit
+from provenance import commit, write_page
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
@@ -45,6 +45,7 @@ LIMITS = {
         "_FROZEN_TIME _FROZEN_MOVE _JUMP _JUMP_SPEED _FASTEST",
         "",
     ),
+    "recording/encoder_steps.py": ("guard/test_limits.py", "_COARSEST _STILL_STEPS", ""),
     "guard/tilt_filter.py": ("guard/test_limits.py guard/test_tilt_filter.py", "_TIME _BELIEVED", ""),
     "guard/held_robot.py": ("guard/test_limits.py", "_PATIENCE", ""),
     "guard/guard.py": ("guard/test_limits.py", "_HANGS", "_LOOK_TIME"),
@@ -166,7 +167,7 @@ def main() -> None:
                 rows.append((mutant, killer(mutant, package)))
                 print(*line(*rows[-1]), flush=True)
     if not only:
-        (RESULTS / "mutants.md").write_text(page(rows, made_at), encoding="utf-8")
+        write_page("mutants.md", page(rows), [{"commit": made_at}])
     sys.exit(any(test is None for _, test in rows))
 
 
@@ -175,14 +176,14 @@ def line(mutant: Mutant, test: str | None) -> tuple[str, str, str]:
     return mutant.module, mutant.limit, "**survived**" if test is None else test
 
 
-def page(rows: list[tuple[Mutant, str | None]], made_at: str) -> str:
+def page(rows: list[tuple[Mutant, str | None]]) -> str:
     """As Markdown."""
     noticed = sum(test is not None for _, test in rows)
     return "\n".join(
         [
             "# Limits that are looser than they should be",
             "",
-            f"`make mutants`, at {made_at}. Each limit of the guard, its ending, the watchdog and the doctor is loosened by "
+            f"`make mutants`. Each limit of the guard, its ending, the watchdog and the doctor is loosened by "
             "half, times 1.5 or over it, and the tests that concern it are run: a test that fails has noticed. "
             f"{noticed} of {len(rows)} are noticed.",
             "",

@@ -16,7 +16,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit, made_at
+from provenance import commit, write_page
 
 from equipoise import Payload, Recording, ScaleReadings, calibrate, find_delta, load_robot, nominal_stance, simulate
 from equipoise.errors import ModelWarning
@@ -92,7 +92,7 @@ def lines(rows: list[dict[str, object]]) -> list[str]:
                 f"| {name} | {len(of)} | {way} | {told(mass, '.1f')} | {told(place[:, :2], '.1f')} | "
                 f"{told(place[:, 2], '.1f')} | {inside.mean():.0%} |"
             )
-    return [*text, "", made_at(rows)]
+    return text
 
 
 def main() -> None:
@@ -108,7 +108,7 @@ def main() -> None:
             rows += new
             with ROWS.open("a", encoding="utf-8") as file:
                 file.writelines(json.dumps(row) + "\n" for row in new)
-            (RESULTS / "payload.md").write_text("\n".join(lines(rows)) + "\n", encoding="utf-8")
+            write_page("payload.md", "\n".join(lines(rows)) + "\n", rows)
     print("\n".join(lines(rows)))
 
 

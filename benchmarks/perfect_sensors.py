@@ -18,7 +18,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 import numpy as np
-from commit import commit
+from provenance import commit, write_page
 
 from equipoise import Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
@@ -54,7 +54,7 @@ def run(case: Case) -> Row:
     robot = load_robot(name)
     payload = payload_of(robot, seed)
     settings = Precise(budget=budget * nominal_stance(robot).scale.time)
-    row: Row = {"robot": name, "budget": budget, "seed": seed, "payload": payload}
+    row: Row = {"robot": name, "budget": budget, "seed": seed, "payload": payload, "commit": commit()}
     with simulate(robot, "ideal", payload) as simulation:
         try:
             result = calibrate(simulation.platform, robot, settings)
@@ -95,7 +95,7 @@ def table(rows: list[Row]) -> list[str]:
 
 ABOUT = """# Perfect sensors
 
-`make bench-perfect-sensors`, at commit {commit}: the precise method in simulation with the preset `ideal`, no scale, bare and
+`make bench-perfect-sensors`: the precise method in simulation with the preset `ideal`, no scale, bare and
 with a payload of 5 to 20 % of the robot's mass. Budgets are an A1's; larger robots take longer. CoM errors are root mean
 square. Target: at least 95 % of all intervals hold, no check fails (*alarms*), nothing is left out.
 
@@ -106,7 +106,7 @@ square. Target: at least 95 % of all intervals hold, no check fails (*alarms*), 
 def page(rows: list[Row]) -> str:
     """The page."""
     ratio = np.abs(np.concatenate([np.array(row["error"]) / row["deviation"] for row in rows if "error" in row]))
-    about = ABOUT.format(commit=commit(), share=np.mean(ratio < NORMAL_95), count=ratio.size)
+    about = ABOUT.format(share=np.mean(ratio < NORMAL_95), count=ratio.size)
     failed = [
         f"- {row['robot']}, {row['budget']} s, {row['payload']}: {row['failed']}" for row in rows if "failed" in row
     ]
@@ -124,7 +124,7 @@ def main() -> None:
             with ROWS.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
             print(rows[-1]["robot"], rows[-1]["budget"], rows[-1]["seed"], rows[-1].get("failed", ""), flush=True)
-    (RESULTS / "perfect_sensors.md").write_text(page(rows), encoding="utf-8")
+    write_page("perfect_sensors.md", page(rows), rows)
     print(page(rows))
 
 

@@ -20,7 +20,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit
+from provenance import write_page
 
 from equipoise import Precise, RobotModel, load_robot
 from equipoise.errors import EquipoiseError
@@ -100,8 +100,6 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
     yield "|---|---|"
     for name, why in ELSEWHERE:
         yield f"| {name} | {why} |"
-    yield ""
-    yield f"Made at commit {commit()}."
 
 
 def part(log: Log, start: float, end: float) -> Log:
@@ -144,7 +142,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     robot = load_robot("go1")
     page = "\n".join(lines(robot, read(arguments.serow, robot))) + "\n"
-    (RESULTS / "real_logs.md").write_text(page, encoding="utf-8")
+    write_page("real_logs.md", page)
 
 
 if __name__ == "__main__":

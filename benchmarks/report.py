@@ -17,7 +17,7 @@ from pathlib import Path
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
-from commit import commit
+from provenance import write_page
 
 from equipoise import Calibration, calibrate, load_robot, simulate
 from equipoise.method.table import method_named
@@ -103,8 +103,7 @@ def main() -> None:
     for name, (seconds, work, size), seen in zip(saves, writing, showing, strict=True):
         first, whole = ("-", "-") if seen is None else (f"{seen[0]:.2f}", f"{seen[1]:.2f}")
         lines.append(f"| {name} | {seconds:.2f} | {work:.2f} | {size:.1f} | {first} | {whole} |")
-    lines += ["", f"Made at commit {commit()}."]
-    (RESULTS / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_page("report.md", "\n".join(lines) + "\n")
     print("\n".join(lines))
 
 

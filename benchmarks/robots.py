@@ -26,7 +26,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 import numpy as np
 from accuracy import Row, judged, load_rows, payload_of, relative, rounded
-from commit import commit
+from provenance import commit, write_page
 
 from equipoise import Calibration, Paper, Precise, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError, MissingDependencyError
@@ -208,7 +208,7 @@ def main() -> None:
             row.get("failed", [round(1000 * error, 2) for error in row.get("error", [])[1:4] if error]),
             flush=True,
         )
-    (RESULTS / "robots.md").write_text(page(list(rows.values())), encoding="utf-8")
+    write_page("robots.md", page(list(rows.values())), rows.values())
     print(*verdicts(list(rows.values())), sep="\n")
 
 

@@ -37,7 +37,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per run
 
 import numpy as np
 from accuracy import Row, judged, load_rows, payload_of, relative, rms, rounded
-from commit import commit
+from provenance import commit, write_page
 
 from equipoise import (
     Calibration,
@@ -250,7 +250,7 @@ def verdict(rows: Sequence[Row]) -> list[str]:
 
 ABOUT = """# What the world does to a result, and whether anybody is told
 
-`make bench-robustness`; rows made at commit {commits}; {seeds}. The preset `realistic` with one effect besides, a
+`make bench-robustness`; {seeds}. The preset `realistic` with one effect besides, a
 payload drawn from the seed, a scale of 0.5 %, the precise method, 120 s of an A1's robot time. Sizes are an A1's; what they
 are and why is in [docs/method/world.md](../../docs/method/world.md). Errors are root mean square, of the whole robot; *file*:
 the same of the model file, which does not know the payload. **Bold**: worse than the file. *Hold*: share of all ten 95 %
@@ -261,9 +261,8 @@ runs in which one fired, and which. *Silent*: runs with an error above {silent:g
 
 def page(rows: Sequence[Row]) -> str:
     """The page."""
-    commits = ", ".join(sorted({str(row["commit"]) for row in rows}))
     used = sorted({int(str(row["seed"])) for row in rows})
-    about = ABOUT.format(commits=commits, seeds=f"seeds {used[0]} to {used[-1]}", silent=SILENT)
+    about = ABOUT.format(seeds=f"seeds {used[0]} to {used[-1]}", silent=SILENT)
     failed = [f"- {row['key']}: {row['failed']}" for row in rows if "failed" in row]
     return "\n".join(
         [about, *verdict(rows), *tables(rows), *(["", "Ended by name:", "", *failed] if failed else []), ""]
@@ -321,7 +320,7 @@ def main() -> None:
         print(
             row["key"], row.get("failed") or f"largest z {np.abs(deviates(row)).max():.1f} {row['alarms']}", flush=True
         )
-    (RESULTS / "robustness.md").write_text(page(list(rows.values())), encoding="utf-8")
+    write_page("robustness.md", page(list(rows.values())), rows.values())
     print(*verdict(list(rows.values())), sep="\n")
 
 

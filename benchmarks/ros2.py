@@ -25,7 +25,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # one core per proces
 
 import mujoco
 import numpy as np
-from commit import commit
+from provenance import commit, write_page
 
 import equipoise
 from equipoise import Method, Precise, calibrate, load_robot, simulate
@@ -188,7 +188,7 @@ def write_table() -> str:
             f"- {row['case']}, {row['method']}, {row['seed']}: {w}" for row in rows for w in row.get("warnings", [])
         ]
     text = "\n".join(lines) + "\n"
-    (RESULTS / "ros2.md").write_text(text, encoding="utf-8")
+    write_page("ros2.md", text, [{"commit": row.get("commit", OLDER)} for row in rows])
     return text
 
 

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
-from commit import commit
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from provenance import write_page
 
 import equipoise
 
@@ -79,7 +79,7 @@ def main() -> None:
     lines = [
         "# What an installation weighs",
         "",
-        f"`make bench-size` at commit {commit()}; equipoise {equipoise.__version__}, Python {platform.python_version()} on "
+        f"`make bench-size`; equipoise {equipoise.__version__}, Python {platform.python_version()} on "
         f"{platform.machine()}. Files that packages bring, in MB, bytecode left out; an interpreter is not counted.",
         "",
         "| install | MB | of that |",
@@ -91,7 +91,7 @@ def main() -> None:
         "simulator, pictures and readers of bags; `make demo` installs `[desk]`, which is all three.",
     ]
     text = "\n".join(lines) + "\n"
-    (RESULTS / "size.md").write_text(text, encoding="utf-8")
+    write_page("size.md", text)
     print(text)
 
 

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from commit import commit
+from provenance import write_page
 
 from equipoise.threads import ONE_THREAD
 
@@ -260,7 +260,7 @@ def main() -> None:
     lines = [
         "# Speed of a whole `paper` calibration of the A1",
         "",
-        f"`make bench-speed` at commit {commit()}; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {REPEATS} "
+        f"`make bench-speed`; equipoise {equipoise.__version__}, MuJoCo {mujoco.__version__}, {REPEATS} "
         "rounds on one core, CPU seconds, medians. Motion, sensing and estimating; without start-up, storage and pictures.",
         "",
         "| what | CPU s | over `mj_step` |",
@@ -303,7 +303,7 @@ def main() -> None:
         *thinking(),
     ]
     text = "\n".join(lines) + "\n"
-    (RESULTS / "speed.md").write_text(text, encoding="utf-8")
+    write_page("speed.md", text)
     print(text)
 
 

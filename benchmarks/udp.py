@@ -28,6 +28,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # the other core is t
 
 import mujoco
 import numpy as np
+from provenance import commit, write_page
 
 import equipoise
 from equipoise import Calibration, Precise, calibrate, load_robot, simulate
@@ -152,19 +153,19 @@ def table(rows: list[list[str]]) -> str:
 
 def main() -> None:
     kept = [json.loads(line) for line in ROWS.read_text(encoding="utf-8").splitlines()] if ROWS.exists() else []
-    done = {(row[0], row[1]): row for row in kept}
+    done = {tuple(row["cells"][:2]): row for row in kept}
     planned = [("no network", direct, ())] + [(named(*run), over_udp, run) for run in RUNS]
-    rows: list[list[str]] = []
+    rows: list[dict[str, Any]] = []
     for seed in SEEDS:
         for what, calibrated, run in planned:
-            row = done.get((what, str(seed))) or calibrated(*run, seed).cells()
+            row = done.get((what, str(seed))) or {"cells": calibrated(*run, seed).cells(), "commit": commit()}
             rows.append(row)
             if row not in kept:
                 with ROWS.open("a", encoding="utf-8") as out:
                     out.write(json.dumps(row) + "\n")
                 print(row, flush=True)
-    text = table(rows)
-    (RESULTS / "udp.md").write_text(text, encoding="utf-8")
+    text = table([row["cells"] for row in rows])
+    write_page("udp.md", text, rows)
     print(text)
 
 

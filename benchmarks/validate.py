@@ -19,7 +19,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit
+from provenance import commit, write_page
 
 from equipoise import Calibration, Payload, Precise, RobotModel, calibrate, load_robot, nominal_stance, simulate
 from equipoise.calibration.validation import validate
@@ -51,7 +51,7 @@ def calibrated(robot: RobotModel, noise: str, loaded: bool, seed: int, noise_see
 def row_of(name: str, seed: int, noise: str, loaded: bool) -> dict[str, object]:
     """What the bodies miss the measured tilts by [mm]."""
     robot = load_robot(name)
-    row: dict[str, object] = {"robot": name, "seed": seed, "noise": noise, "loaded": loaded}
+    row: dict[str, object] = {"robot": name, "seed": seed, "noise": noise, "loaded": loaded, "commit": commit()}
     try:
         first = calibrated(robot, noise, loaded, seed, 2 * seed, Precise())
         assert first.held_out is not None
@@ -103,8 +103,6 @@ def lines(rows: list[dict[str, object]]) -> Iterator[str]:
     failed = sum(bool(row.get("checks")) for row in rows)
     cost = np.median([row["cpu"] for row in rows if "cpu" in row])
     yield f"To play a run's lifts with two bodies takes {cost:.1f} CPU s. A check failed in {failed} of {len(rows)} runs."
-    yield ""
-    yield f"Made at commit {commit()}."
 
 
 def line(rows: list[dict[str, object]], payload: str) -> str:
@@ -138,7 +136,7 @@ def main() -> None:
                 print(name, seed, noise, loaded, flush=True)
                 with ROWS.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(rows[-1]) + "\n")
-        (RESULTS / "validate.md").write_text("\n".join(lines(rows)) + "\n", encoding="utf-8")
+        write_page("validate.md", "\n".join(lines(rows)) + "\n", rows)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 import tyro
+from provenance import commit, write_page
 
 import equipoise
 from equipoise import Precise, RunFolder, Trajectory, load_robot, nominal_stance
@@ -214,9 +215,10 @@ def main() -> None:
                 cases[case].append(measured(case, min(options.seconds, 60.0)))
                 print(case, cases[case][-1], flush=True)
         kept = {"seconds": options.seconds, "rounds": options.rounds, "realtime": options.realtime, "cases": cases}
+        kept["commit"] = commit()
         path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     text = report(json.loads(path.read_text(encoding="utf-8")))
-    (RESULTS / "view.md").write_text(text, encoding="utf-8")
+    write_page("view.md", text, [kept])
     print(text)
 
 

@@ -27,7 +27,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit
+from provenance import commit, write_page
 from worlds.world import world
 
 from equipoise import Payload, Precise, Recording, RobotModel, calibrate, load_robot, nominal_stance
@@ -175,7 +175,6 @@ def lines(rows: list[dict]) -> Iterator[str]:
     for row in rows:
         if "failed" in row:
             yield f"- {row['key']}: {row['failed']}"
-    yield f"Made at commit {', '.join(dict.fromkeys(row['commit'] for row in rows))}."
 
 
 def table(rows: list[dict], gait: str) -> Iterator[str]:
@@ -256,7 +255,7 @@ def main() -> None:
             with ROWS.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(row) + "\n")
             print(row["key"], row.get("failed") or np.round(1e3 * np.array(row["error"][1:4]), 1), flush=True)
-    (RESULTS / "walking.md").write_text("\n".join(lines(rows)) + "\n", encoding="utf-8")
+    write_page("walking.md", "\n".join(lines(rows)) + "\n", rows)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import numpy as np
-from commit import commit
+from provenance import commit, write_page
 
 from equipoise import (
     Calibration,
@@ -166,8 +166,6 @@ def lines(rows: list[dict[str, object]]) -> Iterator[str]:
     failed = [row for row in rows if "failed" in row]
     for row in failed:
         yield f"- {row['robot']} {row['seed']}, {row['case']}: {row['failed']}"
-    yield ""
-    yield f"Rows made at commit {', '.join(sorted({str(row['commit']) for row in rows}))}."
 
 
 def accuracy(name: str, case: str, rows: list[dict[str, object]], targets: tuple[float | None, ...]) -> str:
@@ -255,7 +253,7 @@ def main() -> None:
                 print(name, seed, case[0], flush=True)
                 with ROWS.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(rows[-1]) + "\n")
-        (RESULTS / "weigh.md").write_text("\n".join(lines(rows)) + "\n", encoding="utf-8")
+        write_page("weigh.md", "\n".join(lines(rows)) + "\n", rows)
 
 
 if __name__ == "__main__":

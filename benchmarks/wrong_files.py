@@ -19,7 +19,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np
 from accuracy import payload_of, rounded
-from commit import commit, made_at
+from provenance import commit, write_page
 
 from equipoise import Precise, RobotModel, calibrate, load_robot, nominal_stance, simulate
 from equipoise.errors import EquipoiseError
@@ -182,8 +182,6 @@ def table(rows: list[Row]) -> Iterator[str]:
                 " ".join(f"{value:.1f}" for value in moments),
             ]
             yield f"| {' | '.join(map(str, cells))} |"
-    yield ""
-    yield made_at(rows)
 
 
 def main() -> None:
@@ -198,7 +196,7 @@ def main() -> None:
                 print(name, preset, seed, flush=True)
                 with ROWS.open("a") as file:
                     file.writelines(json.dumps(row) + "\n" for row in new)
-    (RESULTS / "wrong_files.md").write_text("\n".join(table(rows)) + "\n")
+    write_page("wrong_files.md", "\n".join(table(rows)) + "\n", rows)
 
 
 if __name__ == "__main__":

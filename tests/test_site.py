@@ -5,6 +5,7 @@ import runpy
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 MAKING = ROOT / "docs" / "making"
 sys.path.insert(0, str(MAKING))
 formulas, hooks = import_module("formulas"), import_module("hooks")
+hash_of = import_module("sources").hash_of
 
 PICTURES = sorted((ROOT / "docs" / "pictures").glob("*.svg"))
 
@@ -54,6 +56,46 @@ def test_the_table_of_effects_is_that_of_the_code():
     assert "| `joint_zero` | 0.005 rad | 0.01 rad | 0.01 rad | encoder reading less joint position | joint |" in table
     assert "between a motor's encoder and the link | robot | exact | torque |" in table
     assert hooks._EFFECTS in (ROOT / "docs" / "method" / "world.md").read_text(encoding="utf-8")
+
+
+OLDER = hooks.Page("benchmarks/accuracy.py", ("0123abc",), ("another hash",))
+
+
+def test_a_results_page_of_older_code_has_a_mark_at_its_head_and_a_current_one_has_none():
+    marked = hooks.with_banner("# Accuracy\n\nText.\n", OLDER)
+    assert marked == (
+        '# Accuracy\n\n!!! warning "Older code"\n    Made by older code: commit 0123abc; make it again with '
+        "`make bench-accuracy`.\n\nText.\n"
+    )
+    current = OLDER._replace(hashes=(hash_of(OLDER.maker),))
+    assert hooks.with_banner("# Accuracy\n\nText.\n", current) == "# Accuracy\n\nText.\n"
+
+
+def test_links_to_pages_of_older_code_rows_of_them_and_pictures_are_marked(tmp_path, monkeypatch):
+    results = tmp_path / "benchmarks" / "results"
+    results.mkdir(parents=True)
+    table = "| a | b |\n|---|---|\n| one | 1 |\n\n"
+    for name, found in (("speed", "another hash"), ("size", hash_of("benchmarks/size.py"))):
+        (results / f"{name}.md").write_text(f"{table}Made at commit 0123abc; sources {found}.\n", encoding="utf-8")
+    svg = "<svg></svg>"
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "drawn.svg").write_text(svg, encoding="utf-8")
+    for module in (hooks, sys.modules["provenance"]):
+        monkeypatch.setattr(module, "RESULTS", results)
+    monkeypatch.setattr(hooks, "ROOT", tmp_path)
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="accuracy.md"))
+
+    def made(markdown):
+        return hooks.on_page_markdown(markdown, page, None, None)
+
+    assert made("[speed](../benchmarks/results/speed.md#a) of").endswith("speed.md#a) (older code) of")
+    assert made("[size](../benchmarks/results/size.md) of").endswith("size.md) of")
+    assert "*Rows made by older code: commit 0123abc.*" in made(
+        "<!-- rows of benchmarks/results/speed.md, table 1: one -->"
+    )
+    assert "older" not in made("<!-- rows of benchmarks/results/size.md, table 1: one -->")
+    assert "speed.md (older code)." in made("![Drawn from benchmarks/results/speed.md.](drawn.svg)")
+    assert "older" not in made("![Drawn from benchmarks/results/size.md.](drawn.svg)")
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,16 @@
 """Where results go: whole or not at all, and never in place of what is no regular file."""
 
+import importlib.util
 import itertools
 import os
 import socket
 import stat
+import sys
 from pathlib import Path
 
 import pytest
 
+from equipoise import user_file
 from equipoise.cli import main
 from equipoise.errors import OutputError
 from equipoise.exports.formats import FORMATS, Export
@@ -142,3 +145,14 @@ def test_nor_does_an_export(tmp_path, monkeypatch, make):
     with pytest.raises(OutputError, match="'there': it is a"):
         Export(next(iter(FORMATS.values())), b"content", "name", (), ()).save(out)
     assert not stat.S_ISREG(out.lstat().st_mode)
+
+
+def test_python_3_10_reads_toml_with_tomli(monkeypatch):
+    reader = pytest.importorskip("tomllib")  # what tomli became; on Python 3.10 every test here reads with tomli
+    monkeypatch.setattr(sys, "version_info", (3, 10))
+    monkeypatch.setitem(sys.modules, "tomli", reader)
+    spec = importlib.util.spec_from_file_location("user_file_on_3_10", user_file.__file__)
+    older = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(older)
+    assert older.tomllib is reader
+    assert older.toml_table("kp = 5") == {"kp": 5}

@@ -28,8 +28,8 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 sys.path.append(str(Path(__file__).parents[1]))  # behind what has the same names
 
 import numpy as np
-from commit import commit
 from numpy.typing import NDArray
+from provenance import commit
 
 from equipoise import RobotModel, load_robot, nominal_stance
 from equipoise.motors.equations import motor_samples

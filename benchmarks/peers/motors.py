@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from commit import commit
 from numpy.typing import NDArray
+from provenance import commit
 
 from equipoise import RobotModel, calibrate, load_robot, nominal_stance, simulate
 from equipoise.motors.method import Motors
@@ -147,8 +147,8 @@ def section(rows: list[dict[str, Any]], columns: dict[str, str]) -> Iterator[str
             yield line(world, peer, [row for row in rows if [row[name] for name in KEY[:3]] == world], columns)
     yield ""
     yield NOTES.read_text().rstrip()
-    if LOG.exists():
-        yield from log_table(json.loads(LOG.read_text()))
+    for log in real_log():
+        yield from log_table(log)
 
 
 def line(world: list[str], peer: str, rows: list[dict[str, Any]], columns: dict[str, str]) -> str:
@@ -168,6 +168,11 @@ def rms(rows: list[dict[str, Any]], name: str) -> str:
     return f"{np.sqrt(np.mean(np.square([row[name] for row in rows]))):.{2 if name == 'delay' else 1}f}"
 
 
+def real_log() -> list[dict[str, Any]]:
+    """Return what was found in the log of a real robot, if it is there."""
+    return [json.loads(LOG.read_text())] if LOG.exists() else []
+
+
 def log_table(log: dict[str, Any]) -> Iterator[str]:
     """Lines of the page on the real robot's log, after what the notes say of it."""
     yield ""
@@ -182,4 +187,4 @@ def log_table(log: dict[str, Any]) -> Iterator[str]:
         rest = f"{motors} | {1e3 * found['delay']:.1f}"
         yield f"| {name} | {found['fitted']:.1f} | {found['predicted']:.1f} | {rest} |"
     yield ""
-    yield f"Motors: the median of the joints. Made at commit {log['commit']}."
+    yield "Motors: the median of the joints."

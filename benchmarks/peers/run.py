@@ -35,8 +35,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import mujoco
 import numpy as np
 import pinocchio as pin
-from commit import commit, made_at
 from numpy.typing import NDArray
+from provenance import commit, write_page
 
 import equipoise
 from equipoise import estimate
@@ -282,9 +282,8 @@ def write_tables() -> str:
     failed = [row for row in rows if "failed" in row]
     if failed:
         lines += ["", "## Estimates that failed", "", *(f"- {row['key']}: {row['failed']}" for row in failed)]
-    lines += ["", made_at(rows)]
     text = "\n".join(lines) + "\n\n" + NOTES.read_text(encoding="utf-8")
-    TABLES.write_text(text, encoding="utf-8")
+    write_page("peers.md", text, rows)
     return text
 
 

@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 from numpy.typing import NDArray
+from provenance import write_page
 
 from equipoise.robot.inertial import components
 from peers import filtered, projected_least_squares, rigid_body_kalman
@@ -28,7 +29,6 @@ from peers.projected_least_squares import ProjectedSettings
 from peers.rigid_body_kalman import KalmanSettings
 from peers.runs import Case, known, load, record, truth
 
-TABLE = Path(__file__).parents[1] / "results" / "peers_tuning.md"
 CASES = [Case(robot, seed) for robot in ("unitree_a1", "go2") for seed in range(396, 400)]
 INERTIA_WEIGHT = 0.3  # [mm/%]
 Settings = ProjectedSettings | KalmanSettings
@@ -102,7 +102,7 @@ def main() -> None:
         cells = " | ".join(f"{value:.2f}" for value in (judged, *errors))
         lines.append(f"| {name}{': ' if differs else ''}{differs} | {cells} |")
         print(lines[-1], flush=True)
-    TABLE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_page("peers_tuning.md", "\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """What MkDocs cannot do by itself: pages that live elsewhere, tables out of results and code, formulas, pictures.
 
 Documents are written so that they read well in the repository too: links are those of the repository.
+
+A results page that older code made is marked, and so are links to it, rows of it and pictures that are drawn from it.
 """
 
 import html
@@ -12,7 +14,9 @@ from pathlib import Path
 from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from formulas import with_formulas
+from provenance import RESULTS, Page
 
 from equipoise.precise.blocks.planted import PlantedBlock
 from equipoise.precise.blocks.tilt import TiltBlock
@@ -25,6 +29,9 @@ _SHOWN = ("CONTRIBUTING.md", "CHANGELOG.md", "benchmarks/results/**/*.md", "benc
 _LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 _PICTURE = re.compile(r"!\[([^\]]*)\]\((\S+?\.svg)\)")
 _ROWS = re.compile(r"^<!-- rows of (\S+), table (\d+): (.+) -->$", re.MULTILINE)
+_TO_RESULTS = re.compile(r"\]\(([^)#\s]*\.md)(#[^)\s]*)?\)")
+_DRAWN_FROM = re.compile(r"Drawn from (\S+\.md)")
+_OLDER = "(older code)"
 _UNKNOWNS = "<!-- table of unknowns -->"
 _EFFECTS = "<!-- table of effects -->"
 _EVIDENCE = {"lifts": TiltBlock, "moves": PlantedBlock, "torques": TorqueBlock}
@@ -41,12 +48,39 @@ def on_files(files, config):
 
 def on_page_markdown(markdown, page, config, files):
     """The page as MkDocs wants it."""
-    markdown = _ROWS.sub(lambda found: rows(ROOT / found[1], int(found[2]), found[3]), markdown)
+    source = ROOT / _in_repository(page.file.src_uri)
+    if source.is_relative_to(RESULTS):
+        markdown = with_banner(markdown, Page.read(source))
+    markdown = _ROWS.sub(
+        lambda found: rows(ROOT / found[1], int(found[2]), found[3]) + _rows_note(ROOT / found[1]), markdown
+    )
     markdown = markdown.replace(_UNKNOWNS, unknowns()).replace(_EFFECTS, effects())
     here = posixpath.dirname(_in_repository(page.file.src_uri))
     markdown = _PICTURE.sub(lambda found: _inlined(found[1], ROOT / posixpath.normpath(f"{here}/{found[2]}")), markdown)
+    if source.name != "CHANGELOG.md":  # its entries are dated
+        markdown = _TO_RESULTS.sub(
+            lambda found: found[0] + _mark(ROOT / posixpath.normpath(f"{here}/{found[1]}")), markdown
+        )
     markdown = _LINK.sub(lambda found: _linked(found[1], page.file.src_uri, here), markdown)
     return with_formulas(markdown)
+
+
+def with_banner(markdown: str, page: Page) -> str:
+    """Return a results page, with a mark at its head if older code made it."""
+    if page.is_current:
+        return markdown
+    title, rest = re.fullmatch(r"(\s*# [^\n]*\n)(.*)", markdown, re.DOTALL).groups()
+    return f'{title}\n!!! warning "Older code"\n    {page.banner}\n{rest}'
+
+
+def _mark(file: Path) -> str:
+    """Return the mark behind a link to a results page that older code made; else nothing."""
+    return f" {_OLDER}" if file.is_relative_to(RESULTS) and file.is_file() and not Page.read(file).is_current else ""
+
+
+def _rows_note(file: Path) -> str:
+    """Return the note below rows of a results page that older code made; else nothing."""
+    return f"\n\n*Rows made by older code: commit {', '.join(Page.read(file).commits)}.*\n" if _mark(file) else ""
 
 
 def rows(file: Path, number: int, wanted: str) -> str:
@@ -104,6 +138,7 @@ def _linked(target: str, uri: str, here: str) -> str:
 
 def _inlined(caption: str, file: Path) -> str:
     """A picture in the page itself, so that its colours follow the page's."""
+    caption = _DRAWN_FROM.sub(lambda found: found[0] + _mark(ROOT / found[1]), caption)
     svg = re.sub(r"<\?xml.*?\?>|<!DOCTYPE.*?>", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
     svg = " ".join(svg.split())
     # Names within a picture must not meet those of another one.

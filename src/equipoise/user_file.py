@@ -1,14 +1,23 @@
-"""Files that a user names: written whole or not at all, and nothing replaced that is no regular file."""
+"""Files that a user names: only regular files are read or replaced, and they are written whole or not at all."""
 
 from __future__ import annotations
 
+import errno
+import json
 import os
 import secrets
 import shlex
 import stat
+import sys
 from pathlib import Path
+from typing import Any
 
 from equipoise.errors import OutputError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -17,6 +26,61 @@ _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
 )
+
+
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+
+
+class UnreadableError(OSError):
+    """Path that leads to something else than a readable regular file; callers put the reason into an error of theirs."""
+
+    def __str__(self) -> str:
+        return self.strerror or ""
+
+
+def refuse_unreadable(path: str | Path) -> None:
+    """Refuse a path at which a reader would block or misread: a pipe, a device, a socket, a Git LFS pointer.
+
+    Raises:
+        UnreadableError: the path leads to one of these.
+        OSError: there is no file, or no permission to read it. A folder is left to the caller.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        return
+    for is_kind, kind in _KINDS:
+        if is_kind(mode):
+            raise UnreadableError(errno.EINVAL, f"it is {kind}; save its content as a regular file, and give that")
+    with open(path, "rb") as file:
+        if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
+            raise UnreadableError(errno.EINVAL, "it is a Git LFS pointer: run `git lfs pull` in its repository")
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """Return the content of a regular file; raises OSError, as `refuse_unreadable` does."""
+    refuse_unreadable(path)
+    return Path(path).read_bytes()
+
+
+def read_text(path: str | Path) -> str:
+    """Return the text of a regular file in UTF-8; raises OSError, as `refuse_unreadable` does, and UnicodeDecodeError."""
+    return read_bytes(path).decode()
+
+
+def toml_table(text: str) -> dict[str, Any]:
+    """Return the table of a TOML text; raises ValueError."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def json_value(text: str) -> Any:
+    """Return the value of a JSON text; raises ValueError."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
 
 
 def write_file(path: Path, content: str | bytes, what: str = "") -> None:

@@ -443,7 +443,8 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name):
         (b'{"schema": "equipoise.run/4"}', "is 'equipoise.run/4'; this version reads 'equipoise.run/3'"),
         (
             b'{"schema": "equipoise.run/1"}',
-            "is 'equipoise.run/1', by an earlier version, whose recordings are NumPy archives: estimate it with that one; ",
+            "is 'equipoise.run/1'; this version reads 'equipoise.run/3': estimate it with the version of "
+            "equipoise that made it, or calibrate again",
         ),
         (b'{"schema": "equipoise.run/2"}', "is damaged: its run.json lacks 'model'"),
         (b'{"schema": "equipoise.run/3"}', "is damaged: its run.json lacks 'model'"),

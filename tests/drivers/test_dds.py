@@ -133,3 +133,24 @@ def test_only_loopback_goes_without_multicast():
     assert "AllowMulticast" not in configuration("eth0", (), "notes")
     assert configuration("eth0", ("10.0.0.7",), "notes").count("<Peer ") == 1
     assert 'address="10.0.0.7"' in configuration("eth0", ("10.0.0.7",), "notes")
+
+
+@pytest.mark.parametrize(
+    ("peer", "message"),
+    [
+        ("no-such-robot.invalid", "has no IPv4 address"),
+        ("", "has no IPv4 address"),
+        ("300.1.1.1", "has no IPv4 address"),
+        ("::1", "the port of '::1' is not a number from 1 to 65535"),
+        ("127.0.0.1:70000", "the port of '127.0.0.1:70000' is not a number from 1 to 65535"),
+        ("0.0.0.0", "is the address of no computer"),
+        ("255.255.255.255", "is the address of no computer"),
+    ],
+)
+def test_a_peer_that_cannot_be_looked_for_is_refused_before_cyclonedds_ends_the_process(peer, message):
+    with pytest.raises(SettingsError, match=message):
+        DdsDomain(ANOTHER, "lo", (peer,))
+
+
+def test_a_peer_may_have_a_port():
+    DdsDomain(ANOTHER, "lo", ("localhost:7411", "127.0.0.1")).close()

@@ -188,15 +188,32 @@ def test_a_sensor_that_says_nothing_new(a1):
     assert 0.1 <= count * PERIOD < 0.13
 
 
+def with_frozen_knee(state, home):
+    return replace(state, joint_position=with_one(state.joint_position, KNEE, home[KNEE]))
+
+
+@pytest.mark.parametrize(
+    ("step", "through", "noticed"), [(1.5e-3, 0.042, False), (1.5e-3, 0.06, True), (0, 0.17, False), (0, 0.2, True)]
+)
+def test_an_encoder_that_is_frozen_among_coarse_ones(a1, home, step, through, noticed):
+    """A step of 0: none has read a step so far, so that all may be coarse."""
+    states = [
+        with_frozen_knee(replace(at_rest(a1, index), joint_position=home + step * (index % 2)), home)
+        for index in range(110)
+    ]
+    _, error = believed(a1, states, lambda count: home + min(count * PERIOD / 0.1, 1) * through)
+    assert isinstance(error, SensorError) == noticed
+
+
 @pytest.mark.parametrize(("through", "noticed"), [(0.028, False), (0.04, True)])
 def test_an_encoder_that_is_frozen(a1, home, through, noticed):
-    states = [replace(at_rest(a1, index), joint_position=home) for index in range(110)]
+    states = [with_frozen_knee(at_rest(a1, index), home) for index in range(110)]
     _, error = believed(a1, states, lambda count: home + min(count * PERIOD / 0.1, 1) * through)
     assert isinstance(error, SensorError) == noticed
 
 
 def test_a_frozen_encoder_is_noticed_in_time(a1, home):
-    states = [replace(at_rest(a1, index), joint_position=home) for index in range(500)]
+    states = [with_frozen_knee(at_rest(a1, index), home) for index in range(500)]
     count, _ = believed(a1, states, lambda count: home + count * PERIOD)
     assert 0.14 < count * PERIOD < 0.2
 

@@ -215,7 +215,7 @@ def test_what_read_the_same_before_the_first_command_has_not_been_sent_anywhere_
     for sample in samples[:150]:
         sieve.forgive()
         sieve.accept(sample, None)
-    error, count = run(sieve, samples[150:], lambda index: home + (0.04 if index >= 150 else 0.0))
+    error, count = run(sieve, samples[150:], lambda index: home + (0.2 if index >= 150 else 0.0))
     assert count == 150
     assert "frozen" in str(error)
 

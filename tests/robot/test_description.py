@@ -1,14 +1,11 @@
 """Robot descriptions: what a user may say, and how what cannot be meant is refused."""
 
 import dataclasses
-import importlib.util
 import math
-import sys
 
 import pytest
 
 from equipoise.errors import SettingsError
-from equipoise.robot import description as module
 from equipoise.robot.description import RobotDescription
 
 COMPLETE = """
@@ -185,16 +182,3 @@ def test_flags_that_are_not_set_change_nothing(from_toml):
 def test_a_flag_that_makes_no_sense_with_nothing_else_is_refused_when_it_is_joined(from_toml):
     with pytest.raises(SettingsError):
         from_toml(COMPLETE).overridden_by(RobotDescription(stance_height=1.5))
-
-
-def test_python_3_10_reads_toml_with_tomli(monkeypatch, tmp_path):
-    reader = pytest.importorskip("tomllib")  # what tomli became; on Python 3.10 every test here reads with tomli
-    monkeypatch.setattr(sys, "version_info", (3, 10))
-    monkeypatch.setitem(sys.modules, "tomli", reader)
-    spec = importlib.util.spec_from_file_location("description_on_3_10", module.__file__)
-    older = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "description_on_3_10", older)
-    spec.loader.exec_module(older)
-    (tmp_path / "robot.toml").write_text("kp = 5", encoding="utf-8")
-    assert older.tomllib is reader
-    assert older.RobotDescription.from_toml(tmp_path / "robot.toml").kp == 5.0

@@ -48,7 +48,7 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
-from equipoise.user_file import typed, write_file
+from equipoise.user_file import json_value, read_text, typed, write_file
 
 SCHEMA = "equipoise.run/3"
 RESULT = "calibration.json"
@@ -59,9 +59,6 @@ UNRECORDED = "unrecorded.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
 _REMEDY = "copy it again from where it is whole"
 _READ = ("equipoise.run/2",)  # whose settings are those of all methods
-_EARLIER = {
-    "equipoise.run/1": ", by an earlier version, whose recordings are NumPy archives: estimate it with that one"
-}
 
 
 class RunFolder:
@@ -133,8 +130,10 @@ class RunFolder:
         if (schema := header.get("schema")) is None:
             raise _damaged(path, f"its {HEADER} lacks 'schema'")
         if schema not in (SCHEMA, *_READ):
-            by = _EARLIER.get(str(schema), "")
-            raise RecordingError(f"the run {str(path)!r} is {schema!r}{by}; this version reads {SCHEMA!r}")
+            raise RecordingError(
+                f"the run {str(path)!r} is {schema!r}; this version reads {SCHEMA!r}: estimate it with the version of "
+                "equipoise that made it, or calibrate again"
+            )
         for key in ("model", "description", "settings", "provenance"):
             if not isinstance(header.get(key), dict):
                 raise _damaged(path, f"its {HEADER} lacks {key!r}")
@@ -242,7 +241,7 @@ class RunFolder:
         """The robot as it was read for the run. What was repaired then is not said again."""
         model, description = self._header["model"], self._header["description"]
         try:
-            xml = (self.path / _MODEL).read_text(encoding="utf-8")
+            xml = read_text(self.path / _MODEL)
             if _sha256(xml) != model["xml_sha256"]:
                 raise RecordingError("the model is not the one that it was recorded with")
             source = ModelSource(
@@ -270,7 +269,8 @@ class RunFolder:
             return method_from_dict(_settings_before_3(table) if self._header["schema"] in _READ else table)
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(
-                f"the settings of run {str(self.path)!r} are damaged: {_told(error)}; they stand in its {HEADER}: {_REMEDY}"
+                f"the settings of run {str(self.path)!r} are damaged: {_told(error)}; they stand in its {HEADER}: {_REMEDY}; "
+                "or, if another version of equipoise made the run, estimate it with that version"
             ) from error
 
     def _attached(self) -> dict[str, Any]:
@@ -359,7 +359,7 @@ def _sha256(text: str) -> str:
 
 def _read_json(path: Path, otherwise: str, remedy: str = "") -> dict[str, Any]:
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
+        table = json_value(read_text(path))
     except OSError as error:
         raise RecordingError(f"{otherwise}: {str(path)!r} cannot be read ({error.strerror}){remedy}") from error
     except ValueError as error:

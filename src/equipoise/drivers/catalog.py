@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,16 +11,12 @@ from typing import TYPE_CHECKING, Any
 from equipoise.drivers.settings import PlatformSetting, read_settings, settings_of_class, settings_of_constructor
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, PluginError, SettingsError
 from equipoise.plugins import Table, import_users, resolve
+from equipoise.user_file import read_text, toml_table
 
 if TYPE_CHECKING:
     from equipoise.drivers.hardware import Link
     from equipoise.platform.stepped import SteppedPlatform
     from equipoise.robot.model import RobotModel
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 SIMULATED = ("mujoco", "dart")
 """Platforms that are engines: `simulate` makes them."""
@@ -213,8 +208,8 @@ def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:
     table: dict[str, Any] = {}
     if path is not None:
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            table = toml_table(read_text(path))
+        except (OSError, ValueError) as error:
             raise SettingsError(f"the settings file {str(path)!r} cannot be read: {error}") from error
     for pair in pairs:
         key, equals, value = pair.partition("=")

@@ -18,7 +18,7 @@ from equipoise.exports.subject import Subject, UsersFile
 from equipoise.exports.written import Written
 from equipoise.plugins import Table
 from equipoise.result.calibration import Calibration
-from equipoise.user_file import write_file
+from equipoise.user_file import read_bytes, write_file
 
 FileUse = Literal["model", "given", ""]
 
@@ -306,6 +306,6 @@ def _users_file(result: Calibration, row: Format, file: Path | None) -> tuple[Us
     if file is None:
         return None, ()
     try:
-        return UsersFile(file, file.read_bytes()), ()
+        return UsersFile(file, read_bytes(file)), ()
     except OSError as error:
         raise SettingsError(f"--file {str(file)!r} cannot be read: {error.strerror}") from error

@@ -28,6 +28,7 @@ from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.links import link_names
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import parse_model_source
+from equipoise.user_file import read_bytes
 
 _SAME_LEGS, _OTHER_LEGS = 0.003, 0.05  # of the leg length; files of one robot place its feet to a few millimetres
 _CLOSE = 1e-9  # how well the file that is written must give the composite that was found, relative
@@ -108,7 +109,7 @@ def _borrowed(path: Path) -> tuple[UsersFile, tuple[str, ...]]:
 
 def _read(path: Path, remedy: str) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path)
     except OSError as error:
         raise ModelError(f"the model file {str(path)!r} cannot be read: {error.strerror}{remedy}") from error
 

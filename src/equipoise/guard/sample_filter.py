@@ -10,10 +10,11 @@ import numpy as np
 from equipoise.conventions import FloatArray
 from equipoise.errors import CommunicationError, SensorError
 from equipoise.platform.platform import RobotState
+from equipoise.recording.encoder_steps import frozen_travel
 from equipoise.robot.model import RobotModel
 
 _FROZEN_TIME = 0.15  # [s] of identical samples
-_FROZEN_MOVE = 0.03  # [rad] that a joint was sent through meanwhile
+_FROZEN_MOVE = 0.03  # [rad] that a joint was sent through meanwhile; more with coarse encoders
 _JUMP, _JUMP_SPEED, _FASTEST = 0.05, 2.0, 50.0  # [rad], times the joint's limit, [rad/s]: beyond, no joint moved
 
 
@@ -51,6 +52,7 @@ class SampleFilter:
         self._joints_without = self._imu_without = 0.0  # [s]
         self._why = "missing"
         self._since = np.zeros(len(robot.joint_names))  # [s] that an encoder has read the same
+        self._steps = np.full(len(robot.joint_names), np.inf)  # smallest that each encoder has read [rad]
         self._imu_since = 0.0
         self._sent_low, self._sent_high = np.full((2, len(robot.joint_names)), [[np.inf], [-np.inf]])
         self._imu_target: FloatArray | None = None
@@ -111,10 +113,11 @@ class SampleFilter:
             return False
         self._check_numbers(sample)
         if last is not None and new_joints:
-            step = sample.time - self._joints
-            self._check_jump(sample, last, step)
+            step, moved = sample.time - self._joints, np.abs(sample.joint_position - last.joint_position)
+            self._check_jump(sample.time, moved, step)
             self._since += step
-            self._since *= sample.joint_position == last.joint_position
+            self._since *= moved == 0
+            np.minimum(self._steps, moved, out=self._steps, where=moved > 0)
         if last is not None and new_imu:
             same = (sample.angular_velocity_in_imu == last.angular_velocity_in_imu).all()
             same = same and (sample.acceleration_in_imu == last.acceleration_in_imu).all()
@@ -141,15 +144,14 @@ class SampleFilter:
         what = "gyroscope" if not np.isfinite(sample.angular_velocity_in_imu).all() else "accelerometer"
         raise SensorError(f"the {what} says what is no number at t = {sample.time:.3f} s")
 
-    def _check_jump(self, sample: RobotState, last: RobotState, step: float) -> None:
+    def _check_jump(self, time: float, moved: FloatArray, step: float) -> None:
         """An encoder cannot move faster than its joint."""
-        moved = np.abs(sample.joint_position - last.joint_position)
         wild = moved > _JUMP + self._fastest * step
         if wild.any():
             joint = int(np.argmax(moved * wild))
             raise SensorError(
                 f"the encoder of joint {self._names[joint]!r} jumped by {moved[joint]:.2f} rad in {step * 1000:.0f} ms at "
-                f"t = {sample.time:.3f} s"
+                f"t = {time:.3f} s"
             )
 
     def _check_frozen(self, target: FloatArray) -> None:
@@ -172,7 +174,7 @@ class SampleFilter:
         np.copyto(low, np.where(same, np.minimum(low, target), target))
         np.copyto(high, np.where(same, np.maximum(high, target), target))
         frozen = (self._since > _FROZEN_TIME) & (high - low > _FROZEN_MOVE)
-        if frozen.any():
+        if frozen.any() and (frozen := frozen & (high - low > frozen_travel(_FROZEN_MOVE, self._steps))).any():
             joint = int(np.argmax(frozen))
             raise SensorError(
                 f"the encoder of joint {self._names[joint]!r} is frozen: it has read exactly the same for "

@@ -8,7 +8,6 @@ taken as a whole: the "hip" of some is the abduction, and of others what comes a
 from __future__ import annotations
 
 import itertools
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +20,7 @@ from equipoise.errors import RecordingError, SettingsError
 from equipoise.robot.forward import leg_of, words_of
 from equipoise.robot.legs import Leg
 from equipoise.robot.model import RobotModel
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from equipoise.user_file import read_text, toml_table
 
 # Place in a leg of three joints, from the hip down: abduction, hip pitch, knee.
 _PLACE_WORDS = {
@@ -144,8 +139,8 @@ def read_joint_map(path: Path) -> dict[str, str | int]:
         SettingsError: the file is missing or holds something else.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        table = toml_table(read_text(path))
+    except (OSError, ValueError) as error:
         raise SettingsError(f"the joint map {str(path)!r} cannot be read: {error}") from error
     table = cast("dict[str, Any]", table.get("joints", table))
     wrong = [key for key, value in table.items() if isinstance(value, bool) or not isinstance(value, (str, int))]

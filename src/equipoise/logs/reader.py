@@ -16,6 +16,7 @@ from equipoise.logs.tables.columns import Columns
 from equipoise.logs.topics import Topics
 from equipoise.plugins import Table
 from equipoise.robot.model import RobotModel
+from equipoise.user_file import refuse_unreadable
 
 
 @runtime_checkable
@@ -83,6 +84,10 @@ def read_log(
     path = Path(path)
     if not path.exists():
         raise RecordingError(f"the log {str(path)!r} does not exist")
+    try:
+        refuse_unreadable(path)
+    except OSError as error:
+        raise RecordingError(f"the log {str(path)!r} cannot be read: {error.strerror}") from error
     if not is_log(path):
         if path.suffix.lower() in files.PICKLES:
             raise RecordingError(files.pickle_refused(path))

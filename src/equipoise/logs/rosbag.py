@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from equipoise.errors import EquipoiseError, MissingDependencyError, RecordingError
+from equipoise.user_file import UnreadableError, refuse_unreadable
 
 try:
     from rosbags.interfaces import Connection, MessageDefinitionFormat
@@ -52,6 +53,8 @@ def read_bag(path: Path, robot: RobotModel, topics: Topics) -> RawLog:
         return _read(path, robot, topics)
     except EquipoiseError:
         raise
+    except UnreadableError as error:
+        raise RecordingError(f"the bag {str(path)!r} cannot be read: {error}") from error
     except Exception as error:  # damaged files fail in many ways in several libraries, few of them typed
         hint = ""
         if path.suffix.lower() == ".mcap" or any(file.suffix == ".mcap" for file in bag_files(path)):
@@ -67,6 +70,8 @@ def _read(path: Path, robot: RobotModel, wanted: Topics) -> RawLog:
     found: dict[str, tuple[str, int]] = {}
     findings: list[LogFinding] = []
     types = dict(known_types())
+    for part in parts:
+        refuse_unreadable(part)
     with ExitStack() as opened:
         readers = [opened.enter_context(_opened(part)) for part in parts]
         for name, info in ((name, info) for reader in readers for name, info in reader.topics.items()):

@@ -21,6 +21,7 @@ from equipoise.conventions import ACCELERATION_AT_REST, AT_REST_IN_UNITS_OF_G, G
 from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.measurements.lift_samples import attitudes
+from equipoise.recording.encoder_steps import frozen_travel, smallest_steps
 from equipoise.recording.gaps import split_at_gaps
 from equipoise.recording.phases import Phase
 from equipoise.recording.recording import Recording
@@ -31,7 +32,7 @@ from equipoise.robot.statics import PLAUSIBLE_LOAD
 
 _BEYOND_LIMIT = 1.0  # [rad]: what no joint's zero and no hard stop explains
 _FROZEN_TIME = 0.15  # [s] of identical samples
-_FROZEN_MOVE = 0.02  # [rad] that was commanded meanwhile
+_FROZEN_MOVE = 0.02  # [rad] that was commanded meanwhile; more with coarse encoders
 _VELOCITY_BLOCK = 0.04  # [s]: short against motions, and encoder noise over it is small
 _VELOCITY_MOVE = 1e-3  # [rad] rms per block below which a joint did not move enough to tell
 _VELOCITY_RATIO = (0.6, 1.6)  # of reported velocity over the encoder's; delays and filters take off a tenth
@@ -141,6 +142,7 @@ def _check_frozen(recording: Recording) -> None:
     if commands is None or len(joints.time) < 3:
         return
     needed = max(2, round(_FROZEN_TIME / float(np.median(np.diff(joints.time)))))
+    travel = frozen_travel(_FROZEN_MOVE, smallest_steps(joints.position))
     for joint in range(joints.position.shape[1]):
         same = np.diff(joints.position[:, joint]) == 0
         for first, last in true_runs(same):
@@ -148,7 +150,7 @@ def _check_frozen(recording: Recording) -> None:
                 continue
             start, end = joints.time[first], joints.time[last]
             meant = commands.position[(commands.time >= start) & (commands.time <= end), joint]
-            if len(meant) and float(np.ptp(meant)) > _FROZEN_MOVE:
+            if len(meant) and float(np.ptp(meant)) > travel[joint]:
                 raise RecordingError(
                     f"the encoder of joint {recording.joint_names[joint]!r} is frozen: it reads "
                     f"{joints.position[first, joint]:.4f} rad from t = {start:.2f} s to {end:.2f} s while the joint was sent "

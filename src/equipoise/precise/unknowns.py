@@ -10,7 +10,6 @@ depends on. Its derivatives follow from the equation (traced.py). What a row is,
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -43,11 +42,7 @@ from equipoise.precise.unknown import (
     unknown,
 )
 from equipoise.robot.model import RobotModel
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from equipoise.user_file import read_text, toml_table
 
 Values = Mapping[str, FloatArray]
 """Value of every unknown, an array each, by its row's name and in its row's unit; zero is what the model says."""
@@ -321,8 +316,8 @@ class Priors:
             SettingsError: there is no such file, it is no TOML, or a name or number in it is none.
         """
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            table = toml_table(read_text(path))
+        except (OSError, ValueError) as error:
             raise SettingsError(f"cannot read priors from {path}: {error}") from error
         known = {field.name: field for field in fields(cls)}
         for name, value in table.items():

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from equipoise.errors import RecordingError
 from equipoise.recording.mcap_writer import MAGIC
+from equipoise.user_file import read_bytes, refuse_unreadable
 
 _MESSAGE_HEAD = 22  # bytes: channel, sequence number and two times
 _FRAME = 9  # bytes: the opcode and the length that every record begins with
@@ -51,7 +52,7 @@ def read_mcap(path: Path) -> McapContent:
         RecordingError: it is missing, damaged, or no MCAP file.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise RecordingError(f"the recording {str(path)!r} cannot be read: {error.strerror}") from error
     if not data.startswith(MAGIC[: len(data)]):
@@ -65,6 +66,7 @@ def read_mcap(path: Path) -> McapContent:
 def was_closed(path: Path) -> bool:
     """Whether a file was closed; else its writer was killed, or a copy of it broke off. Looks at its end alone."""
     try:
+        refuse_unreadable(path)
         with open(path, "rb") as file:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(size - len(MAGIC), 0))
@@ -237,6 +239,7 @@ class McapTail:
             RecordingError: it is damaged, or no MCAP file.
         """
         try:
+            refuse_unreadable(self.path)
             with open(self.path, "rb") as file:
                 self._file_number = os.fstat(file.fileno()).st_ino
                 file.seek(self._position)

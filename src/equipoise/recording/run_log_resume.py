@@ -11,6 +11,7 @@ from pathlib import Path
 from equipoise.errors import OutputError, RecordingError
 from equipoise.recording.run_log import RunLog
 from equipoise.recording.run_log_reader import LogContent, Play, read_log
+from equipoise.user_file import refuse_unreadable
 
 
 def resume_log(path: Path, repeats: bool) -> tuple[RunLog, LogContent]:
@@ -54,6 +55,7 @@ def _copy(content: LogContent, plays: tuple[Play, ...], log: RunLog) -> None:
 @contextmanager
 def _written_by_nobody(path: Path) -> Generator[None]:
     try:
+        refuse_unreadable(path)
         file = open(path, "rb")  # noqa: SIM115 - closed below
     except OSError as error:
         raise RecordingError(f"the recording {str(path)!r} cannot be read: {error.strerror}") from error

@@ -27,7 +27,7 @@ from equipoise.result.requirements import verdicts
 from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
-from equipoise.user_file import write_file
+from equipoise.user_file import json_value, read_text, write_file
 
 Maybe = float | None
 
@@ -350,7 +350,7 @@ class Calibration:
             RecordingError: the file is missing, is not JSON, or has another schema.
         """
         try:
-            table = json.loads(Path(path).read_text(encoding="utf-8"))
+            table = json_value(read_text(path))
         except OSError as error:
             raise RecordingError(f"cannot read the result {str(path)!r}: {error.strerror}") from error
         except ValueError as error:
@@ -361,7 +361,10 @@ class Calibration:
                 f"the result {str(path)!r} is none of equipoise's; give a run folder, or its calibration.json"
             )
         if found not in (SCHEMA, _BEFORE):
-            raise RecordingError(f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}")
+            raise RecordingError(
+                f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}: make it again with "
+                "`equipoise estimate RUN`, or read it with the version of equipoise that wrote it"
+            )
         try:
             return cls._from_dict(_as_now(cast("dict[str, Any]", table)))
         except (AttributeError, KeyError, TypeError, ValueError) as error:

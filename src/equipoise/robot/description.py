@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,11 +11,7 @@ from typing import Any, cast
 
 from equipoise.errors import SettingsError
 from equipoise.robot.source import Forward
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from equipoise.user_file import read_text, toml_table
 
 LEG_NAMES = ("FL", "FR", "RL", "RR")
 
@@ -91,13 +86,12 @@ class RobotDescription:
     def from_toml(cls, path: str | Path) -> RobotDescription:
         """Read a description; an unknown key or a wrong type raises SettingsError naming it."""
         try:
-            with open(path, "rb") as file:
-                table = tomllib.load(file)
+            table = toml_table(read_text(path))
         except FileNotFoundError:
             raise SettingsError(f"robot description {str(path)!r} does not exist") from None
         except OSError as error:
             raise SettingsError(f"robot description {str(path)!r} cannot be read: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except ValueError as error:
             raise SettingsError(f"robot description {str(path)!r} is not TOML: {error}") from error
         try:
             return cls.from_dict(table)

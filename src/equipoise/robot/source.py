@@ -15,11 +15,15 @@ from pathlib import Path
 from typing import Literal
 
 from equipoise.errors import ModelError
+from equipoise.robot.cleaning.size import refuse_immense
 from equipoise.robot.cleaning.urdf import clean_urdf
 from equipoise.robot.cleaning.urdf_joints import Coupling, couplings_of, fix_locked_joints
+from equipoise.user_file import read_bytes
 
 ModelFormat = Literal["urdf", "mjcf"]
 Forward = Literal["+x", "+y", "-x", "-y"]
+
+_MOST_BYTES = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,7 @@ def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSo
     """
     path = Path(path)
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except FileNotFoundError:
         raise ModelError(f"robot model {str(path)!r} does not exist; see 'equipoise robots' for known names") from None
     except IsADirectoryError:
@@ -87,10 +91,16 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     Raises:
         ModelError: it is not XML, or is neither format.
     """
+    if len(content) > _MOST_BYTES:
+        raise ModelError(
+            f"robot model {str(path)!r} has {len(content) / 1e6:.0f} MB; up to {_MOST_BYTES / 1e6:.0f} MB are read: is it a "
+            "model of one robot? Meshes belong in files of their own"
+        )
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, ValueError) as error:
         raise ModelError(f"robot model {str(path)!r} is not valid XML: {error}") from error
+    refuse_immense(root, path)
     sha256 = hashlib.sha256(content).hexdigest()
     if any("xacro}" in element.tag for element in root.iter()):
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")

@@ -24,7 +24,7 @@ from pyarrow import parquet
 from equipoise.errors import OutputError, RecordingError, SettingsError
 from equipoise.study.rows import COLUMNS, Table, in_order
 from equipoise.study.study import Study
-from equipoise.user_file import write_file
+from equipoise.user_file import json_value, read_text, write_file
 
 SCHEMA = "equipoise.study/1"
 _HEADER, _TRIALS, FAILURES = "study.json", "trials", "failures"
@@ -130,7 +130,7 @@ def read_rows(folder: str | Path, columns: Sequence[str] | None = None) -> Table
 
 def _read_header(folder: Path) -> dict[str, Any]:
     try:
-        table = json.loads((folder / _HEADER).read_text(encoding="utf-8"))
+        table = json_value(read_text(folder / _HEADER))
     except OSError as error:
         raise RecordingError(f"{str(folder)!r} is no Monte Carlo study: {error.strerror}") from error
     except ValueError as error:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 from equipoise.errors import EquipoiseError
 from equipoise.robot.audit import Audit
+from equipoise.user_file import read_bytes
 
 _LEVELS = {"error": "error", "warning": "warning", "note": "notice"}
 _ESCAPES = {"%": "%25", "\r": "%0D", "\n": "%0A"}
@@ -35,7 +35,7 @@ def refusal(path: str, error: EquipoiseError) -> str:
 
 def _text(path: str) -> str:
     try:
-        return Path(path).read_text(encoding="utf-8", errors="replace")
+        return read_bytes(path).decode(errors="replace")
     except OSError:
         return ""
 

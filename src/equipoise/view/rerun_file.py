@@ -13,6 +13,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import MissingDependencyError, OutputError
 from equipoise.figures.geometry import robot_shapes
 from equipoise.robot.model import LEG_NAMES
+from equipoise.user_file import replaceable
 from equipoise.view.colours import COLOURS, COM, CONTACT, IN_AIR, LINE, MAGNIFIED, VERDICTS
 from equipoise.view.frames import Camera, Frame, ellipsoid, joint_poses, plane_lines
 from equipoise.view.panel import com_text, trial_text
@@ -52,6 +53,7 @@ def write_rerun(path: Path, title: str, camera: Camera) -> None:
         OutputError: the file cannot be written.
     """
     rr = require_rerun()
+    replaceable(path)
     try:
         with rr.RecordingStream("equipoise") as stream:
             stream.save(path, default_blueprint=_blueprint(rr))

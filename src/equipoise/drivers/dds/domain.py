@@ -32,6 +32,8 @@ from equipoise.drivers.dds.versions import DiscoveryNotes, check_company, check_
 from equipoise.errors import CommunicationError, SettingsError
 
 LOOPBACK = "lo"
+_PEER = "give the robot's address, as in peers=192.168.123.18, or a host name that this computer knows"
+_NOBODY = ("0.0.0.0", "255.255.255.255")
 _MEETING = 0.3  # [s] in which others on the domain have answered; on loopback they take 10 ms
 
 # A best-effort reader matches whatever a robot offers; a reliable writer of the plain encoding whatever it asks for.
@@ -173,12 +175,14 @@ class DdsDomain:
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
 
     Raises:
-        SettingsError: there is no such interface, or the version may crash others and was not asked for by name.
+        SettingsError: there is no such interface, a peer has no address, or the version may crash others and was not asked for
+            by name.
         CommunicationError: the domain cannot be opened.
     """
 
     def __init__(self, domain: int, interface: str, peers: tuple[str, ...] = (), accept_cyclonedds: str = "") -> None:
         _check_interface(interface)
+        _check_peers(peers)
         if interface != LOOPBACK:
             check_version(VERSION, accept_cyclonedds)
         self._where, self._accepted = f"domain {domain} on {interface}", accept_cyclonedds
@@ -245,3 +249,17 @@ def _check_interface(interface: str) -> None:
     names = [name for _, name in socket.if_nameindex()]
     if interface not in names:
         raise SettingsError(f"there is no network interface {interface!r}; there are {', '.join(names)}")
+
+
+def _check_peers(peers: tuple[str, ...]) -> None:
+    """Cyclone DDS ends the process at a peer that it cannot look for."""
+    for peer in peers:
+        host, colon, port = peer.partition(":")
+        if colon and not (port.isascii() and port.isdigit() and 0 < int(port) < 2**16):
+            raise SettingsError(f"peers: the port of {peer!r} is not a number from 1 to 65535")
+        try:
+            found = socket.getaddrinfo(host, None, socket.AF_INET)
+        except (OSError, UnicodeError) as error:
+            raise SettingsError(f"peers: {peer!r} has no IPv4 address ({error}); {_PEER}") from error
+        if any(address[0] in _NOBODY for *_, address in found):
+            raise SettingsError(f"peers: {peer!r} is the address of no computer; {_PEER}")

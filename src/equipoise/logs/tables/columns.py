@@ -6,7 +6,6 @@ Ours is on the left: `gyro.x = "wx"`, `position.FL_hip_joint = "q[0]"`; `units.g
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,11 +15,7 @@ import numpy as np
 
 from equipoise.errors import SettingsError, did_you_mean
 from equipoise.robot.model import LEG_NAMES
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from equipoise.user_file import read_text, toml_table
 
 TIME = "time"
 JOINT_KINDS = ("position", "velocity", "torque", "command")
@@ -73,7 +68,7 @@ class Columns:
             SettingsError: the file is missing or holds something else.
         """
         try:
-            text = path.read_text(encoding="utf-8")
+            text = read_text(path)
         except (OSError, UnicodeDecodeError) as error:
             raise SettingsError(f"the columns {str(path)!r} cannot be read: {error}") from error
         return cls.from_text(text, f"the columns {str(path)!r}")
@@ -89,8 +84,8 @@ class Columns:
             SettingsError: it holds something else.
         """
         try:
-            table = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+            table = toml_table(text)
+        except ValueError as error:
             raise SettingsError(f"{what} cannot be read: {error}") from error
         units = table.pop("units", {})
         names = dict(_flat("", table))

@@ -25,7 +25,7 @@ from equipoise.precise.unknown import ROBOT, Unknown, unknown
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
-from equipoise.user_file import typed
+from equipoise.user_file import json_value, read_text, typed
 
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
@@ -117,7 +117,7 @@ class KnownRun:
             SettingsError: it is a run of another method.
         """
         try:
-            table = json.loads((path / POSTERIOR).read_text(encoding="utf-8"))
+            table = json_value(read_text(path / POSTERIOR))
             if (found := table["schema"]) != SCHEMA:
                 raise SettingsError(f"its {POSTERIOR} is {found!r}; this version reads {SCHEMA!r}: calibrate it anew")
             return replace(cls(**table), run=str(path))
@@ -261,7 +261,7 @@ def model_hash(robot: RobotModel) -> str:
 def _why_none(path: Path) -> EquipoiseError:
     """Why a folder holds no posterior."""
     try:
-        header = json.loads((path / "run.json").read_text(encoding="utf-8"))
+        header = json_value(read_text(path / "run.json"))
         method = header["settings"]["method"]
     except (OSError, ValueError, KeyError, TypeError):
         return RecordingError(f"--known {path}: this is no run folder of a calibration")

@@ -10,7 +10,9 @@ from typing import NamedTuple
 from equipoise.errors import ModelError
 from equipoise.robot.cleaning.mjcf_joints import base_body, clean_joints, couplings_of
 from equipoise.robot.cleaning.mjcf_poses import ORIENTATIONS, AngleConvention, write_plain_poses
+from equipoise.robot.cleaning.size import refuse_immense
 from equipoise.robot.cleaning.urdf_joints import Coupling
+from equipoise.user_file import read_bytes
 
 # Sections that describe a simulation and not a robot. Ours replace them where the simulator needs them.
 _DROPPED_SECTIONS = (
@@ -46,6 +48,7 @@ def clean_mjcf(root: ET.Element, path: Path) -> CleanedMjcf:
     """
     root = copy.deepcopy(root)
     _expand_includes(root, path, path, depth=0)
+    refuse_immense(root, path)
     _merge_sections(root)
     _refuse_mass_settings(root, path)
     _name_the_nameless(root)
@@ -88,8 +91,8 @@ def _expand_includes(root: ET.Element, path: Path, main: Path, depth: int) -> No
             file = main.parent / name
             file = file if file.is_file() else path.parent / name
             try:
-                included = ET.parse(file).getroot()
-            except (OSError, ET.ParseError) as error:
+                included = ET.fromstring(read_bytes(file))
+            except (OSError, ValueError, ET.ParseError) as error:
                 raise ModelError(
                     f"robot model {str(path)!r} includes {name!r}, which cannot be read: {error}"
                 ) from error

@@ -1,0 +1,131 @@
+"""Provenance of a results page: the commit and the sources that it was made by, and whether they have changed since.
+
+The last line of a page is "Made at commit COMMIT; sources HASH.": `write_page("NAME.md", text)` writes it. The hash covers
+the module that makes the page and all that this module imports of the project (`sources.py`). A page is current as long as
+its hash is that of today's sources.
+
+    python benchmarks/provenance.py              # every page: current, or how many of its sources have changed
+    python benchmarks/provenance.py NAME.md      # add the last line to a page that a verb has just written
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
+
+from sources import FOLDERS, ROOT, UNKNOWN, changes, hash_of
+
+RESULTS = ROOT / "benchmarks" / "results"
+MAKERS = {
+    "paper/README.md": "src/equipoise/cli/reproduce.py",
+    "sources/summary.md": "src/equipoise/cli/monte_carlo.py",
+    "peers.md": "benchmarks/peers/run.py",
+    "peers_tuning.md": "benchmarks/peers/tune.py",
+}
+"""Maker of each page that is not made by the script of its own name."""
+_LAST_LINE = re.compile(r"^Made at commit ([^;\n]+); sources ([^;\n]+)\.$", re.MULTILINE)
+
+
+def write_page(name: str, text: str, rows: Iterable[Mapping[str, object]] | None = None) -> None:
+    """Write a page and its last line, "Made at commit COMMIT; sources HASH.".
+
+    Args:
+        name: path of the page in `benchmarks/results`.
+        text: text of the page without its last line.
+        rows: rows that the page is made of, each with its "commit"; without rows, all of the page is made now.
+    """
+    commits = [commit()] if rows is None else sorted({str(row.get("commit", UNKNOWN)) for row in rows})
+    hashes = dict.fromkeys(hash_of(maker_of(name), "" if one == commit() else one) for one in commits)
+    made = f"Made at commit {', '.join(commits)}; sources {', '.join(hashes)}."
+    (RESULTS / name).write_text(f"{_LAST_LINE.sub('', text).rstrip()}\n\n{made}\n", encoding="utf-8")
+
+
+def maker_of(name: str) -> str:
+    """Return the path of the module that makes a page, from the repository's root."""
+    return MAKERS.get(name, f"benchmarks/{PurePosixPath(name).stem}.py")
+
+
+def commit() -> str:
+    """Return the short name of the commit of the code that runs, with a plus if its sources have changed since."""
+    changed = git("status", "--porcelain", "--", *FOLDERS, ":!benchmarks/results")
+    return git("rev-parse", "--short", "HEAD").strip() + ("+" if changed.strip() else "")
+
+
+def checkout(path: str | Path) -> str:
+    """Return name and commit of the git checkout that a path is in."""
+    name, at = (
+        Path(git("rev-parse", "--show-toplevel", at=path).strip()).name,
+        git("rev-parse", "--short=10", "HEAD", at=path),
+    )
+    return f"{name} {at.strip()}"
+
+
+def git(*arguments: str, at: str | Path = ROOT) -> str:
+    return subprocess.run(["git", "-C", str(at), *arguments], capture_output=True, text=True, check=True).stdout
+
+
+class Page(NamedTuple):
+    """Provenance of a results page."""
+
+    maker: str
+    """Path of the module that makes it, from the repository's root."""
+    commits: tuple[str, ...]
+    """Commits that its rows were made at; empty if the page does not name them."""
+    hashes: tuple[str, ...]
+    """Hashes of the sources at those commits."""
+
+    @classmethod
+    def read(cls, path: Path) -> Page:
+        """Read the last line of a page in `benchmarks/results`; the page may also lie elsewhere under its path there."""
+        maker = maker_of(path.relative_to(RESULTS).as_posix())
+        found = _LAST_LINE.findall(path.read_text(encoding="utf-8"))
+        commits, hashes = (tuple(part.split(", ")) for part in found[-1]) if found else ((), ())
+        return cls(maker, commits, hashes)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether all of it was made by the sources that are here now."""
+        return self.hashes == (hash_of(self.maker),)
+
+    @property
+    def command(self) -> str:
+        """Command that makes the page again."""
+        called = self.maker if self.maker.startswith("benchmarks/") else f"equipoise {_verb(self.maker)}"
+        for target, recipe in re.findall(r"^([\w-]+):.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE):
+            if re.search(rf"{re.escape(called)}\b", recipe):
+                return f"make {target}"
+        return f"python {self.maker}"
+
+    @property
+    def banner(self) -> str:
+        """Sentence at the head of a page that is not current."""
+        made = f"commit {', '.join(self.commits)}" if self.commits else "a commit that the page does not name"
+        changed = [counts for name in self.commits if (counts := changes(self.maker, name)) is not None]
+        how_many = ["{} of its {} source files have changed since".format(*max(changed))] if changed else []
+        return "; ".join([f"Made by older code: {made}", *how_many, f"make it again with `{self.command}`."])
+
+
+def _verb(path: str) -> str:
+    return PurePosixPath(path).stem.replace("_", "-")
+
+
+def pages() -> list[Path]:
+    return sorted(RESULTS.rglob("*.md"))
+
+
+def main() -> None:
+    for name in sys.argv[1:]:
+        write_page(name, (RESULTS / name).read_text(encoding="utf-8"))
+    if sys.argv[1:]:
+        return
+    for path in pages():
+        page = Page.read(path)
+        print(f"{path.relative_to(RESULTS)}: {'current' if page.is_current else page.banner}")
+
+
+if __name__ == "__main__":
+    main()
