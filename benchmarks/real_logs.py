@@ -70,8 +70,8 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
     yield "# Logs of real robots"
     yield ""
     yield (
-        "`python benchmarks/real_logs.py SEROW`. Public logs of quadrupeds that could be read, and those that could not. The true "
-        "parameters of these robots are not known, and nothing was tuned on the logs. CoM of the whole robot at the nominal "
+        "`python benchmarks/real_logs.py SEROW`. Public logs of quadrupeds that could be read, and those that could not. The "
+        "true parameters of these robots are not known, and nothing was tuned on the logs. CoM of the whole robot at the nominal "
         "stance and of the trunk with everything fixed to it, in the base frame, with 95 % intervals."
     )
     yield ""
@@ -79,15 +79,15 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
     yield ""
     yield (
         f"`{GO1}`: 25 s at 400 Hz, encoders, IMU, foot forces, no torques and no joint velocities. The model file is the "
-        f"catalogue's `{robot.name}`. **The mass of this robot is not known**: the maker states 12 kg, and the commit that added "
-        "the log names a recording of Cerberus 2.0 (`go1_trot`), whose robot carried additional sensors. So the log is estimated "
-        f"with {len(MASSES)} masses. Held-out error: steps predicted by an estimate that has not seen their walk, rms at the CoM; "
-        "the second number is the error with the model file's body."
+        f"catalogue's `{robot.name}`. **The mass of this robot is not known**: the maker states 12 kg, and the commit that "
+        "added the log names a recording of Cerberus 2.0 (`go1_trot`), whose robot carried additional sensors. So the log is "
+        f"estimated with {len(MASSES)} masses. Held-out error: steps predicted by an estimate that has not seen their walk, "
+        "rms at the CoM; the second number is the error with the model file's body."
     )
     yield ""
     yield (
-        "| mass given [kg] | part | steps | CoM x, y, z [mm] | trunk CoM x, y, z [mm] | failed checks | held-out error, with the "
-        "file's body [mm] |"
+        "| mass given [kg] | part | steps | CoM x, y, z [mm] | trunk CoM x, y, z [mm] | failed checks "
+        "| held-out error, with the file's body [mm] |"
     )
     yield "|---|---|---|---|---|---|---|"
     begin, end = float(log.recording.joints.time[0]), float(log.recording.joints.time[-1])
@@ -109,20 +109,21 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
             )
     yield ""
     yield (
-        "How far the estimates from the two halves differ, and how far the estimate from the whole log moves if the solver starts "
-        f"elsewhere: the largest of {STARTS} starts, with root moments of the base up to 20 % and CoMs up to 10 mm off the file's."
+        "How far the estimates from the two halves differ, and how far the estimate from the whole log moves if the solver "
+        f"starts elsewhere: the largest of {STARTS} starts, with root moments of the base up to 20 % and CoMs up to 10 mm off "
+        "the file's."
     )
     yield ""
     yield (
-        "| mass given [kg] | halves differ by, x, y, z [mm] | half-width of the difference [mm] | other starts: CoM moves by [mm] | "
-        "in standard deviations |"
+        "| mass given [kg] | halves differ by, x, y, z [mm] | half-width of the difference [mm] "
+        "| other starts: CoM moves by [mm] | in standard deviations |"
     )
     yield "|---|---|---|---|---|"
     yield from compared
     yield ""
     yield (
-        "A walk does not determine the height of the IMU: each of these results states that it assumes the file's, and by how much "
-        "10 mm change Ixx."
+        "A walk does not determine the height of the IMU: each of these results states that it assumes the file's, and by how "
+        "much 10 mm change Ixx."
     )
     yield ""
     yield "## Others"
