@@ -35,6 +35,23 @@ class SettingsError(EquipoiseError, ValueError):
     exit_code = 2
 
 
+class UnconfirmedMassError(SettingsError):
+    """The given mass disagrees with the joint torques, and was not confirmed.
+
+    Attributes:
+        comparison: both masses (MassComparison).
+        details: the same as JSON values.
+    """
+
+    def __init__(self, comparison: Any) -> None:
+        super().__init__(
+            f"{comparison.sentence}; nothing but standing was commanded. Weigh the robot again, or give no mass; if the mass "
+            "is right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)"
+        )
+        self.comparison = comparison
+        self.details = {"mass_comparison": comparison.to_dict()}
+
+
 class ModelError(EquipoiseError, ValueError):
     """A robot model cannot be read, or is not a quadruped with inertia."""
 

@@ -24,6 +24,7 @@ _FLAGS = {
     "known": "known",
     "mass": "scale",
     "mass_sd": "scale_sd",
+    "confirm_mass": "confirm_mass",
     "budget": "budget",
     "cable": "cable",
     "surface": "surface",

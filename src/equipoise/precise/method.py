@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, ClassVar, Literal
 
 from equipoise.errors import ReachError, SettingsError
+from equipoise.experiments.dip import dip
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.experiments.progress import Progress
@@ -38,6 +39,7 @@ from equipoise.precise.reading import PreciseReading
 from equipoise.precise.routine import PreciseRoutine, plan_ahead
 from equipoise.precise.screening import screen
 from equipoise.precise.sway import sway_time
+from equipoise.precise.torque_mass import assumed_mass, compare_at_rest, compare_estimate
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import (
@@ -51,6 +53,7 @@ from equipoise.recording.trials import (
 )
 from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.inertial import COMPONENTS, composite_parameters, nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
@@ -78,6 +81,8 @@ class Precise(Method):
         budget: robot time [s], as 60s or 2min; default 120 s on an A1, 30 s after an earlier run, more on larger robots.
         mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
         mass_sd: standard deviation of that [kg]; default 0.5 %.
+        confirm_mass: confirm a mass that disagrees with the joint torques by more than 15 %, or by more than 5 % with the
+            torque constants of an earlier run; without it the command asks before it lifts a foot. The result is doubtful.
         sway: the sway about all axes at the end, which tells more about friction and Izz.
         turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
             and the accelerometer's bias are told from the planar CoM.
@@ -105,6 +110,7 @@ class Precise(Method):
     budget: float | None = None
     mass: float | None = None
     mass_sd: float | None = None
+    confirm_mass: bool = False
     sway: bool = True
     turn: bool = False
     cable: Literal["none", "light", "heavy"] = "light"
@@ -118,13 +124,15 @@ class Precise(Method):
 
     def __post_init__(self) -> None:
         if self.mass is not None:
-            check_mass(self.mass)
+            check_mass(self.mass, self.mass_sd)
         if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
             raise SettingsError(f"budget is {self.budget:g} s; it must be above zero, up to {_LONGEST:g} s")
         if self.mass_sd is not None and not _FINEST <= self.mass_sd <= _COARSEST:
             raise SettingsError(f"mass_sd is {self.mass_sd}; it must be from {_FINEST:g} to {_COARSEST:g}")
         if self.mass_sd is not None and self.mass is None:
             raise SettingsError("mass_sd says how sure a scale is; give its mass too")
+        if self.confirm_mass and self.mass is None:
+            raise SettingsError("confirm_mass confirms a given mass, and there is none; give mass too, or leave it out")
         for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted")), ("surface", _SURFACES)):
             if getattr(self, name) not in known:
                 raise SettingsError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(known)}")
@@ -185,7 +193,7 @@ class Precise(Method):
         return self.mass, self.mass_sd or (SCALE_NOISE if self._same_scale else SCALE_GAIN) * self.mass
 
     def weighed(self, mass: float, deviation: float) -> Precise:
-        return replace(self, mass=mass, mass_sd=deviation)
+        return replace(self, mass=mass, mass_sd=deviation, confirm_mass=True)  # nobody is there to be asked
 
     def informed(self, evidence: Evidence) -> Precise:
         """Told of legs that swung in the air, if legs are looked for."""
@@ -221,6 +229,12 @@ class Precise(Method):
 
     def expected_trials(self, stance: Stance) -> int:
         return round(self.budget_for(stance) / Durations.of(stance).lift)
+
+    def mass_in_doubt(self, planted: PlantedRobot, stance: Stance) -> MassComparison | None:
+        if self.scale is None or self.confirm_mass or planted.platform.read().joint_torque is None:
+            return None
+        compared = compare_at_rest(planted.robot, stance, self.scale, dip(planted, stance), self.known)
+        return compared if compared is not None and compared.disagrees else None
 
     def run(
         self,
@@ -272,7 +286,8 @@ class Precise(Method):
         with _Timed(timings, "check"):
             predictions = predict_held_out(evidence, posterior, self.known)
             predicted = held_out(predictions)
-            looked_at = judge(robot, evidence, posterior, predicted)
+            masses = compare_estimate(posterior, self.scale, self.known)
+            looked_at = judge(robot, evidence, posterior, predicted, masses)
             looked_at += [] if self.known is None else [check_of_changes(changes, self.known)]
             checks = tuple(sorted(looked_at, key=lambda check: check.passed))
             findings = (*map(Change.finding, changes), *sensor_findings(posterior))
@@ -310,9 +325,15 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-            assumptions=(*self.assumptions, *not_believed(posterior), *taken_on_trust(posterior)),
+            assumptions=(
+                *assumed_mass(self.scale, masses),
+                *self.assumptions,
+                *not_believed(posterior),
+                *taken_on_trust(posterior),
+            ),
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
             held_out=predicted,
+            mass_comparison=masses,
             budget=budget_of(posterior),
             links=links if well else {name: link.doubted() for name, link in links.items()},
             timings=timings,

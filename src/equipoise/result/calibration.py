@@ -21,6 +21,7 @@ from equipoise.recording.recording import Recording
 from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
 from equipoise.result.findings import Check, JointFindings, Link, Motor, SensorFinding
 from equipoise.result.held_out import HeldOut
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
 from equipoise.result.requirements import verdicts
@@ -165,6 +166,7 @@ class Calibration:
         links: what was found about each moving link of the legs, by the model file's names; of runs with `legs` only.
         budget: sources of the uncertainty of the whole robot's parameters, the largest first; `precise` only.
         held_out: lifts predicted by estimates that have not seen them; `precise` only.
+        mass_comparison: given mass and mass that the joint torques carry; None without one of them.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
 
@@ -192,6 +194,7 @@ class Calibration:
     links: Mapping[str, Link] = field(default_factory=dict[str, Link])
     budget: tuple[UncertaintySource, ...] = ()
     held_out: HeldOut | None = None
+    mass_comparison: MassComparison | None = None
 
     @property
     def trustworthy(self) -> bool:
@@ -312,6 +315,7 @@ class Calibration:
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "budget": [source.to_dict() for source in self.budget],
             "held_out": None if self.held_out is None else self.held_out.to_dict(),
+            "mass_comparison": None if self.mass_comparison is None else self.mass_comparison.to_dict(),
             "verdicts": verdicts(self.composite, self.checks),
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
@@ -390,6 +394,7 @@ class Calibration:
             checks=tuple(Check(**check) for check in table["checks"]),
             budget=tuple(UncertaintySource.from_dict(source) for source in table.get("budget", ())),
             held_out=None if table.get("held_out") is None else HeldOut.from_dict(table["held_out"]),
+            mass_comparison=MassComparison.from_dict(table.get("mass_comparison")),
             motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
             links={name: Link.from_dict(link) for name, link in table.get("links", {}).items()},
         )

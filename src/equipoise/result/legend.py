@@ -47,6 +47,15 @@ def verdict_sentence(quantities: Iterable[Quantity], meanings: Mapping[str, str]
     return "; ".join(said) + "." if said else ""
 
 
+def doubt_sentence(result: Calibration) -> str:
+    """Return the headline of a result whose checks failed, with both masses if they disagree; empty: all checks passed."""
+    if result.trustworthy:
+        return ""
+    masses = result.mass_comparison
+    disagreement = f"{masses.sentence}; " if masses is not None and masses.disagrees else ""
+    return f"Doubtful: {disagreement}{checks_sentence(result)}."
+
+
 def checks_sentence(result: Calibration) -> str:
     """How many of its checks a result failed, in words."""
     failed = sum(not check.passed for check in result.checks)
