@@ -32,6 +32,7 @@ from equipoise.cli.flags import (
     interruption_told,
     load,
 )
+from equipoise.cli.imu import with_known_imu
 from equipoise.cli.methods import method_asked_for, method_flags, owners, read_method, refuse_flags_of_other_methods
 from equipoise.cli.report import if_installed
 from equipoise.cli.session import Place, Session, confirm
@@ -223,6 +224,8 @@ def calibrate(
         )
     output.watch.check()
     model = load(robot or _DEFAULT_ROBOT, description)
+    if not dry_run:
+        model = with_known_imu(model, output.silent, where.simulated)
     check(model, asked)
     if dry_run:
         rehearsed(model, asked, where.platform, output.json)
@@ -334,9 +337,11 @@ def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> N
     rehearsal = rehearse(model, method)
     if json:
         table = {"schema": "equipoise.rehearsal/1", "platform": platform, **rehearsal.to_dict()}
+        table["imu"] = model.imu.to_dict()
         print(json_module.dumps(table, indent=2))
     else:
         print_rehearsal(rehearsal, platform)
+        print(f"{model.imu.sentence}.")
 
 
 def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> None:

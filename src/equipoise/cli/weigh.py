@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from equipoise.cli.calibrate import begun, placed, run_into
 from equipoise.cli.flags import Described, File, Output, Required, Robot, RobotFlags, exit_code, interruption_told, load
+from equipoise.cli.imu import with_known_imu
 from equipoise.cli.session import Session, confirm
 from equipoise.cli.settings import SettingFlag, Verb, flags_class, given_flags, settings_of
 from equipoise.errors import RecordingError, SettingsError
@@ -70,7 +71,8 @@ def weigh(
     given, where, required = given_flags(method), place.place(), read_requirements(output.require)
     if "known" not in given:
         raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
-    asked, model = Precise(**given), load(robot, description)
+    asked = Precise(**given)
+    model = with_known_imu(load(robot, description), output.silent, where.simulated)
     assert asked.known is not None
     check(model, asked)
     confirm(where, model, asked, getattr(place, "yes", True))

@@ -123,12 +123,12 @@ class Precise(Method):
     leg_swing: LegSwing | None = field(default=None, metadata={"flag": False}, compare=False)
 
     def __post_init__(self) -> None:
-        if self.mass is not None:
-            check_mass(self.mass, self.mass_sd)
         if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
             raise SettingsError(f"budget is {self.budget:g} s; it must be above zero, up to {_LONGEST:g} s")
         if self.mass_sd is not None and not _FINEST <= self.mass_sd <= _COARSEST:
             raise SettingsError(f"mass_sd is {self.mass_sd}; it must be from {_FINEST:g} to {_COARSEST:g}")
+        if self.mass is not None:
+            check_mass(self.mass, self.mass_sd)
         if self.mass_sd is not None and self.mass is None:
             raise SettingsError("mass_sd says how sure a scale is; give its mass too")
         if self.confirm_mass and self.mass is None:

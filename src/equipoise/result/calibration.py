@@ -146,7 +146,7 @@ class Calibration:
         method: name of the method.
         joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
         held: positions of joints that are no leg's and were held still, an arm's or a head's, by joint name [rad].
-        model: format, hash and base link of the model file.
+        model: format, hash and base link of the model file, and a sentence on the IMU's pose.
         composite: body of the whole robot, frozen at the stance.
         base: body of the base link with all that is fixed to it.
         stance_effective: body of the paper: base, hips and thighs about their own CoM.
@@ -431,6 +431,7 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
             "sha256": robot.source.sha256,
             "base_link": robot.base_link,
             "forward": robot.source.forward,
+            "imu": robot.imu.sentence,
         },
         "robot_model": robot,
         "provenance": library_versions(),

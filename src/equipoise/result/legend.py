@@ -23,7 +23,8 @@ def frame_sentence(result: Calibration) -> str:
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
         f"same axes{_standing(result)}."
     )
-    return words + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
+    imu = f" {result.model['imu']}." if "imu" in result.model else ""
+    return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
 
 
 def _standing(result: Calibration) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from equipoise.errors import ModelError
+from equipoise.robot.imu_sensors import imu_sensor_frames
 from equipoise.robot.urdf import clean_urdf
 
 ModelFormat = Literal["urdf", "mjcf"]
@@ -32,6 +33,7 @@ class ModelSource:
         repairs: changes and omissions, one sentence each.
         effort_limits: torque limits by joint name [Nm], where the format keeps them outside the joint (MJCF).
         home: joint positions of the keyframe "home", by joint name [rad]; empty where the file has none.
+        imu_sensors: names of the links or sites that IMU sensors of the file read.
         forward: axis of the file's base link that points forward; if not x, the model has a base link above it, turned.
     """
 
@@ -43,6 +45,7 @@ class ModelSource:
     effort_limits: dict[str, float]
     home: dict[str, float] = field(default_factory=dict[str, float])
     forward: Forward = "+x"
+    imu_sensors: tuple[str, ...] = ()
 
 
 def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSource:
@@ -88,10 +91,13 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     sha256 = hashlib.sha256(content).hexdigest()
     if any("xacro}" in element.tag for element in root.iter()):
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
+    sensors = imu_sensor_frames(root)
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
         repairs = list(clean_urdf(root, path, base_link))
-        return ModelSource(path, "urdf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), {})
+        return ModelSource(
+            path, "urdf", ET.tostring(root, encoding="unicode"), sha256, tuple(repairs), {}, imu_sensors=sensors
+        )
     if root.tag == "mujoco":
         from equipoise.robot.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
 
@@ -109,7 +115,7 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
                 f"{base.get('name')!r}"
             )
         xml = ET.tostring(root, encoding="unicode")
-        return ModelSource(path, "mjcf", xml, sha256, tuple(repairs), effort_limits, home)
+        return ModelSource(path, "mjcf", xml, sha256, tuple(repairs), effort_limits, home, imu_sensors=sensors)
     raise ModelError(
         f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
         "or <mujoco> (MJCF)"

@@ -268,6 +268,7 @@ def print_audit(result: Audit) -> None:
         )
     if result.ratio_sentence is not None:
         console.print(escape(f"A single-rigid-body controller wants the composite: {result.ratio_sentence}."))
+    console.print(escape(f"{result.imu.sentence}."))
     colours = {"error": "red", "warning": "yellow", "note": "cyan"}
     for finding in result.findings:
         about = f"{finding.body}: " if finding.body else ""
