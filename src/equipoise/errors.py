@@ -43,13 +43,10 @@ class UnconfirmedMassError(SettingsError):
         details: the same as JSON values.
     """
 
-    def __init__(self, comparison: Any) -> None:
-        super().__init__(
-            f"{comparison.sentence}; nothing but standing was commanded. Weigh the robot again, or give no mass; if the mass "
-            "is right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)"
-        )
+    def __init__(self, message: str, comparison: Any = None, details: Mapping[str, Any] | None = None) -> None:
+        super().__init__(message)
         self.comparison = comparison
-        self.details = {"mass_comparison": comparison.to_dict()}
+        self.details = details or {}
 
 
 class ModelError(EquipoiseError, ValueError):

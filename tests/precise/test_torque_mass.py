@@ -10,8 +10,8 @@ from equipoise.calibration.weighing import weigh
 from equipoise.errors import UnconfirmedMassError
 from equipoise.experiments.dip import dip
 from equipoise.experiments.stand import stand_up
+from equipoise.precise.findings.torque_mass import _compared, compare_at_rest
 from equipoise.precise.known.known_run import KnownRun
-from equipoise.precise.torque_mass import compare_at_rest
 from equipoise.recording.phases import Phase
 from equipoise.result.legend import doubt_sentence
 from equipoise.result.mass_comparison import MassComparison
@@ -75,8 +75,8 @@ def test_a_robot_without_torque_sensors_is_not_compared(a1, precise_run):
     result = Precise(budget=60, mass=9.0).estimate(a1, silent, precise_run.stance)
     assert result.mass_comparison is None
     assert result.assumptions[0] == (
-        "the given mass of 9 kg is right (standard deviation 0.045 kg): mass and inertia scale with it, and there are no joint "
-        "torques to compare it with"
+        "the given mass of 9 kg is right (standard deviation 0.045 kg): mass and inertia scale with it, and there are no "
+        "joint torques to compare it with"
     )
 
 
@@ -93,8 +93,8 @@ def test_a_confirmed_mass_stays_doubtful_and_the_headline_has_both(confirmed):
     assert "mass" in failed
     assert {quantity.verdict for quantity in confirmed.composite} == {"doubtful"}
     assert doubt_sentence(confirmed) == (
-        f"Doubtful: the given mass is 10 kg, and the joint torques carry {carried:.2f} kg ({10 / carried - 1:+.0%}, limit 15%); "
-        f"{len(failed)} of {len(confirmed.checks)} checks failed."
+        f"Doubtful: the given mass is 10 kg, and the joint torques carry {carried:.2f} kg ({10 / carried - 1:+.0%}, "
+        f"limit 15%); {len(failed)} of {len(confirmed.checks)} checks failed."
     )
     assert confirmed.assumptions[0] == (
         "the given mass of 10 kg is right (standard deviation 0.05 kg): mass and inertia scale with it"
@@ -173,8 +173,6 @@ def test_a_payload_measured_with_a_wrong_mass_is_doubtful_in_its_answer(a1, prec
     ],
 )
 def test_the_limit_is_15_percent_or_two_standard_deviations(a1, precise_run, given, deviation, disagrees):
-    from equipoise.precise.torque_mass import _compared
-
     compared = _compared(a1, precise_run.stance, (given, deviation), 10.0, None)
     assert compared.disagrees == disagrees
 

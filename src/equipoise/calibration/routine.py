@@ -74,7 +74,12 @@ def calibrate(
 
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
     if doubt is not None and not (confirm is not None and confirm(doubt.sentence)):
-        raise UnconfirmedMassError(doubt)
+        raise UnconfirmedMassError(
+            f"{doubt.sentence}; nothing but standing was commanded. Weigh the robot again, or give no mass; if the mass is "
+            "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",
+            doubt,
+            {"mass_comparison": doubt.to_dict()},
+        )
 
 
 def check(robot: RobotModel, method: Method) -> None:

@@ -28,7 +28,6 @@ from equipoise.cli.flags import (
     exit_code,
     load,
 )
-from equipoise.cli.imu import with_known_imu
 from equipoise.cli.methods import (
     DEFAULT_METHOD,
     method_asked_for,
@@ -37,6 +36,7 @@ from equipoise.cli.methods import (
     refuse_flags_of_other_methods,
 )
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
+from equipoise.cli.told import with_known_imu
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
 

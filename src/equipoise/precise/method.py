@@ -22,6 +22,7 @@ from equipoise.precise.findings.contradicted import estimate_uncontradicted, not
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
+from equipoise.precise.findings.torque_mass import assumed_mass, compare_at_rest, compare_estimate
 from equipoise.precise.findings.witness import SwayWitness
 from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
 from equipoise.precise.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
@@ -39,7 +40,6 @@ from equipoise.precise.reading import PreciseReading
 from equipoise.precise.routine import PreciseRoutine, plan_ahead
 from equipoise.precise.screening import screen
 from equipoise.precise.sway import sway_time
-from equipoise.precise.torque_mass import assumed_mass, compare_at_rest, compare_estimate
 from equipoise.precise.unknowns import Priors
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import (

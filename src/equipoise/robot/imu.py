@@ -37,7 +37,8 @@ class Imu:
         frame: name of the model's frame that is taken; None: none is.
         described: keys of the description that determine the pose: "imu_frame", "imu_position", "imu_rpy".
         others: names of further frames that are named like an IMU.
-        proposed: names of frames that look like an IMU and are not taken: by an IMU's name, or by a sensor of the file.
+        proposed: names of frames that may be the IMU's and are not taken: an IMU sensor of the file reads them, or they are
+            named after an IMU.
     """
 
     placement: pin.SE3
@@ -57,7 +58,8 @@ class Imu:
         """Where the IMU is, and according to what."""
         if self.is_assumed:
             turned = ", turned as described" if "imu_rpy" in self.described else ""
-            return f"IMU: at the origin of base link {self.base_link!r}{turned} (assumed: {self.reason})"
+            flag = f": --imu-frame {self.proposed[0]}" if self.proposed else ""
+            return f"IMU: at the origin of base link {self.base_link!r}{turned} (assumed: {self.reason}{flag})"
         more = f"; also named like an IMU: {', '.join(self.others)} (--imu-frame NAME takes one)" if self.others else ""
         return f"IMU: {self._source}, at {_millimetres(self.placement)} mm in the base frame{_turned(self.placement)}{more}"
 
@@ -67,7 +69,7 @@ class Imu:
         if not self.proposed:
             return "no frame of the model looks like an IMU"
         names = " or ".join(map(repr, self.proposed))
-        return f"no frame of the model is named imu, and {names} may be the IMU's: --imu-frame {self.proposed[0]}"
+        return f"no frame of the model is named imu, and {names} may be the IMU's"
 
     @property
     def _source(self) -> str:
@@ -115,7 +117,9 @@ def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[
     keys = ("imu_frame", "imu_position", "imu_rpy")
     described = tuple(key for key in keys if getattr(description, key) is not None)
     others = () if described else tuple(named[1:])
-    proposed = () if named else tuple(name for name in frames if _looks_like_imu(name) or name in sensors)
+    by_sensor = [name for name in frames if name in sensors]
+    by_name = [name for name in frames if name not in sensors and _looks_like_imu(name)]
+    proposed = () if named else (*by_sensor, *by_name)
     return Imu(placement, base_link, frame, described, others, proposed)
 
 
@@ -147,6 +151,8 @@ def _is_imu(name: str) -> bool:
 
 def _looks_like_imu(name: str) -> bool:
     words = _words(name)
+    if _is_of_another(name):
+        return False
     return any(map(_CHIPS.fullmatch, words)) or _IN_WORDS.search("_".join(words)) is not None
 
 

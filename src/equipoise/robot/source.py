@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Literal
 
 from equipoise.errors import ModelError
-from equipoise.robot.imu_sensors import imu_sensor_frames
 from equipoise.robot.urdf import clean_urdf
 
 ModelFormat = Literal["urdf", "mjcf"]
@@ -91,7 +90,7 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     sha256 = hashlib.sha256(content).hexdigest()
     if any("xacro}" in element.tag for element in root.iter()):
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
-    sensors = imu_sensor_frames(root)
+    sensors = _imu_sensor_frames(root)
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
         repairs = list(clean_urdf(root, path, base_link))
@@ -120,6 +119,25 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
         f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
         "or <mujoco> (MJCF)"
     )
+
+
+def _imu_sensor_frames(root: ET.Element) -> tuple[str, ...]:
+    """Names of the links (URDF) or sites (MJCF) that the IMU sensors of a model file read."""
+    found: list[str] = []
+    for gazebo in root.findall("gazebo"):
+        if any(_is_imu_sensor(element) for element in gazebo.iter()):
+            found.append(gazebo.get("reference") or "")
+            found += [(element.text or "").strip() for tag in ("bodyName", "frameName") for element in gazebo.iter(tag)]
+    for section in root.findall("sensor"):
+        found += [sensor.get("site") or "" for tag in ("gyro", "accelerometer") for sensor in section.findall(tag)]
+        if _is_imu_sensor(section):  # of a URDF
+            found += [parent.get("link") or "" for parent in section.findall("parent")]
+    return tuple(dict.fromkeys(filter(None, found)))
+
+
+def _is_imu_sensor(element: ET.Element) -> bool:
+    kind, plugin = element.get("type", ""), element.get("filename", "")
+    return (element.tag == "sensor" and kind in ("imu", "gazebo_imu")) or (element.tag == "plugin" and "_imu" in plugin)
 
 
 def _refuse_non_finite_numbers(root: ET.Element, path: Path) -> None:
