@@ -83,7 +83,7 @@ def test_a_script_has_to_name_a_proposed_frame(with_bno, capsys, tmp_path, verb)
 def test_a_named_frame_is_used_and_stated(with_bno, capsys, tmp_path):
     out = tmp_path / "run"
     assert main(["calibrate", with_bno, *STATIC, "--imu-frame", "bno085", "--out", str(out)]) == 0
-    stated = "IMU: frame 'bno085' of the model file (described by imu_frame), at 50.0 0.0 20.0 mm in the base frame"
+    stated = "IMU: frame 'bno085' (described by imu_frame), at 50.0 0.0 20.0 mm in the base frame"
     assert stated in said(capsys)[0]
     assert RunFolder.open(out).robot().imu.frame == "bno085"
     assert main(["calibrate", with_bno, *STATIC, "--imu-frame", "trunk", "--out", str(tmp_path / "other")]) == 0

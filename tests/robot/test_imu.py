@@ -35,7 +35,7 @@ def test_a_frame_named_imu_is_taken_and_stated(imu_of):
     np.testing.assert_allclose(imu.placement.translation, [0.1, 0, 0.02])
     assert (imu.frame, imu.is_assumed, imu.others, imu.proposed) == ("imu_link", False, (), ())
     assert imu.sentence == (
-        "IMU: frame 'imu_link' of the model file (by its name), at 100.0 0.0 20.0 mm in the base frame, turned by roll 180.0, "
+        "IMU: frame 'imu_link', at 100.0 0.0 20.0 mm in the base frame, turned by roll 180.0, "
         "pitch 0.0, yaw 0.0 deg"
     )
 
@@ -44,12 +44,12 @@ def test_of_several_one_that_is_of_no_other_device_is_taken_and_the_others_are_n
     imu = imu_of(frame("camera_imu_optical_frame") + frame("imu_link", "0 0 0.05") + frame("rear_imu"))
     assert (imu.frame, imu.others) == ("imu_link", ("rear_imu", "camera_imu_optical_frame"))
     assert imu.sentence == (
-        "IMU: frame 'imu_link' of the model file (by its name), at 0.0 0.0 50.0 mm in the base frame; also named like an IMU: "
+        "IMU: frame 'imu_link', at 0.0 0.0 50.0 mm in the base frame; also named like an IMU: "
         "rear_imu, camera_imu_optical_frame (--imu-frame NAME takes one)"
     )
     described = imu_of(frame("imu_link") + frame("rear_imu", "-0.1 0 0"), RobotDescription(imu_frame="rear_imu"))
     assert described.sentence == (
-        "IMU: frame 'rear_imu' of the model file (described by imu_frame), at -100.0 0.0 0.0 mm in the base frame"
+        "IMU: frame 'rear_imu' (described by imu_frame), at -100.0 0.0 0.0 mm in the base frame"
     )
 
 
@@ -96,7 +96,7 @@ def test_a_described_frame_or_place_is_no_assumption(imu_of):
     assert not imu_of("", RobotDescription(imu_frame="trunk")).is_assumed
     both = imu_of(frame("imu"), RobotDescription(imu_rpy=(0.0, 0.0, 1.5707963)))
     assert both.sentence == (
-        "IMU: frame 'imu' of the model file (by its name), imu_rpy as described, at 100.0 0.0 20.0 mm in the base frame, "
+        "IMU: frame 'imu', imu_rpy as described, at 100.0 0.0 20.0 mm in the base frame, "
         "turned by roll 0.0, pitch 0.0, yaw 90.0 deg"
     )
     turned = imu_of("", RobotDescription(imu_rpy=(0.0, 0.0, 1.5707963)))

@@ -74,11 +74,10 @@ class Imu:
     @property
     def _source(self) -> str:
         numbers = [name for name in ("imu_position", "imu_rpy") if name in self.described]
-        said = "described by imu_frame" if "imu_frame" in self.described else "by its name"
-        frame = "" if self.frame is None else f"frame {self.frame!r} of the model file ({said})"
         if len(numbers) == 2 or self.frame is None:
             return f"described by {' and '.join(numbers)}"
-        return frame + "".join(f", {name} as described" for name in numbers)
+        named = " (described by imu_frame)" if "imu_frame" in self.described else ""
+        return f"frame {self.frame!r}{named}" + "".join(f", {name} as described" for name in numbers)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
