@@ -315,7 +315,7 @@ class Calibration:
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "budget": [source.to_dict() for source in self.budget],
             "held_out": None if self.held_out is None else self.held_out.to_dict(),
-            "mass_comparison": None if self.mass_comparison is None else self.mass_comparison.to_dict(),
+            **({} if self.mass_comparison is None else {"mass_comparison": self.mass_comparison.to_dict()}),
             "verdicts": verdicts(self.composite, self.checks),
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
