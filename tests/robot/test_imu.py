@@ -35,8 +35,7 @@ def test_a_frame_named_imu_is_taken_and_stated(imu_of):
     np.testing.assert_allclose(imu.placement.translation, [0.1, 0, 0.02])
     assert (imu.frame, imu.is_assumed, imu.others, imu.proposed) == ("imu_link", False, (), ())
     assert imu.sentence == (
-        "IMU: frame 'imu_link', at 100.0 0.0 20.0 mm in the base frame, turned by roll 180.0, "
-        "pitch 0.0, yaw 0.0 deg"
+        "IMU: frame 'imu_link', at 100.0 0.0 20.0 mm in the base frame, turned by roll 180.0, pitch 0.0, yaw 0.0 deg"
     )
 
 

@@ -225,7 +225,7 @@ def calibrate(
     output.watch.check()
     model = load(robot or _DEFAULT_ROBOT, description)
     if not dry_run:
-        model = with_known_imu(model, output.silent, where.simulated)
+        model = with_known_imu(model, where.simulated)
     check(model, asked)
     if dry_run:
         rehearsed(model, asked, where.platform, output.json)
@@ -236,6 +236,7 @@ def calibrate(
     facts = {"time": now.isoformat(timespec="seconds")}
     if not output.silent:
         _say_what(robot, where, asked, out)
+        print(model.imu.sentence, file=sys.stderr)
     if repeat > 1:
         results = _repeated(model, where, out, asked, facts, repeat, output)
     else:

@@ -234,7 +234,7 @@ def estimated_log(
     from equipoise.terminal.log import print_log_report
 
     method = Precise(**given)
-    model = with_known_imu(load(robot, description), silent=True)  # the result states it
+    model = with_known_imu(load(robot, description))  # the result states it
     topics = Topics(source.joint_topic, source.imu_topic, source.command_topic)
     span = seconds(source.start), seconds(source.until)
     log = read_as_told(path, model, topics, source.joint_map, source.columns, span, not output.silent)

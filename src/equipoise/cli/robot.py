@@ -64,7 +64,7 @@ def doctor(
     from equipoise.drivers.checkup import examine, foretold, joint_table
     from equipoise.terminal.platform import print_checkup
 
-    model = with_known_imu(load(robot, description), silent=True, simulated=platform in SIMULATED)
+    model = with_known_imu(load(robot, description), platform in SIMULATED)
     with connected(platform, model, set, settings) as connection:
         findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)

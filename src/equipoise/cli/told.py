@@ -68,13 +68,10 @@ def _forget_what_was_typed() -> None:
         termios.tcflush(sys.stdin, termios.TCIFLUSH)
 
 
-def with_known_imu(model: RobotModel, silent: bool, simulated: bool = False) -> RobotModel:
-    """State where the IMU is; if that is only assumed, ask the operator for its frame.
+def with_known_imu(model: RobotModel, simulated: bool = False) -> RobotModel:
+    """Return the model with a known pose of its IMU: if it is only assumed, ask the operator for the frame.
 
     A simulated IMU is where the model is assumed to have it: only a frame that may be the IMU's is asked about.
-
-    Args:
-        silent: whether nothing is printed but a question.
 
     Raises:
         SettingsError: its pose is not known, and there is no operator, or the answer is no frame of the base.
@@ -83,9 +80,7 @@ def with_known_imu(model: RobotModel, silent: bool, simulated: bool = False) -> 
     if imu.is_assumed and (imu.proposed or not simulated):
         if not sys.stdin.isatty():
             raise SettingsError(f"the pose of the IMU is not known: {imu.reason}. {_flags(model)}")
-        model = _described(model, _answer(model))
-    if not silent:
-        print(model.imu.sentence, file=sys.stderr)
+        return _described(model, _answer(model))
     return model
 
 

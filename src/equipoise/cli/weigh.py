@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -72,7 +73,9 @@ def weigh(
     if "known" not in given:
         raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
     asked = Precise(**given)
-    model = with_known_imu(load(robot, description), output.silent, where.simulated)
+    model = with_known_imu(load(robot, description), where.simulated)
+    if not output.silent:
+        print(model.imu.sentence, file=sys.stderr)
     assert asked.known is not None
     check(model, asked)
     confirm(where, model, asked, getattr(place, "yes", True))
