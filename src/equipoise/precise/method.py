@@ -110,7 +110,6 @@ class Precise(Method):
     budget: float | None = None
     mass: float | None = None
     mass_sd: float | None = None
-    confirm_mass: bool = False
     sway: bool = True
     turn: bool = False
     cable: Literal["none", "light", "heavy"] = "light"
@@ -121,6 +120,7 @@ class Precise(Method):
     known: KnownRun | None = field(default=None, metadata={"file": KnownRun.read, "metavar": "RUN"})
     swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
     leg_swing: LegSwing | None = field(default=None, metadata={"flag": False}, compare=False)
+    confirm_mass: bool = False
 
     def __post_init__(self) -> None:
         if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
