@@ -48,3 +48,31 @@ def test_an_operator_is_asked_while_the_robot_stands(tmp_path, answer, code):
     assert run.returncode == code
     assert ("--confirm-mass" in error) == (code == 2)
     assert (tmp_path / "run").exists() == (code == 0)
+
+
+def test_a_payload_measurement_is_refused_and_confirmed_alike(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    earlier, out = str(tmp_path / "earlier"), str(tmp_path / "run")
+    quick = ["--seed", "4", "--cable", "none", "--quiet"]
+    first = [
+        "calibrate",
+        *quick,
+        "--budget",
+        "40s",
+        "--mass",
+        "12.45",
+        "--no-report",
+        "--no-pictures",
+        "--out",
+        earlier,
+    ]
+    assert main(first) == 0
+    again = ["weigh", "unitree_a1", "--known", earlier, "--noise-seed", "104", *quick, "--scale", "11.5", "--out", out]
+    capsys.readouterr()
+    assert main(again) == 2
+    error = capsys.readouterr().err
+    assert f"with the torque constants of {earlier} (-" in error
+    assert "%, limit 5%)" in error
+    assert main([*again, "--confirm-mass"]) == 0
+    assert "Doubtful: the given mass is 11.5 kg, and the joint torques carry 12." in capsys.readouterr().out
+    assert main(["weigh", "unitree_a1", "--known", earlier, *quick, "--confirm-mass"]) == 2  # confirms no mass

@@ -98,12 +98,13 @@ def weigh_for(arguments: Sequence[str]) -> Verb:
     """`weigh` with the flags of the platform that is asked for; raises SettingsError."""
     from equipoise.precise.method import Precise
 
-    settings = [_renamed(setting).or_none() for setting in settings_of(Precise, tuple(_FLAGS))]
+    settings = [_renamed(setting) for setting in settings_of(Precise, tuple(_FLAGS))]
     return placed(weigh, arguments, flags_class("WeighFlags", "What is known, and how to weigh.", settings))
 
 
 def _renamed(setting: SettingFlag) -> SettingFlag:
-    return replace(setting, name=_FLAGS[setting.name])
+    renamed = replace(setting, name=_FLAGS[setting.name])
+    return renamed if setting.kind is bool else renamed.or_none()
 
 
 def _with_truth(found: Weighing, known: KnownRun) -> Weighing:
