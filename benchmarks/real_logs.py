@@ -71,8 +71,8 @@ def lines(robot: RobotModel, log: Log) -> Iterator[str]:
     yield ""
     yield (
         "`python benchmarks/real_logs.py SEROW`. Public logs of quadrupeds that could be read, and those that could not. The "
-        "true parameters of these robots are not known, and nothing was tuned on the logs. CoM of the whole robot at the nominal "
-        "stance and of the trunk with everything fixed to it, in the base frame, with 95 % intervals."
+        "true parameters of these robots are not known, and nothing was tuned on the logs. CoM of the whole robot at the "
+        "nominal stance and of the trunk with everything fixed to it, in the base frame, with 95 % intervals."
     )
     yield ""
     yield "## mrsp/serow: a Go1 that walks for 20 s"

@@ -92,7 +92,7 @@ def test_what_estimates_does_not_know_what_moves():
 
 def test_no_folder_is_a_heap():
     for folder in {path.parent for path in MODULES}:
-        assert len(list(folder.glob("*.py"))) <= 21, folder  # __init__ among them
+        assert len(list(folder.glob("*.py"))) <= 22, folder  # __init__ among them
 
 
 @pytest.mark.parametrize("engine", ENGINES)

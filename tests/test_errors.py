@@ -8,6 +8,7 @@ from equipoise.errors import EquipoiseError
 EXIT_CODES = {
     "EquipoiseError": 1,
     "SettingsError": 2,
+    "UnconfirmedMassError": 2,
     "ModelError": 3,
     "MotionError": 4,
     "ReachError": 4,
@@ -35,6 +36,7 @@ EXIT_CODES = {
 }
 STANDARD = {
     "SettingsError": ValueError,
+    "UnconfirmedMassError": ValueError,
     "ModelError": ValueError,
     "MotionError": RuntimeError,
     "ReachError": RuntimeError,

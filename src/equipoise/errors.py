@@ -35,6 +35,20 @@ class SettingsError(EquipoiseError, ValueError):
     exit_code = 2
 
 
+class UnconfirmedMassError(SettingsError):
+    """The given mass disagrees with the joint torques, and was not confirmed.
+
+    Attributes:
+        comparison: both masses (MassComparison).
+        details: the same as JSON values.
+    """
+
+    def __init__(self, message: str, comparison: Any = None, details: Mapping[str, Any] | None = None) -> None:
+        super().__init__(message)
+        self.comparison = comparison
+        self.details = details or {}
+
+
 class ModelError(EquipoiseError, ValueError):
     """A robot model cannot be read, or is not a quadruped with inertia."""
 

@@ -1,13 +1,9 @@
-"""A scale's reading: in kilograms, of this robot, and near what its joints carry."""
-
-import warnings
+"""A scale's reading: in kilograms, of this robot, with a standard deviation below it."""
 
 import pytest
 
 from equipoise.errors import SettingsError
-from equipoise.precise.measurements.scale_reading import question_mass
 from equipoise.precise.method import Precise
-from equipoise.recording.phases import Phase
 from equipoise.robot.stance import nominal_stance
 
 
@@ -16,7 +12,10 @@ from equipoise.robot.stance import nominal_stance
     [
         (16085.0, "a scale's mass of 16085 kg is more than any legged robot's; if it is in grams, give 16.085"),
         (0.01, "a scale's mass is 0.01 kg; it must be 0.05 kg or more"),
+        (0.0, "a scale's mass is 0 kg; it must be 0.05 kg or more"),
+        (-12.0, "a scale's mass is -12 kg; it must be 0.05 kg or more"),
         (float("nan"), "a scale's mass is nan kg; it must be 0.05 kg or more"),
+        (float("inf"), "a scale's mass of inf kg is more than any legged robot's"),
     ],
 )
 def test_a_mass_that_no_robot_has_is_refused(mass, message):
@@ -36,13 +35,23 @@ def test_the_mass_of_another_robot_is_refused_before_anything_moves(a1, mass, li
     )
 
 
-def test_a_mass_far_from_what_the_joints_carry_is_questioned_after_the_first_rest(a1, precise_run):
-    first = next(recording for recording in precise_run.recordings if recording.has_phase(Phase.REST))
-    with pytest.warns(
-        UserWarning, match=r"the scale says 30 kg, and joint torques carry 1[34]\.\d kg; .*--mass, or none$"
-    ):
-        question_mass(a1, 30.0, first)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        question_mass(a1, 12.5, first)
-        question_mass(a1, 18.0, first)  # a motor's torque constant may be off by so much
+@pytest.mark.parametrize("deviation", [12.0, 13.5])
+def test_a_standard_deviation_as_large_as_the_mass_is_refused(deviation):
+    with pytest.raises(SettingsError) as caught:
+        Precise(mass=12.0, mass_sd=deviation)
+    assert str(caught.value) == (
+        f"mass_sd is {deviation:g} kg and the mass 12 kg: a standard deviation as large as the mass determines nothing; give "
+        "that of the scale, or leave both out"
+    )
+    assert Precise(mass=12.0, mass_sd=3.0).scale == (12.0, 3.0)
+
+
+@pytest.mark.parametrize("deviation", [0.0, -0.1, float("nan"), float("inf")])
+def test_a_standard_deviation_that_is_none_is_refused(deviation):
+    with pytest.raises(SettingsError, match=f"mass_sd is {deviation}; it must be from 0.0001 to 500"):
+        Precise(mass=600.0, mass_sd=deviation)
+
+
+def test_there_is_nothing_to_confirm_without_a_mass():
+    with pytest.raises(SettingsError, match="confirm_mass confirms a given mass, and there is none"):
+        Precise(confirm_mass=True)

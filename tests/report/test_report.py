@@ -100,7 +100,8 @@ def test_the_numbers_say_their_frame_point_axes_and_stance(precise):
     frame, *_ = run_contents(precise)["legend"]
     assert frame == (
         "CoM from the origin of base link 'trunk', x forward, z up; inertia about the CoM, in the same axes; standing with "
-        "its hips 0.320 m high. Of 20 intervals one is expected to miss the truth."
+        "its hips 0.320 m high. IMU: frame 'imu_link', at 0.0 0.0 0.0 mm in the base frame. Of 20 intervals one is "
+        "expected to miss the truth."
     )
 
 

@@ -74,7 +74,7 @@ def test_the_json_keys_are_those_that_others_rely_on(calibration):
     assert table["schema"] == "equipoise.calibration/3"
     assert table["robot"] == "unitree_a1"
     assert table["method"] == "paper"
-    assert list(table["model"]) == ["format", "sha256", "base_link", "forward"]
+    assert list(table["model"]) == ["format", "sha256", "base_link", "forward", "imu"]
     body = ["mass", "com_in_base", "inertia"]
     for name in ("composite", "base"):
         assert list(table[name]) == [*body, "uncertainty"]

@@ -110,7 +110,7 @@ def test_json_form_has_stable_keys_and_plain_values(a1):
     report = json.loads(json.dumps(audit(a1).to_dict(), allow_nan=False))
     assert list(report) == [
         "robot", "mass", "base_link", "composite", "base", "stance_effective", "ratio_composite_over_base", "bodies",
-        "findings", "stance",
+        "findings", "imu", "stance",
     ]  # fmt: skip
     for body in ("composite", "base", "stance_effective"):
         assert list(report[body]) == ["mass", "com_in_base", "inertia"]

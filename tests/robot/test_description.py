@@ -92,7 +92,7 @@ def test_what_a_description_holds_can_be_written_as_json_and_read_back(from_toml
 
 
 KNOWN = (
-    "base_link, foot_frames, foot_radius, forward, held, imu_position, imu_rpy, joint_limits, kd, kp, stance, "
+    "base_link, foot_frames, foot_radius, forward, held, imu_frame, imu_position, imu_rpy, joint_limits, kd, kp, stance, "
     "stance_height"
 )
 REFUSED = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from equipoise.errors import UnconfirmedMassError
 from equipoise.experiments.progress import Progress
 from equipoise.experiments.stand import move_to, stand_up
 from equipoise.method.method import Method
@@ -11,6 +12,7 @@ from equipoise.platform.platform import Platform
 from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 
@@ -22,6 +24,7 @@ def calibrate(
     keep: Callable[[Recording], None] | None = None,
     report: Callable[[Progress], None] | None = None,
     told: Callable[[], bool] | None = None,
+    confirm: Callable[[str], bool] | None = None,
 ) -> Calibration:
     """Run a calibration on a robot and estimate from what it felt.
 
@@ -36,8 +39,11 @@ def calibrate(
         report: function that is called before every trial, and before the estimate.
         told: function that says whether somebody at the robot has said that what was asked is done, as turning it; it must not
             wait. None: nobody is there.
+        confirm: function that asks the operator to confirm a given mass, from a sentence with both masses, while the robot
+            stands. None: there is no operator, and such a mass raises.
 
     Raises:
+        UnconfirmedMassError: the given mass disagrees with the joint torques of the standing robot, and is not confirmed.
         MotionError: the robot could not do, or did not do, what was asked.
     """
     method = method or Precise()
@@ -53,6 +59,7 @@ def calibrate(
     planted, feet_at_end = stand_up(platform, robot, stance)
     planted.keep, planted.told = store, told
     try:
+        _confirm_mass(method.mass_in_doubt(planted, stance), confirm)
         method.run(planted, stance, recordings, report)
         move_to(planted, feet_at_end)
     except BaseException:
@@ -63,6 +70,16 @@ def calibrate(
     if report is not None:
         report(Progress("estimating", len(recordings), len(recordings) + 1))
     return method.estimate(robot, recordings, stance)
+
+
+def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
+    if doubt is not None and not (confirm is not None and confirm(doubt.sentence)):
+        raise UnconfirmedMassError(
+            f"{doubt.sentence}; nothing but standing was commanded. Weigh the robot again, or give no mass; if the mass is "
+            "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",
+            doubt,
+            {"mass_comparison": doubt.to_dict()},
+        )
 
 
 def check(robot: RobotModel, method: Method) -> None:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import shutil
 import warnings
 from collections import deque
 from collections.abc import Mapping
@@ -96,6 +97,7 @@ class RunFolder:
                 "effort_limits": robot.source.effort_limits,
                 "home": robot.source.home,
                 "forward": robot.source.forward,
+                "imu_sensors": list(robot.source.imu_sensors),
             },
             "description": dataclasses.asdict(robot.description),
             "settings": method.to_dict(),
@@ -119,6 +121,10 @@ class RunFolder:
                 f"cannot write into the output folder {str(path)!r}: {error.strerror}; name another folder with --out"
             ) from error
         return cls(path, header, log)
+
+    def discard(self) -> None:
+        """Remove the folder of a run that was refused before its first trial; its path is free again."""
+        shutil.rmtree(self.path, ignore_errors=True)
 
     @classmethod
     def open(cls, path: str | Path) -> RunFolder:
@@ -253,6 +259,7 @@ class RunFolder:
                 model["effort_limits"],
                 model.get("home", {}),  # older runs held all else at zero
                 model.get("forward", "+x"),
+                tuple(model.get("imu_sensors", ())),
             )
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)

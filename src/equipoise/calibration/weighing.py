@@ -59,6 +59,7 @@ class Weighing:
             "sentence": self.sentence,
             "robot_time": _robot_time(self.result),
             "checks": checks,
+            "mass_comparison": None if self.result.mass_comparison is None else self.result.mass_comparison.to_dict(),
             "verdicts": self.verdicts,
         }
 
@@ -77,7 +78,10 @@ def weigh(robot: RobotModel, known: KnownRun, result: Calibration) -> Weighing:
         raise NotEstimatedError("what is on a robot is told by a run with --known, estimated here; this result is none")
     delta = find_delta_since(robot, known, result.evidence)
     answer = _answer(robot, delta)
-    return Weighing(delta, result, answer, _sentence(robot, known, delta, answer, _robot_time(result)))
+    sentence = _sentence(robot, known, delta, answer, _robot_time(result))
+    masses = result.mass_comparison
+    doubt = f"Doubtful: {masses.sentence}. " if masses is not None and masses.disagrees else ""
+    return Weighing(delta, result, answer, doubt + sentence)
 
 
 def _answer(robot: RobotModel, delta: Delta) -> Answer:

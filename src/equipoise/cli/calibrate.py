@@ -36,6 +36,7 @@ from equipoise.cli.methods import method_asked_for, method_flags, owners, read_m
 from equipoise.cli.report import if_installed
 from equipoise.cli.session import Place, Session, confirm
 from equipoise.cli.settings import Verb, chosen, flag_names, shaped, unknown_flags
+from equipoise.cli.told import with_known_imu
 from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
 from equipoise.errors import SettingsError
 from equipoise.user_file import write_file
@@ -223,6 +224,8 @@ def calibrate(
         )
     output.watch.check()
     model = load(robot or _DEFAULT_ROBOT, description)
+    if not dry_run:
+        model = with_known_imu(model, where.simulated)
     check(model, asked)
     if dry_run:
         rehearsed(model, asked, where.platform, output.json)
@@ -233,6 +236,7 @@ def calibrate(
     facts = {"time": now.isoformat(timespec="seconds")}
     if not output.silent:
         _say_what(robot, where, asked, out)
+        print(model.imu.sentence, file=sys.stderr)
     if repeat > 1:
         results = _repeated(model, where, out, asked, facts, repeat, output)
     else:
@@ -334,9 +338,11 @@ def rehearsed(model: RobotModel, method: Method, platform: str, json: bool) -> N
     rehearsal = rehearse(model, method)
     if json:
         table = {"schema": "equipoise.rehearsal/1", "platform": platform, **rehearsal.to_dict()}
+        table["imu"] = model.imu.to_dict()
         print(json_module.dumps(table, indent=2))
     else:
         print_rehearsal(rehearsal, platform)
+        print(f"{model.imu.sentence}.")
 
 
 def _say_what(robot: str | None, place: Place, method: Method, out: Path) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from equipoise.cli.settings import flags_class, read_flags, settings_of
-from equipoise.errors import EquipoiseError, SettingsError
+from equipoise.errors import EquipoiseError, SettingsError, UnconfirmedMassError
 from equipoise.robot.description import RobotDescription
 from equipoise.user_file import typed
 
@@ -128,6 +128,9 @@ def interruption_told(folder: Any) -> Generator[None]:
     log = folder.log  # which a folder that is closed no longer has
     try:
         yield
+    except UnconfirmedMassError:
+        folder.discard()
+        raise
     except (KeyboardInterrupt, EquipoiseError):
         if not log.empty:
             print(f"what was measured so far is kept in {folder.path}", file=sys.stderr)

@@ -36,6 +36,7 @@ from equipoise.cli.methods import (
     refuse_flags_of_other_methods,
 )
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
+from equipoise.cli.told import with_known_imu
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
 
@@ -65,9 +66,11 @@ def plan(
     if result is None:
         rehearsed(model, asked, DEFAULT_PLATFORM, output.json)
     elif output.json:
-        print(json_module.dumps({"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict()}, indent=2))
+        table = {"schema": "equipoise.plan/1", "robot": model.name, **result.to_dict(), "imu": model.imu.to_dict()}
+        print(json_module.dumps(table, indent=2))
     else:
         print_plan(model.name, result)
+        print(f"{model.imu.sentence}.")
         if isinstance(asked, Together):
             after = asked.motors.rehearse(model, nominal_stance(model))
             print(f"Then the robot {after.doing}: {after.duration:.0f} s more.")
@@ -230,7 +233,8 @@ def estimated_log(
     from equipoise.terminal.columns import read_as_told
     from equipoise.terminal.log import print_log_report
 
-    model, method = load(robot, description), Precise(**given)
+    method = Precise(**given)
+    model = with_known_imu(load(robot, description))  # the result states it
     topics = Topics(source.joint_topic, source.imu_topic, source.command_topic)
     span = seconds(source.start), seconds(source.until)
     log = read_as_told(path, model, topics, source.joint_map, source.columns, span, not output.silent)

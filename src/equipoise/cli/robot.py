@@ -26,6 +26,7 @@ from equipoise.cli.flags import (
     load,
 )
 from equipoise.cli.settings import seconds
+from equipoise.cli.told import with_known_imu
 from equipoise.errors import OutputError, SettingsError
 from equipoise.user_file import made_folder, typed
 
@@ -59,17 +60,18 @@ def doctor(
         settings: TOML file with settings of the platform.
         duration: How long to look; default 5 s.
     """
+    from equipoise.drivers.catalog import SIMULATED
     from equipoise.drivers.checkup import examine, foretold, joint_table
     from equipoise.terminal.platform import print_checkup
 
-    model = load(robot, description)
+    model = with_known_imu(load(robot, description), platform in SIMULATED)
     with connected(platform, model, set, settings) as connection:
         findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
     if output.json:
         rows = [dataclasses.asdict(finding) for finding in findings]
         table = {"schema": "equipoise.doctor/1", "robot": model.name, "platform": platform, "findings": rows}
-        print(json_module.dumps({**table, "joints": joints}, indent=2))
+        print(json_module.dumps({**table, "imu": model.imu.to_dict(), "joints": joints}, indent=2))
     else:
         print_checkup(model, platform, joints, findings)
     return int(any(finding.fine is False for finding in findings))

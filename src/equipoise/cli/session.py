@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from equipoise.cli.told import EnterPressed
+from equipoise.cli.told import EnterPressed, mass_confirmed
 from equipoise.errors import MotionError, ResumeError, SettingsError
 
 if TYPE_CHECKING:
@@ -153,7 +153,10 @@ class Session:
                 _question_scale(method, self._simulation.truth.composite.mass)
             with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
                 told = EnterPressed() if self._simulation is None else None
-                result = calibrate(platform, self.robot, method, folder.keep, progress.update, told)
+                confirm = mass_confirmed if sys.stdin.isatty() else None
+                if content is not None and content.recordings:  # confirmed when the run began
+                    confirm = _went_on
+                result = calibrate(platform, self.robot, method, folder.keep, progress.update, told, confirm)
         result = result.with_provenance(**folder.provenance, **ending)
         if self._simulation is None:
             return result
@@ -183,6 +186,12 @@ class Session:
         finally:
             ending["guard"] = dataclasses.asdict(guard.report())
             _tell_ending(guard.report())
+
+
+def _went_on(sentence: str) -> bool:
+    """Whether a run goes on whose lifts have begun: yes."""
+    del sentence
+    return True
 
 
 def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -13,6 +14,7 @@ from equipoise.cli.calibrate import begun, placed, run_into
 from equipoise.cli.flags import Described, File, Output, Required, Robot, RobotFlags, exit_code, interruption_told, load
 from equipoise.cli.session import Session, confirm
 from equipoise.cli.settings import SettingFlag, Verb, flags_class, given_flags, settings_of
+from equipoise.cli.told import with_known_imu
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.user_file import write_file
 
@@ -24,6 +26,7 @@ _FLAGS = {
     "known": "known",
     "mass": "scale",
     "mass_sd": "scale_sd",
+    "confirm_mass": "confirm_mass",
     "budget": "budget",
     "cable": "cable",
     "surface": "surface",
@@ -69,7 +72,10 @@ def weigh(
     given, where, required = given_flags(method), place.place(), read_requirements(output.require)
     if "known" not in given:
         raise SettingsError("name the run folder of this robot's last calibration: --known RUN")
-    asked, model = Precise(**given), load(robot, description)
+    asked = Precise(**given)
+    model = with_known_imu(load(robot, description), where.simulated)
+    if not output.silent:
+        print(model.imu.sentence, file=sys.stderr)
     assert asked.known is not None
     check(model, asked)
     confirm(where, model, asked, getattr(place, "yes", True))
@@ -92,12 +98,13 @@ def weigh_for(arguments: Sequence[str]) -> Verb:
     """`weigh` with the flags of the platform that is asked for; raises SettingsError."""
     from equipoise.precise.method import Precise
 
-    settings = [_renamed(setting).or_none() for setting in settings_of(Precise, tuple(_FLAGS))]
+    settings = [_renamed(setting) for setting in settings_of(Precise, tuple(_FLAGS))]
     return placed(weigh, arguments, flags_class("WeighFlags", "What is known, and how to weigh.", settings))
 
 
 def _renamed(setting: SettingFlag) -> SettingFlag:
-    return replace(setting, name=_FLAGS[setting.name])
+    renamed = replace(setting, name=_FLAGS[setting.name])
+    return renamed if setting.kind is bool else renamed.or_none()
 
 
 def _with_truth(found: Weighing, known: KnownRun) -> Weighing:

@@ -16,6 +16,7 @@ from equipoise.method.reading import Reading
 from equipoise.method.rehearsal import Course, Forecast
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration, Evidence
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -54,6 +55,15 @@ class Method(ABC):
             SettingsError: a setting does not fit the robot's size.
             ReachError: a posture is out of reach or not safe.
         """
+        return None
+
+    def mass_in_doubt(self, planted: PlantedRobot, stance: Stance) -> MassComparison | None:
+        """Compare a given mass with the joint torques of the standing robot, before `run`.
+
+        Returns:
+            the comparison that the operator has to confirm; None: there is nothing to confirm.
+        """
+        del planted, stance
         return None
 
     @abstractmethod

@@ -18,6 +18,7 @@ from equipoise.method.rehearsal import Course, Forecast
 from equipoise.recording.recording import Recording
 from equipoise.recording.trials import MotorTrial
 from equipoise.result.calibration import Calibration
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
@@ -51,6 +52,9 @@ class Together(Method):
     def check(self, robot: RobotModel, stance: Stance) -> None:
         self.base.check(robot, stance)
         self.motors.check(robot, stance)
+
+    def mass_in_doubt(self, planted: PlantedRobot, stance: Stance) -> MassComparison | None:
+        return self.base.mass_in_doubt(planted, stance)
 
     def run(
         self,

@@ -16,6 +16,7 @@ from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_
 from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, HeldOut
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.result.shown import called
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, composite_parameters
@@ -51,18 +52,23 @@ _SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the pl
 
 
 def judge(
-    robot: RobotModel, evidence: RunEvidence, posterior: Posterior, predicted: HeldOut | None = None
+    robot: RobotModel,
+    evidence: RunEvidence,
+    posterior: Posterior,
+    predicted: HeldOut | None = None,
+    masses: MassComparison | None = None,
 ) -> list[Check]:
     """All checks, in the order in which a user should read them: causes before what they cause.
 
     Args:
         predicted: the lifts, each predicted by an estimate without it; None: they were not predicted.
+        masses: given mass and mass that the joint torques carry; None: there is nothing to compare.
     """
     return [
         _enough(evidence, posterior),
         _feet_stay(evidence, posterior),
         _lifts_fit(evidence, posterior.lifts),
-        _torques_carry_the_mass(posterior),
+        _torques_carry_the_mass(posterior, masses),
         _converged(posterior),
         _held_fits(posterior),
         _file_is_of_this_robot(posterior),
@@ -363,7 +369,7 @@ def _physically_possible(posterior: Posterior) -> Check:
     return Check("physical parameters", False, message)
 
 
-def _torques_carry_the_mass(posterior: Posterior) -> Check:
+def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None) -> Check:
     """The joint torques must balance, with gains that do not all err to one side: that is how a wrong mass looks."""
     if posterior.torque_misfit is None:
         return Check("mass", True, "no joint torques to compare a scale with")
@@ -383,11 +389,13 @@ def _torques_carry_the_mass(posterior: Posterior) -> Check:
     common = float((posterior.x[gains] - mean).sum())
     size = abs(common) / float(np.sqrt(told))
     off = common / told * unknowns.priors.torque_gain
+    compared = "" if masses is None else f"{masses.sentence}; "
     message = (
-        f"joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
+        f"{compared}joint torques would have to be {off:+.1%} off to carry the mass of {posterior.robot_body.mass:.2f} kg "
         f"({size:.1f} standard deviations), and balance to {posterior.torque_misfit:.1f} times their noise"
     )
-    passed = size < _IMPLAUSIBLE and posterior.torque_misfit < _TORQUE_MISFIT
+    agree = masses is None or not masses.disagrees
+    passed = agree and size < _IMPLAUSIBLE and posterior.torque_misfit < _TORQUE_MISFIT
     if not passed:
         message += ". Is the mass from the scale right, and are the reported torques those of the joints in Nm?"
     return Check("mass", passed, message)

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, RecordingError, SettingsError
+from equipoise.experiments.dip import dip
 from equipoise.experiments.planted import PlantedRobot
 from equipoise.experiments.posture import feet_in_posture
 from equipoise.experiments.progress import Progress
@@ -22,6 +23,7 @@ from equipoise.precise.findings.contradicted import assumed_imu_position, estima
 from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.link_findings import link_findings
 from equipoise.precise.findings.sensor_findings import sensor_findings
+from equipoise.precise.findings.torque_mass import assumed_mass, compare_at_rest, compare_estimate
 from equipoise.precise.findings.witness import SwayWitness
 from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
 from equipoise.precise.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
@@ -54,6 +56,7 @@ from equipoise.result.body import Body
 from equipoise.result.calibration import Calibration, Evidence, Trial, model_facts
 from equipoise.result.findings import Check
 from equipoise.result.held_out import FOUND, MODEL, HeldOut
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, composite_parameters, nominal_inertia
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.stance import Stance, lies, lying_posture
@@ -82,6 +85,8 @@ class Precise(Method):
         budget: robot time [s], as 60s or 2min; default 120 s on an A1, 30 s after an earlier run, more on larger robots.
         mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
         mass_sd: standard deviation of that [kg]; default 0.5 %.
+        confirm_mass: confirm a mass that disagrees with the joint torques by more than 15 %, or by more than 5 % with the
+            torque constants of an earlier run; without it the command asks before it lifts a foot. The result is doubtful.
         sway: the sway about all axes at the end, which tells more about friction and Izz.
         turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
             and the accelerometer's bias are told from the planar CoM.
@@ -119,16 +124,19 @@ class Precise(Method):
     known: KnownRun | None = field(default=None, metadata={"file": KnownRun.read, "metavar": "RUN"})
     swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
     leg_swing: LegSwing | None = field(default=None, metadata={"flag": False}, compare=False)
+    confirm_mass: bool = False
 
     def __post_init__(self) -> None:
-        if self.mass is not None:
-            check_mass(self.mass)
         if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
             raise SettingsError(f"budget is {self.budget:g} s; it must be above zero, up to {_LONGEST:g} s")
         if self.mass_sd is not None and not _FINEST <= self.mass_sd <= _COARSEST:
             raise SettingsError(f"mass_sd is {self.mass_sd}; it must be from {_FINEST:g} to {_COARSEST:g}")
+        if self.mass is not None:
+            check_mass(self.mass, self.mass_sd)
         if self.mass_sd is not None and self.mass is None:
             raise SettingsError("mass_sd says how sure a scale is; give its mass too")
+        if self.confirm_mass and self.mass is None:
+            raise SettingsError("confirm_mass confirms a given mass, and there is none; give mass too, or leave it out")
         for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted")), ("surface", _SURFACES)):
             if getattr(self, name) not in known:
                 raise SettingsError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(known)}")
@@ -189,7 +197,7 @@ class Precise(Method):
         return self.mass, self.mass_sd or (SCALE_NOISE if self._same_scale else SCALE_GAIN) * self.mass
 
     def weighed(self, mass: float, deviation: float) -> Precise:
-        return replace(self, mass=mass, mass_sd=deviation)
+        return replace(self, mass=mass, mass_sd=deviation, confirm_mass=True)  # nobody is there to be asked
 
     def informed(self, evidence: Evidence) -> Precise:
         """Told of legs that swung in the air, if legs are looked for."""
@@ -225,6 +233,12 @@ class Precise(Method):
 
     def expected_trials(self, stance: Stance) -> int:
         return round(self.budget_for(stance) / Durations.of(stance).lift)
+
+    def mass_in_doubt(self, planted: PlantedRobot, stance: Stance) -> MassComparison | None:
+        if self.scale is None or self.confirm_mass or planted.platform.read().joint_torque is None:
+            return None
+        compared = compare_at_rest(planted.robot, stance, self.scale, dip(planted, stance), self.known)
+        return compared if compared is not None and compared.disagrees else None
 
     def run(
         self,
@@ -277,7 +291,8 @@ class Precise(Method):
         with _Timed(timings, "check"):
             predictions = predict_held_out(evidence, posterior, self.known)
             predicted = held_out(predictions)
-            looked_at = judge(robot, evidence, posterior, predicted)
+            masses = compare_estimate(posterior, self.scale, self.known)
+            looked_at = judge(robot, evidence, posterior, predicted, masses)
             looked_at += [] if self.known is None else [check_of_changes(changes, self.known)]
             checks = tuple(sorted(looked_at, key=lambda check: check.passed))
             _refuse_worse_than_file(predicted, checks)
@@ -323,9 +338,15 @@ class Precise(Method):
             trials=tuple(_trial(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
             settings=self.to_dict(),
             warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
-            assumptions=(*self.assumptions, *not_believed(posterior), *assumed_imu_position(posterior, evidence)),
+            assumptions=(
+                *assumed_mass(self.scale, masses),
+                *self.assumptions,
+                *not_believed(posterior),
+                *assumed_imu_position(posterior, evidence),
+            ),
             evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
             held_out=predicted,
+            mass_comparison=masses,
             budget=budget_of(posterior),
             links=links if well else {name: link.doubted() for name, link in links.items()},
             timings=timings,

@@ -16,7 +16,6 @@ from equipoise.precise.blocks.leg_swing import LegSwingBlock
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.measurements.evidence import read_evidence
 from equipoise.precise.measurements.leg_swing import LegSwing
-from equipoise.precise.measurements.scale_reading import question_mass
 from equipoise.precise.newton_search import find_com_fast, loaded_robot
 from equipoise.precise.plan import FEW_LIFTS, Durations, Plan, make_plan
 from equipoise.precise.planning.candidates import Candidates, describe
@@ -81,7 +80,6 @@ class PreciseRoutine:
         self.trials = PreciseTrials(planted, stance, composite_parameters(robot, stance.joint_position).com)
         self._obstacles: list[str] = []
         self._expected = 0
-        self._searched = 0  # lifts of the search that were begun
 
     def run(self) -> None:
         """All of it.
@@ -125,10 +123,7 @@ class PreciseRoutine:
             sway_all_axes(self.planted, self.stance, self.trials.com)
 
     def _search_on(self, diagonal: str) -> None:
-        """Before every lift of the search; the rest before the first has told what the joints carry."""
-        self._searched += 1
-        if self._searched == 2 and self.settings.mass is not None:
-            question_mass(self.robot, self.settings.mass, self._recordings[-1])
+        """Report a lift of the search."""
         self._tell(f"search on {diagonal}")
 
     def _visit(self, plan: Plan, first: int, last: int, done: list[LiftDesign]) -> None:

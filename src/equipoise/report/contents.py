@@ -20,7 +20,7 @@ from equipoise.report.sway import sway_blocks
 from equipoise.report.trials import bracket_figure, error_figure, tilt_figures, trial_table
 from equipoise.report.uncertainty import uncertainty_blocks
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import checks_sentence, frame_sentence, verdict_sentence
+from equipoise.result.legend import doubt_sentence, frame_sentence, verdict_sentence
 from equipoise.result.shown import ROWS
 from equipoise.terminal.parts import parts_of
 
@@ -93,7 +93,7 @@ def _subtitle(result: Calibration) -> str:
 
 def _lead(result: Calibration) -> str:
     """The change against the model file, in a sentence or two."""
-    said = [] if result.trustworthy else [f"Doubtful: {checks_sentence(result)}."]
+    said = [doubt_sentence(result)] if not result.trustworthy else []
     mass = result.composite.mass
     if mass.value is not None and mass.change is not None:
         half = "" if mass.half is None else f" \u00b1 {mass.half:.2f}"

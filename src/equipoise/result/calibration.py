@@ -21,6 +21,7 @@ from equipoise.recording.recording import Recording
 from equipoise.result.body import BODIES, Body, inertia_from_dict, inertia_to_dict
 from equipoise.result.findings import Check, JointFindings, Link, Motor, SensorFinding
 from equipoise.result.held_out import HeldOut
+from equipoise.result.mass_comparison import MassComparison
 from equipoise.result.notebook import notebook_table
 from equipoise.result.quantity import Quantity
 from equipoise.result.requirements import verdicts
@@ -145,7 +146,7 @@ class Calibration:
         method: name of the method.
         joint_position: joint positions of the nominal stance that all refers to, by joint name [rad].
         held: positions of joints that are no leg's and were held still, an arm's or a head's, by joint name [rad].
-        model: format, hash and base link of the model file.
+        model: format, hash and base link of the model file, and a sentence on the IMU's pose.
         composite: body of the whole robot, frozen at the stance.
         base: body of the base link with all that is fixed to it.
         stance_effective: body of the paper: base, hips and thighs about their own CoM.
@@ -165,6 +166,7 @@ class Calibration:
         links: what was found about each moving link of the legs, by the model file's names; of runs with `legs` only.
         budget: sources of the uncertainty of the whole robot's parameters, the largest first; `precise` only.
         held_out: lifts predicted by estimates that have not seen them; `precise` only.
+        mass_comparison: given mass and mass that the joint torques carry; None without one of them.
         timings: time that each stage of the estimate took, by its name [s]; not in the JSON form.
     """
 
@@ -192,6 +194,7 @@ class Calibration:
     links: Mapping[str, Link] = field(default_factory=dict[str, Link])
     budget: tuple[UncertaintySource, ...] = ()
     held_out: HeldOut | None = None
+    mass_comparison: MassComparison | None = None
 
     @property
     def trustworthy(self) -> bool:
@@ -312,6 +315,7 @@ class Calibration:
             "checks": [dataclasses.asdict(check) for check in self.checks],
             "budget": [source.to_dict() for source in self.budget],
             "held_out": None if self.held_out is None else self.held_out.to_dict(),
+            **({} if self.mass_comparison is None else {"mass_comparison": self.mass_comparison.to_dict()}),
             "verdicts": verdicts(self.composite, self.checks),
             "sways": {axis: dataclasses.asdict(sway) for axis, sway in self.sways.items()},
             "support_lines": {name: line.to_dict() for name, line in self.support_lines.items()},
@@ -393,6 +397,7 @@ class Calibration:
             checks=tuple(Check(**check) for check in table["checks"]),
             budget=tuple(UncertaintySource.from_dict(source) for source in table.get("budget", ())),
             held_out=None if table.get("held_out") is None else HeldOut.from_dict(table["held_out"]),
+            mass_comparison=MassComparison.from_dict(table.get("mass_comparison")),
             motors={name: Motor.from_dict(motor) for name, motor in table.get("motors", {}).items()},
             links={name: Link.from_dict(link) for name, link in table.get("links", {}).items()},
         )
@@ -429,6 +434,7 @@ def model_facts(robot: RobotModel, joint_position: FloatArray) -> dict[str, Any]
             "sha256": robot.source.sha256,
             "base_link": robot.base_link,
             "forward": robot.source.forward,
+            "imu": robot.imu.sentence,
         },
         "robot_model": robot,
         "provenance": library_versions(),

@@ -23,7 +23,8 @@ def frame_sentence(result: Calibration) -> str:
         f"CoM from the origin of base link {result.model['base_link']!r}, x forward, z up; inertia about the CoM, in the "
         f"same axes{_standing(result)}."
     )
-    return words + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
+    imu = f" {result.model['imu']}." if "imu" in result.model else ""
+    return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
 
 
 def _standing(result: Calibration) -> str:
@@ -45,6 +46,15 @@ def verdict_sentence(quantities: Iterable[Quantity], meanings: Mapping[str, str]
     if any(quantity.missed for quantity in there):
         said.append("(!): the truth is outside the interval")
     return "; ".join(said) + "." if said else ""
+
+
+def doubt_sentence(result: Calibration) -> str:
+    """Return the headline of a result whose checks failed, with both masses if they disagree; empty: all checks passed."""
+    if result.trustworthy:
+        return ""
+    masses = result.mass_comparison
+    disagreement = f"{masses.sentence}; " if masses is not None and masses.disagrees else ""
+    return f"Doubtful: {disagreement}{checks_sentence(result)}."
 
 
 def checks_sentence(result: Calibration) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 from equipoise.errors import ReachError
 from equipoise.robot.bodies import RigidBody, bodies_of, links_of
 from equipoise.robot.findings import ModelFinding, find
+from equipoise.robot.imu import Imu
 from equipoise.robot.inertial import InertialParameters, base_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -29,6 +30,7 @@ class Audit:
         joint_names: (nj) names of the stance's joint positions.
         bodies: the base, then the leg links in joint order.
         findings: findings about the model, errors first.
+        imu: pose of the IMU, and where it comes from.
     """
 
     robot: str
@@ -41,6 +43,7 @@ class Audit:
     joint_names: tuple[str, ...]
     bodies: tuple[RigidBody, ...]
     findings: tuple[ModelFinding, ...]
+    imu: Imu
 
     @property
     def ratio_composite_over_base(self) -> tuple[float, float, float] | None:
@@ -73,6 +76,7 @@ class Audit:
             "ratio_composite_over_base": None if ratio is None else list(ratio),
             "bodies": [body.to_dict() for body in self.bodies],
             "findings": [{"severity": f.severity, "body": f.body, "text": f.text} for f in self.findings],
+            "imu": self.imu.to_dict(),
             "stance": None if self.stance is None else _stance_to_dict(self.stance, self.joint_names),
         }
 
@@ -100,6 +104,7 @@ def audit(robot: RobotModel) -> Audit:
         joint_names=robot.joint_names,
         bodies=tuple(bodies.values()),
         findings=(*without_stance, *find(robot, bodies, list(links_of(robot, bodies)), composite, stance)),
+        imu=robot.imu,
     )
 
 

@@ -28,6 +28,7 @@ class RobotDescription:
             else here counts in axes whose x does.
         foot_frames: names of the frames at the feet's centres, by leg: FL, FR, RL, RR.
         foot_radius: radius of the feet [m].
+        imu_frame: name of the model's frame at the IMU, where none has "imu" in its name, or another one is meant.
         imu_position: IMU position in the base frame [m].
         imu_rpy: IMU orientation in the base frame, roll pitch yaw [rad].
         stance: nominal stance: position by joint name [rad]; all leg joints.
@@ -44,6 +45,7 @@ class RobotDescription:
     forward: Forward | None = None
     foot_frames: dict[str, str] = field(default_factory=dict[str, str])
     foot_radius: float | None = None
+    imu_frame: str | None = None
     imu_position: tuple[float, float, float] | None = None
     imu_rpy: tuple[float, float, float] | None = None
     stance: dict[str, float] = field(default_factory=dict[str, float])
@@ -120,7 +122,7 @@ class RobotDescription:
 
 def _converted(key: str, value: Any) -> Any:
     """TOML values as the field's type: numbers to float, arrays to tuples."""
-    if key in ("base_link", "forward"):
+    if key in ("base_link", "forward", "imu_frame"):
         return _text(value, key)
     if key == "foot_frames":
         return {leg: _text(frame, f"{key}.{leg}") for leg, frame in _table(value, key).items()}

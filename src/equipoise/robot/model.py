@@ -20,6 +20,7 @@ from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.cleaning.urdf import LIGHTEST_BASE, NEGLIGIBLE_MASS_FRACTION
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.forward import forward_axis, turned
+from equipoise.robot.imu import Imu, find_imu
 from equipoise.robot.legs import Leg, add_legs, leg_length
 from equipoise.robot.limits import joint_index, limits_not_mirrored, position_limits, refuse_degrees
 from equipoise.robot.links import refuse_other_units
@@ -183,22 +184,13 @@ class RobotModel:
 
     @property
     def imu_in_base(self) -> pin.SE3:
-        """Pose of the IMU in the base frame, the caller's own copy.
-
-        The described one, or that of a frame on the base with "imu" in its name, or the base frame itself.
-        """
-        return pin.SE3(self._imu_in_base)
+        """Pose of the IMU in the base frame, the caller's own copy; `imu` states where it comes from."""
+        return pin.SE3(self.imu.placement)
 
     @cached_property
-    def _imu_in_base(self) -> pin.SE3:
-        named = [f for f in self.pinocchio.frames if f.parentJoint == 1 and "imu" in str(f.name).lower()]
-        bodies = [f for f in named if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)]
-        pose = pin.SE3(bodies[0].placement) if bodies else pin.SE3.Identity()
-        if self.description.imu_position is not None:
-            pose.translation = np.array(self.description.imu_position)
-        if self.description.imu_rpy is not None:
-            pose.rotation = pin.rpy.rpyToMatrix(np.array(self.description.imu_rpy))
-        return pose
+    def imu(self) -> Imu:
+        """Pose of the IMU, and where it comes from."""
+        return find_imu(self.pinocchio, self.description, self.source.imu_sensors, self.base_link)
 
     @cached_property
     def leg_length(self) -> float:
@@ -271,8 +263,8 @@ def _refuse_far_imu(robot: RobotModel, hips: FloatArray) -> None:
     Args:
         hips: (4, 3) hips in the base frame [m].
     """
-    position, middle = robot.description.imu_position, hips.mean(axis=0)
-    if position is None:
+    position, middle = robot.imu.placement.translation, hips.mean(axis=0)
+    if robot.description.imu_position is None:
         return
     size = 2 * float(np.linalg.norm(hips - middle, axis=1).max()) + robot.leg_length
     away = float(np.linalg.norm(position - middle))

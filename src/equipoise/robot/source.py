@@ -38,6 +38,7 @@ class ModelSource:
         repairs: changes and omissions, one sentence each.
         effort_limits: torque limits by joint name [Nm], where the format keeps them outside the joint (MJCF).
         home: joint positions of the keyframe "home", by joint name [rad]; empty where the file has none.
+        imu_sensors: names of the links or sites that IMU sensors of the file read.
         forward: axis of the file's base link that points forward; if not x, the model has a base link above it, turned.
         locked: positions of joints that their limits lock, by name [rad or m]; they are fixed in the cleaned model.
         couplings: elements that tie joints to each other, with the names of the joints; the cleaned model has none.
@@ -53,6 +54,7 @@ class ModelSource:
     forward: Forward = "+x"
     locked: dict[str, float] = field(default_factory=dict[str, float])
     couplings: tuple[Coupling, ...] = ()
+    imu_sensors: tuple[str, ...] = ()
 
 
 def read_model_source(path: str | Path, base_link: str | None = None) -> ModelSource:
@@ -104,12 +106,15 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     sha256 = hashlib.sha256(content).hexdigest()
     if any("xacro}" in element.tag for element in root.iter()):
         raise ModelError(f"robot model {str(path)!r} is a xacro file; run xacro on it and use the URDF that it writes")
+    sensors = _imu_sensor_frames(root)
     if root.tag == "robot":
         _refuse_non_finite_numbers(root, path)
         couplings, locked = couplings_of(root), fix_locked_joints(root, path)
         repairs = (*clean_urdf(root, path, base_link), *_of_joints(locked, couplings))
         xml = ET.tostring(root, encoding="unicode")
-        return ModelSource(path, "urdf", xml, sha256, repairs, {}, locked=locked, couplings=tuple(couplings))
+        return ModelSource(
+            path, "urdf", xml, sha256, repairs, {}, locked=locked, couplings=tuple(couplings), imu_sensors=sensors
+        )
     if root.tag == "mujoco":
         from equipoise.robot.cleaning.mjcf import clean_mjcf  # noqa: PLC0415 - most models are URDF
 
@@ -129,8 +134,9 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
         xml = ET.tostring(root, encoding="unicode")
         repairs = (*repairs, *_of_joints(locked, couplings))
         return ModelSource(
-            path, "mjcf", xml, sha256, repairs, effort_limits, home, locked=locked, couplings=tuple(couplings)
-        )
+            path, "mjcf", xml, sha256, repairs, effort_limits, home, locked=locked, couplings=tuple(couplings),
+            imu_sensors=sensors,
+        )  # fmt: skip
     raise ModelError(
         f"robot model {str(path)!r} starts with <{root.tag}>; expected <robot> (URDF; run xacro first on a .xacro file) "
         "or <mujoco> (MJCF)"
@@ -158,3 +164,22 @@ def _refuse_non_finite_numbers(root: ET.Element, path: Path, within: str = "") -
                 )
     for element in root:
         _refuse_non_finite_numbers(element, path, within)
+
+
+def _imu_sensor_frames(root: ET.Element) -> tuple[str, ...]:
+    """Names of the links (URDF) or sites (MJCF) that the IMU sensors of a model file read."""
+    found: list[str] = []
+    for gazebo in root.findall("gazebo"):
+        if any(_is_imu_sensor(element) for element in gazebo.iter()):
+            found.append(gazebo.get("reference") or "")
+            found += [(element.text or "").strip() for tag in ("bodyName", "frameName") for element in gazebo.iter(tag)]
+    for section in root.findall("sensor"):
+        found += [sensor.get("site") or "" for tag in ("gyro", "accelerometer") for sensor in section.findall(tag)]
+        if _is_imu_sensor(section):  # of a URDF
+            found += [parent.get("link") or "" for parent in section.findall("parent")]
+    return tuple(dict.fromkeys(filter(None, found)))
+
+
+def _is_imu_sensor(element: ET.Element) -> bool:
+    kind, plugin = element.get("type", ""), element.get("filename", "")
+    return (element.tag == "sensor" and kind in ("imu", "gazebo_imu")) or (element.tag == "plugin" and "_imu" in plugin)

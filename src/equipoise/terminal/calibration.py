@@ -18,7 +18,7 @@ from equipoise.conventions import AXES
 from equipoise.experiments.progress import Progress as RoutineProgress
 from equipoise.method.rehearsal import Forecast
 from equipoise.result.calibration import Calibration
-from equipoise.result.legend import checks_sentence, frame_sentence, verdict_sentence
+from equipoise.result.legend import checks_sentence, doubt_sentence, frame_sentence, verdict_sentence
 from equipoise.result.quantity import Quantity
 from equipoise.result.shown import ROWS
 from equipoise.result.statistics import NORMAL_95
@@ -109,8 +109,8 @@ def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -
 
 def _print_precise(console: Console, result: Calibration) -> None:
     title = f"{result.robot}: method {result.method}; the whole robot at its stance"
-    if not result.trustworthy:
-        console.print(f"[red]Doubtful: {checks_sentence(result)}.[/red]")
+    if doubt := doubt_sentence(result):
+        console.print(f"[red]{escape(doubt)}[/red]")
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     columns = ["parameter", "estimate", "95 % +-", "", *(["truth", "error"] if result.truth else []), "model"]
     for column in columns:
@@ -268,6 +268,7 @@ def print_audit(result: Audit) -> None:
         )
     if result.ratio_sentence is not None:
         console.print(escape(f"A single-rigid-body controller wants the composite: {result.ratio_sentence}."))
+    console.print(escape(f"{result.imu.sentence}."))
     colours = {"error": "red", "warning": "yellow", "note": "cyan"}
     for finding in result.findings:
         about = f"{finding.body}: " if finding.body else ""

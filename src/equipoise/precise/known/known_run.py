@@ -25,6 +25,7 @@ from equipoise.precise.unknown import ROBOT, Unknown, unknown
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
 from equipoise.user_file import json_value, read_text, typed
 
 POSTERIOR = "posterior.json"
@@ -204,6 +205,16 @@ class KnownRun:
         spread[-1, -1] += (SCALE_NOISE / SCALE_GAIN) ** 2
         both = Unknowns(unknowns.robot, unknowns.stance, PriorsWithScale(**{**held, **self.priors}))
         return np.append(x, (weighed / total - 1) / SCALE_GAIN), spread, both
+
+    def torque_gains(self, robot: RobotModel, stance: Stance) -> tuple[FloatArray, float]:
+        """Return the (nj,) true over reported torques of all joints, and the standard deviation of their mean."""
+        x, spread, layout = self.earlier(Unknowns(robot, stance, Priors()))
+        values = layout.values(x)
+        gains = 1 + values["torque_gain_common"] + values["torque_gain"]
+        mean = np.zeros(layout.size)
+        for name in ("torque_gain_common", "torque_gain"):
+            mean[layout[name]] = layout.scale[layout[name]] / max(1, layout[name].stop - layout[name].start)
+        return gains, float(np.sqrt(mean @ spread @ mean))
 
     def belief(self, unknowns: Unknowns, begun_anew: Mapping[int, float] | None = None, shown: bool = False) -> Belief:
         """What is believed of the unknowns of a run after it.

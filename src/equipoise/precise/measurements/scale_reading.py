@@ -1,33 +1,33 @@
-"""What a scale may have said: refused where no such robot weighs so much, questioned where its joints carry another weight."""
+"""The mass from a scale: refused where no such robot has it."""
 
 from __future__ import annotations
 
-import warnings
+import math
 
 from equipoise.errors import SettingsError
-from equipoise.recording.phases import Phase
-from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import HEAVIEST
-from equipoise.robot.statics import carried_mass
 
 _LIGHTEST = 0.05  # [kg]
 _OTHER_ROBOT = 10.0  # times the model file's mass, or a tenth of it: no load and no CAD file is so far off
-_ODD = 1.6  # times what joint torques carry: three standard deviations of what they are believed to be off in common
 
 
-def check_mass(mass: float) -> None:
-    """Refuse a mass [kg] that no legged robot has.
+def check_mass(mass: float, deviation: float | None = None) -> None:
+    """Refuse a mass [kg] that no legged robot has, and a standard deviation [kg] as large as the mass.
 
     Raises:
-        SettingsError: it is too large, most likely in grams, or too small.
+        SettingsError: the mass is too large, most likely in grams, or too small, or its standard deviation too large.
     """
     if mass > HEAVIEST:
-        raise SettingsError(
-            f"a scale's mass of {mass:g} kg is more than any legged robot's; if it is in grams, give {mass / 1000:g}"
-        )
+        grams = f"; if it is in grams, give {mass / 1000:g}" if math.isfinite(mass) else ""
+        raise SettingsError(f"a scale's mass of {mass:g} kg is more than any legged robot's{grams}")
     if not mass >= _LIGHTEST:
         raise SettingsError(f"a scale's mass is {mass:g} kg; it must be {_LIGHTEST:g} kg or more")
+    if deviation is not None and deviation >= mass:
+        raise SettingsError(
+            f"mass_sd is {deviation:g} kg and the mass {mass:g} kg: a standard deviation as large as the mass determines "
+            "nothing; give that of the scale, or leave both out"
+        )
 
 
 def check_mass_of(robot: RobotModel, mass: float) -> None:
@@ -44,18 +44,4 @@ def check_mass_of(robot: RobotModel, mass: float) -> None:
         like = f"; if it is in grams, give {mass / 1000:g}" if fits(mass / 1000) else ""
         raise SettingsError(
             f"a scale's mass of {mass:g} kg is another robot's: the model file of {robot.name!r} has {robot.mass:.4g} kg{like}"
-        )
-
-
-def question_mass(robot: RobotModel, mass: float, recording: Recording) -> None:
-    """Warn, early in a run, of a mass [kg] far from what the joint torques carry in the rest before a lift."""
-    rest = recording.phase(Phase.REST).joints
-    if rest.torque is None:
-        return
-    carried = carried_mass(robot, rest.position.mean(axis=0), rest.torque.mean(axis=0))
-    if not 1 / _ODD < mass / carried < _ODD:
-        warnings.warn(
-            f"the scale says {mass:g} kg, and joint torques carry {carried:.1f} kg; unless they are known to be so far off, "
-            "end the run (Ctrl-C) and give the right --mass, or none",
-            stacklevel=2,
         )

@@ -1,0 +1,52 @@
+"""The mass that the user gave, compared with the mass that the joint torques carry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class MassComparison:
+    """Two values of the whole robot's mass.
+
+    Attributes:
+        given: mass that the user gave, from a scale [kg].
+        carried: mass that the joint torques carry [kg].
+        limit: largest acceptable difference, as a fraction of the carried mass.
+        earlier: name of the earlier run whose torque constants the carried mass is computed with; None: as reported.
+    """
+
+    given: float
+    carried: float
+    limit: float
+    earlier: str | None = None
+
+    @property
+    def difference(self) -> float:
+        """Given over carried mass, less one."""
+        return self.given / self.carried - 1
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the difference is larger than the limit, or the joint torques carry no weight at all."""
+        return not self.carried > 0 or abs(self.difference) > self.limit
+
+    @property
+    def sentence(self) -> str:
+        """Both masses and their difference."""
+        constants = f", with the torque constants of {self.earlier}" if self.earlier else ""
+        masses = f"the given mass is {self.given:g} kg, and the joint torques carry {self.carried:.2f} kg{constants}"
+        return f"{masses} ({self.difference:+.0%}, limit {self.limit:.0%})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {**asdict(self), "disagrees": self.disagrees}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any] | None) -> MassComparison | None:
+        """From the JSON form."""
+        if table is None:
+            return None
+        return cls(**{name: value for name, value in table.items() if name != "disagrees"})

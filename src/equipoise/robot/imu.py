@@ -1,0 +1,177 @@
+"""The pose of the IMU in the base frame, and where it comes from: a description, a frame of the model, or an assumption."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.errors import SettingsError, did_you_mean
+from equipoise.robot.description import RobotDescription
+
+# Words of frames' names: sensors and chips that are IMUs, as boards and drivers call them.
+_CHIPS = re.compile(
+    r"gyro\w*|accel\w*|ahrs|ins|bno\w*|bm[aigx]\d+\w*|mpu\w*|i[cs]m\d+\w*|lsm\w*|l3g\w*|adis\w*|lpms\w*|hwt\d+|wt\d{3}|um[67]|"
+    r"witmotion|xsens|mti\d*\w*|movella|vn\d+|vectornav|microstrain|3dm\w*|c[vx]\d\d?|g[xq]\d\d?|kvh|sbg|navx\w*|hipnuc|yesense"
+)
+_IN_WORDS = re.compile(r"inertial_(sensor|unit|measurement)|vn_\d")
+# Other devices have IMUs of their own: a frame that is named after one comes after those that are not.
+_OF_OTHERS = {
+    "cam", "camera", "optical", "lidar", "laser", "livox", "mid360", "velodyne", "ouster", "realsense", "d435", "d435i",
+    "d455", "t265", "zed", "radar", "gps", "gnss",
+}  # fmt: skip
+_SMALL_ANGLE = 1e-6  # [rad]
+
+
+@dataclass(frozen=True, eq=False)
+class Imu:
+    """The pose of the IMU in the base frame, and where it comes from.
+
+    Attributes:
+        placement: pose in the base frame.
+        base_link: name of the base link.
+        frame: name of the model's frame that is taken; None: none is.
+        described: keys of the description that determine the pose: "imu_frame", "imu_position", "imu_rpy".
+        others: names of further frames that are named like an IMU.
+        proposed: names of frames that may be the IMU's and are not taken: an IMU sensor of the file reads them, or they are
+            named after an IMU.
+    """
+
+    placement: pin.SE3
+    base_link: str
+    frame: str | None
+    described: tuple[str, ...]
+    others: tuple[str, ...]
+    proposed: tuple[str, ...]
+
+    @property
+    def is_assumed(self) -> bool:
+        """Whether neither a description nor a frame of the model determines its position."""
+        return self.frame is None and "imu_position" not in self.described
+
+    @property
+    def sentence(self) -> str:
+        """Where the IMU is, and according to what."""
+        if self.is_assumed:
+            turned = ", turned as described" if "imu_rpy" in self.described else ""
+            flag = f": --imu-frame {self.proposed[0]}" if self.proposed else ""
+            return f"IMU: at the origin of base link {self.base_link!r}{turned} (assumed: {self.reason}{flag})"
+        more = f"; also named like an IMU: {', '.join(self.others)} (--imu-frame NAME takes one)" if self.others else ""
+        return f"IMU: {self._source}, at {_millimetres(self.placement)} mm in the base frame{_turned(self.placement)}{more}"
+
+    @property
+    def reason(self) -> str:
+        """Why the pose is assumed, and the frames that may be the IMU's."""
+        if not self.proposed:
+            return "no frame of the model looks like an IMU"
+        names = " or ".join(map(repr, self.proposed))
+        return f"no frame of the model is named imu, and {names} may be the IMU's"
+
+    @property
+    def _source(self) -> str:
+        numbers = [name for name in ("imu_position", "imu_rpy") if name in self.described]
+        if len(numbers) == 2 or self.frame is None:
+            return f"described by {' and '.join(numbers)}"
+        named = " (described by imu_frame)" if "imu_frame" in self.described else ""
+        return f"frame {self.frame!r}{named}" + "".join(f", {name} as described" for name in numbers)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "frame": self.frame,
+            "described": list(self.described),
+            "assumed": self.is_assumed,
+            "others": list(self.others),
+            "proposed": list(self.proposed),
+            "position_in_base": self.placement.translation.tolist(),
+            "rpy_in_base": [float(angle) for angle in pin.rpy.matrixToRpy(self.placement.rotation)],
+            "sentence": self.sentence,
+        }
+
+
+def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[str], base_link: str) -> Imu:
+    """Find the pose of the IMU: described, of a frame on the base that is named like an IMU, or the origin of the base.
+
+    Args:
+        model: model whose first moving body is the base.
+        sensors: names of the frames that the file's IMU sensors read.
+
+    Raises:
+        SettingsError: the described frame is not on the base.
+    """
+    frames = _frames_on_base(model)
+    named = sorted(filter(_is_imu, frames), key=_is_of_another)
+    frame = description.imu_frame or (named[0] if named else None)
+    if frame is not None and frame not in frames:
+        raise _not_on_base(model, frame, frames)
+    placement = pin.SE3.Identity() if frame is None else pin.SE3(frames[frame])
+    if description.imu_position is not None:
+        placement.translation = np.array(description.imu_position)
+    if description.imu_rpy is not None:
+        placement.rotation = pin.rpy.rpyToMatrix(np.array(description.imu_rpy))
+    keys = ("imu_frame", "imu_position", "imu_rpy")
+    described = tuple(key for key in keys if getattr(description, key) is not None)
+    others = () if described else tuple(named[1:])
+    by_sensor = [name for name in frames if name in sensors]
+    by_name = [name for name in frames if name not in sensors and _looks_like_imu(name)]
+    proposed = () if named else (*by_sensor, *by_name)
+    return Imu(placement, base_link, frame, described, others, proposed)
+
+
+def frames_on_base(model: pin.Model) -> tuple[str, ...]:
+    """Names of the links and sites that are fixed to the base."""
+    return tuple(_frames_on_base(model))
+
+
+def _frames_on_base(model: pin.Model) -> dict[str, pin.SE3]:
+    """Poses in the base frame by name; of frames with one name the first."""
+    kinds, found = (pin.FrameType.BODY, pin.FrameType.OP_FRAME), dict[str, pin.SE3]()
+    for frame in model.frames:
+        if frame.parentJoint == 1 and frame.type in kinds:
+            found.setdefault(str(frame.name), frame.placement)
+    return found
+
+
+def _words(name: str) -> list[str]:
+    """The words of a name, as of base_IMULink: base, imu, link."""
+    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name)
+    return [word for word in re.split(r"[^a-z0-9]+", apart.lower()) if word]
+
+
+def _is_imu(name: str) -> bool:
+    """Whether a word of a name is, begins or ends with "imu"; a simulation is not an IMU."""
+    words = [word.rstrip("0123456789") for word in _words(name)]
+    return any(word.startswith("imu") or (word.endswith("imu") and word != "simu") for word in words)
+
+
+def _looks_like_imu(name: str) -> bool:
+    words = _words(name)
+    if _is_of_another(name):
+        return False
+    return any(map(_CHIPS.fullmatch, words)) or _IN_WORDS.search("_".join(words)) is not None
+
+
+def _is_of_another(name: str) -> bool:
+    return not _OF_OTHERS.isdisjoint(_words(name))
+
+
+def _not_on_base(model: pin.Model, frame: str, frames: dict[str, pin.SE3]) -> SettingsError:
+    if model.existFrame(frame):
+        return SettingsError(f"imu_frame is {frame!r}, which is not fixed to the base: give a frame of the base link")
+    known = did_you_mean(frame, frames)
+    return SettingsError(f"imu_frame is {frame!r}, which is no frame of the base; {known}those are {', '.join(frames)}")
+
+
+def _millimetres(placement: pin.SE3) -> str:
+    return " ".join(f"{1000 * value + 0.0:.1f}" for value in placement.translation)
+
+
+def _turned(placement: pin.SE3) -> str:
+    if np.abs(placement.rotation - np.eye(3)).max() < _SMALL_ANGLE:
+        return ""
+    roll, pitch, yaw = np.degrees(pin.rpy.matrixToRpy(placement.rotation)) + 0.0
+    return f", turned by roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg"
