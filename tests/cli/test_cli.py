@@ -333,7 +333,7 @@ def test_flags_of_a_robot_description_are_used(capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_keeps_what_was_measured(tmp_path, signals_are_heard):
+def test_ctrl_c_keeps_what_was_measured(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [*COMMAND, "calibrate", "--method", "paper", "--tolerance", "0.0002", "--t-thres", "10", "--out", str(folder)],
@@ -367,7 +367,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, signals_are_heard):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path, signals_are_heard):
+def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [*COMMAND, "calibrate", "--method", "paper", "--out", str(folder), "--quiet"], stderr=subprocess.PIPE, text=True
@@ -447,10 +447,14 @@ def test_a_log_is_recorded_in_json(tmp_path, capsys):
     assert table["joint_samples"] > 200
 
 
-def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch, signals_are_heard):
+def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch):
     def interrupted():
         raise KeyboardInterrupt
 
     monkeypatch.setattr(entry, "main", interrupted)
-    assert entry.run() == 130
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        assert entry.run() == 130
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
