@@ -211,7 +211,7 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
     ("words", "message"),
     [
         (["calibrat"], "equipoise has no verb 'calibrat'; did you mean 'calibrate'? 'equipoise --help' lists them"),
-        (["calibrate", "--budget", "1 day"], "'1 day' is no time; give it as 60s, 2min or 1h"),
+        (["calibrate", "--budget", "1 day"], "--budget '1 day' is not a time; give it as 60s, 2min or 1h"),
         (["calibrate", "--budget", "2h"], "budget is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--budget", "1s"], "a budget of 1 s allows no lift after the search; give 28 s or more"),
         (["calibrate", "--held", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
@@ -228,9 +228,9 @@ def test_what_cannot_be_meant_is_said_before_anything_is_done(words, message, tm
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--noise-seed", "abc"], "Error parsing --noise-seed: 'abc' is no whole number"),
-        (["--mass", "heavy"], "Error parsing --mass: 'heavy' is no number"),
-        (["--seed", "1.5"], "Error parsing --seed: '1.5' is no whole number"),
+        (["--noise-seed", "abc"], "Error parsing --noise-seed: 'abc' is not a whole number"),
+        (["--mass", "heavy"], "Error parsing --mass: 'heavy' is not a number"),
+        (["--seed", "1.5"], "Error parsing --seed: '1.5' is not a whole number"),
     ],
 )
 def test_what_is_no_number_is_called_so(words, message, capsys):
