@@ -91,9 +91,9 @@ def test_wrong_flags_say_what_is_right(tmp_path, capsys):
     assert "--duration 'soon' is not a time" in fails(capsys, 2, "--duration", "soon")
     assert "--duration is '0s'" in fails(capsys, 2, "--duration", "0s")
     assert "MASS,X,Y,Z" in fails(capsys, 2, "--payload", "heavy")
-    assert "cannot read the result" in fails(capsys, 5, "--com", str(tmp_path / "missing.json"))
+    assert "does not exist; name the run folder" in fails(capsys, 5, "--com", str(tmp_path / "missing.json"))
     (tmp_path / "other.json").write_text("{}")
-    assert "is none of equipoise's" in fails(capsys, 5, "--com", str(tmp_path / "other.json"))
+    assert "is a JSON file of another kind" in fails(capsys, 5, "--com", str(tmp_path / "other.json"))
     assert "is not empty; name a new one with --out" in fails(capsys, 6, "--out", str(tmp_path))
 
 

@@ -304,7 +304,9 @@ def test_an_output_folder_that_cannot_be_written(tmp_path, capsys):
 
 
 def test_a_folder_that_is_no_run(tmp_path, capsys):
-    assert "is no run of equipoise" in fails(capsys, 5, "estimate", str(tmp_path))
+    assert "is a folder without run.json; name the run folder of a calibration" in fails(
+        capsys, 5, "estimate", str(tmp_path)
+    )
 
 
 def test_an_error_is_an_object_too_with_json(capsys):

@@ -229,7 +229,7 @@ def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
 @pytest.mark.parametrize("verb", [["weigh", "unitree_a1"], ["plan"], ["calibrate"]], ids=lambda verb: verb[0])
 def test_a_run_that_is_not_there_ends_every_verb_alike(verb, tmp_path, capsys):
     assert main([*verb, "--known", str(tmp_path / "nowhere")]) == RecordingError.exit_code
-    assert "this is no run folder of a calibration" in capsys.readouterr().err
+    assert "does not exist; name the run folder of a calibration" in capsys.readouterr().err
 
 
 def test_another_robot_is_refused(two_jointed, earlier):

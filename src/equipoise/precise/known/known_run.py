@@ -25,7 +25,7 @@ from equipoise.precise.unknown import ROBOT, Unknown, unknown
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
-from equipoise.user_file import typed
+from equipoise.user_file import kind_of, typed
 
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
@@ -264,7 +264,7 @@ def _why_none(path: Path) -> EquipoiseError:
         header = json.loads((path / "run.json").read_text(encoding="utf-8"))
         method = header["settings"]["method"]
     except (OSError, ValueError, KeyError, TypeError):
-        return RecordingError(f"--known {path}: this is no run folder of a calibration")
+        return RecordingError(f"--known {path}: it {kind_of(path)}; name the run folder of a calibration")
     if method != "precise":
         return SettingsError(
             f"--known {path}: this run is of the method {method!r}; only runs of 'precise' know a robot's sensors"
