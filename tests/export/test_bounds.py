@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -9,10 +10,11 @@ from commands import fails
 from exporting import found, make_run
 from robots import load_text, quadruped_mjcf, quadruped_urdf
 
-from equipoise import export
-from equipoise.errors import NotPhysicalError
+from equipoise import export, load_robot
+from equipoise.errors import ModelWarning, NotPhysicalError
 from equipoise.exports.formats import FORMATS
 from equipoise.result.body import Body
+from equipoise.robot.catalog import CATALOG
 from equipoise.robot.inertial import InertialParameters
 
 
@@ -66,6 +68,18 @@ def test_payloads_that_a_robot_carries_are_written(share, com, a1):
 @pytest.mark.parametrize("text", [quadruped_urdf(), quadruped_urdf(joints_per_leg=2), quadruped_urdf(arm_joints=2)])
 def test_robots_of_other_shapes_are_written(text, tmp_path):
     assert export(found(load_text(tmp_path, text)), "json").content
+
+
+@pytest.mark.parametrize("name", CATALOG)
+def test_robots_of_the_catalogue_are_written_with_a_third_of_their_mass_on_top(name):
+    if not CATALOG[name].installed:
+        pytest.skip(f"{name} is not installed: it is NOT TRIED")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        robot = load_robot(name)
+    mass, leg = robot.mass / 3, robot.leg_length
+    added = InertialParameters(mass, leg * np.array([0.1, 0.0, 0.9]), 0.02 * mass * leg**2 * np.eye(3))
+    assert export(found(robot, added), "json").content
 
 
 def test_robots_of_mjcf_are_written(tmp_path):

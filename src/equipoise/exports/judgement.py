@@ -21,7 +21,7 @@ _HOW = {
     MOTORS: "calibrate with --what base,motors",
     LEGS: "calibrate with --what base,legs",
 }
-_AROUND = 0.25  # of the leg length: how far beyond links and feet a CoM may lie, to the sides and below
+_AROUND = 0.1  # of the leg length: how far beyond links and feet a CoM may lie, to the sides and below
 _ABOVE = 1.0  # of the leg length: payloads are carried on the back, in stacks
 _GYRATIONS = 3.0  # radii of gyration of the model's robot: the same where the model file is not at hand
 
