@@ -222,7 +222,7 @@ def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
     with pytest.raises(SettingsError, match="of the method 'paper'"):
         KnownRun.read(folder)
     for path in (tmp_path, folder / "run.json"):
-        with pytest.raises(RecordingError, match="no run folder"):
+        with pytest.raises(RecordingError, match="it is a folder; name the run folder of a calibration"):
             KnownRun.read(path)
 
 
