@@ -221,8 +221,8 @@ def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
     header.write_text(header.read_text(encoding="utf-8").replace('"precise"', '"paper"'), encoding="utf-8")
     with pytest.raises(SettingsError, match="of the method 'paper'"):
         KnownRun.read(folder)
-    for path in (tmp_path, folder / "run.json"):
-        with pytest.raises(RecordingError, match="it is a folder; name the run folder of a calibration"):
+    for path, kind in ((tmp_path, "a folder"), (folder / "run.json", "a JSON file")):
+        with pytest.raises(RecordingError, match=f"it is {kind}; name the run folder of a calibration"):
             KnownRun.read(path)
 
 
