@@ -1,3 +1,4 @@
+# make install  install into .venv
 # make demo     install, calibrate a Unitree A1 in simulation, show what it found beside the truth
 # make test     install with the development tools and run the tests
 # Each target makes the environment that it needs; VENV=... uses another one.
@@ -13,12 +14,18 @@ ROBOTS_STAMP := $(VENV)/.robots-installed
 BENCHES := $(addprefix bench-,accuracy perfect-sensors stays-up robustness balance speed monte-carlo paper sources peers engines kill link logs ros2 udp payload \
   guard report view robots motors footholds legs weigh validate size walking wrong-files feet)
 
-.PHONY: demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
+.PHONY: install demo test fuzz mutants robots lint types format bench bench-check $(BENCHES) docs docs-serve docs-pictures docs-check lock clean
 
+ACTIVATE = @echo "equipoise is in $(BIN): '. $(BIN)/activate' makes it a command here; 'equipoise --help' lists its verbs"
+
+install: $(RUN_STAMP)
+	$(ACTIVATE)
+
+# The run of README: runs/first, or, where that is taken, a folder with the time in its name.
 demo: $(RUN_STAMP)
 	$(BIN)/equipoise calibrate --payload 1,0.05,0.02,0.08 --seed 3 --mass 13.4 \
-	  --out runs/demo-$$(date +%Y%m%d-%H%M%S)
-	@echo "equipoise is in $(BIN): '. $(BIN)/activate' makes it a command here; 'equipoise --help' says what it can do"
+	  --out $(if $(wildcard runs/first),runs/demo-$$(date +%Y%m%d-%H%M%S),runs/first)
+	$(ACTIVATE)
 
 # What must keep up with real time comes second, when nothing else wants the cores; most of its time is waiting. Both are run,
 # whatever becomes of the first.

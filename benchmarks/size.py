@@ -88,7 +88,7 @@ def main() -> None:
         *(extra_row(extra, plain) for extra in EXTRAS),
         "",
         f"Target for a robot's computer: {TARGET} MB, {verdict} by the plain install, which calibrates and estimates without "
-        "simulator, pictures and readers of bags; `make demo` installs `[desk]`, which is all three.",
+        "simulator, pictures and readers of bags; `make install` installs `[desk]`, which is all three.",
     ]
     text = "\n".join(lines) + "\n"
     write_page("size.md", text)

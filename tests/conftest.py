@@ -37,6 +37,23 @@ def pytest_terminal_summary(terminalreporter):
 
 
 @pytest.fixture(scope="session", autouse=True)
+def default_signals():
+    """Restore the default reaction to signals, also in the processes that tests start.
+
+    A shell's background jobs ignore Ctrl-C, `nohup` ignores a terminal that closes, and both are inherited.
+    """
+    defaults = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    before = {number: signal.signal(number, handler) for number, handler in defaults.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory):
     """No test finds what another run of them left in the user's cache."""
     with pytest.MonkeyPatch.context() as patch:
@@ -120,13 +137,3 @@ def coarse_engine():
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(mujoco_model, "TIMESTEP", 1e-3)
         yield
-
-
-@pytest.fixture
-def signals_are_heard():
-    """Whatever started the tests: a shell's background jobs ignore Ctrl-C, `nohup` a terminal that closes."""
-    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
-    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)

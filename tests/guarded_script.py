@@ -7,7 +7,6 @@ HOW: "with" (a guard as it should be used), "without" (no `with`), "exit" (no `w
 """
 
 import json
-import signal
 import sys
 import time
 from pathlib import Path
@@ -44,7 +43,6 @@ class Told(Seen):
 
 
 def main(how, path):
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore Ctrl-C
     robot = load_robot("unitree_a1")
     guard = Guard(Told(simulated(robot)[0], robot, path), robot)
     if how in ("with", "thinking"):

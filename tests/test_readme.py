@@ -1,16 +1,35 @@
 """What the README says is what happens."""
 
+import os
 import re
+import shlex
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-from documents import assert_shown
+from documents import assert_shown, blocks
 
 from equipoise import errors
-from equipoise.cli import INTERRUPTED, main
+from equipoise.cli import INTERRUPTED
+from equipoise.errors import MissingDependencyError, SettingsError
 from equipoise.result.requirements import UNMET
+from equipoise.robot.catalog import BUILT_IN_ROBOT, CATALOG
 
 README = Path(__file__).parents[1] / "README.md"
+MAKEFILE = README.with_name("Makefile")
+
+
+README_COMMANDS = [
+    line.partition(" #")[0].strip()
+    for block in blocks(README)
+    for line in block.code.splitlines()
+    if re.match(r"(make|pip|python|equipoise|\.|git|cd) ", line)
+]
+PACKAGES = {"example-robot-data": "robots"}  # extra that brings a package of robots
+# No test looks for a robot in the network of the machine that it runs on: here the commands' way ends, at the interface.
+HARDWARE = ("interface=eth0", "interface=nowhere0")
 
 
 @pytest.fixture(scope="module")
@@ -18,20 +37,99 @@ def text():
     return README.read_text(encoding="utf-8")
 
 
-def test_the_first_command_prints_what_the_readme_shows(text, tmp_path, monkeypatch, capsys):
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """What each command of the README came to, typed in their order into a new folder: (command, exit code, output)."""
+    folder = tmp_path_factory.mktemp("clone")
+    typed = [command for command in README_COMMANDS if command.startswith("equipoise ")]
+    return folder, [(command, *run(command.replace(*HARDWARE), folder)) for command in typed]
+
+
+def run(command, folder):
+    """Exit code, and what is printed on stdout and on stderr."""
+    program, *words = shlex.split(command)
+    assert program == "equipoise"
+    done = subprocess.run(
+        [sys.executable, "-m", program, *words], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "COLUMNS": "80", "PYTHONPATH": os.pathsep.join(sys.path)}, stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_every_command_works_in_the_order_of_the_readme(ran):
+    folder, done = ran
+    assert len(done) >= 5
+    for command, code, out, err in done:
+        if lacks_robot(command):  # which the README installs, and this environment may not have
+            assert code == MissingDependencyError.exit_code, (command, out, err)
+            assert "pip install 'equipoise[robots]'" in err, command
+        elif "interface=eth0" in command:
+            assert code == SettingsError.exit_code, (command, out, err)
+            assert "there is no network interface 'nowhere0'" in err, command
+        else:
+            assert code == 0, (command, out, err)
+    assert (folder / "runs/first/report.html").exists()
+
+
+def lacks_robot(command):
+    """Whether a robot that a command names comes with a package that is not installed."""
+    return any(not CATALOG[word].installed for word in command.split() if word in CATALOG)
+
+
+def test_all_commands_were_tried(ran):
+    if untried := [command for command, *_ in ran[1] if lacks_robot(command)]:
+        pytest.skip(f"example-robot-data is not installed: {len(untried)} commands of the README are NOT TRIED")
+
+
+def test_what_a_command_needs_is_installed_before_it():
+    extras = set(re.search(r"(?<=run:)\w+", MAKEFILE.read_text(encoding="utf-8"))[0].split(","))
+    assert README_COMMANDS[0] == "make install"
+    for command in README_COMMANDS:
+        words = shlex.split(command)
+        if words[0] == "pip":
+            extras |= {
+                extra for word in words for extra in re.findall(r"\[(.*)\]", word)[:1] for extra in extra.split(",")
+            }
+        needed = {PACKAGES[CATALOG[word].package] for word in words if word in CATALOG and word != BUILT_IN_ROBOT}
+        needed |= {"dds"} if "unitree-go2" in words else {"desk"} if "calibrate" in words else set()
+        assert needed <= extras, command
+
+
+@pytest.mark.parametrize("target", [command.split()[1] for command in README_COMMANDS if command.startswith("make ")])
+def test_make_knows_how(target, tmp_path):
+    """Not what it installs, which takes a network and minutes: .ci/run does."""
+    done = subprocess.run(
+        ["make", "--dry-run", "-C", README.parent, target], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    if target == "install":
+        assert ". .venv/bin/activate" in README_COMMANDS
+        assert "'. .venv/bin/activate'" in done.stdout
+
+
+@pytest.mark.parametrize(("before", "out"), [([], "runs/first"), (["first"], "runs/demo-$(date +%Y%m%d-%H%M%S)")])
+def test_a_demo_makes_the_run_of_the_readme_and_replaces_none(before, out, tmp_path, text):
+    shutil.copy(MAKEFILE, tmp_path)
+    for name in before:
+        (tmp_path / "runs" / name).mkdir(parents=True)
+    done = subprocess.run(
+        ["make", "-n", "-o", ".venv/.run-installed", "demo"],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    recipe = " ".join(done.stdout.replace("\\\n", " ").split())
+    (command,) = re.findall(r"^    equipoise (calibrate --payload \S+ --seed.*) --out runs/first$", text, re.MULTILINE)
+    assert f".venv/bin/equipoise {command} --out {out} echo" in recipe
+
+
+def test_the_first_command_prints_what_the_readme_shows(text, ran):
     """Engines of other versions step a little differently: half a millimetre, a tenth of a moment."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "80")
-    command = re.search(r"^    equipoise (calibrate --payload.*)$", text, re.MULTILINE).group(1)
-    assert main([*command.split(), "--no-pictures", "--no-report", "--quiet"]) == 0
+    folder, done = ran
+    _, _, printed, _ = done[0]
     shown = re.search(r"```\n(unitree_a1: method precise.*?)```", text, re.DOTALL).group(1)
-    printed = capsys.readouterr().out.partition("saved:")[0]
-    assert_shown(plain(printed), plain(shown), abs=0.6, rel=0.1)
-    assert main(["export", "runs/first", "--to", "urdf"]) == 0
+    assert_shown(plain(printed.partition("saved:")[0]), plain(shown), abs=0.6, rel=0.1)
     (shown,) = re.findall(r"```\n(warning: .*?)```", text, re.DOTALL)
-    captured = capsys.readouterr()
-    printed = (captured.err + captured.out).replace(f"{tmp_path.resolve()}/", "")
-    assert_shown(printed, shown, abs=0, rel=0)
+    ((_, _, out, err),) = [each for each in done if each[0].startswith("equipoise export")]
+    assert_shown((err + out).replace(f"{folder.resolve()}/", ""), shown, abs=0, rel=0)
 
 
 def plain(shown):
@@ -57,6 +155,7 @@ def test_the_exit_codes_that_are_documented_are_those_of_the_errors():
 @pytest.mark.parametrize(
     "target",
     [
+        "install",
         "demo",
         "test",
         "lint",

@@ -1,4 +1,4 @@
-"""Where results go: whole or not at all, and never in place of what is no regular file."""
+"""Files that a user names: what they are; results whole or not at all, and never in place of what is no regular file."""
 
 import importlib.util
 import itertools
@@ -14,7 +14,7 @@ from equipoise import user_file
 from equipoise.cli import main
 from equipoise.errors import OutputError
 from equipoise.exports.formats import FORMATS, Export
-from equipoise.user_file import write_file
+from equipoise.user_file import kind_of, write_file
 
 
 def fifo(path):
@@ -156,3 +156,36 @@ def test_python_3_10_reads_toml_with_tomli(monkeypatch):
     spec.loader.exec_module(older)
     assert older.tomllib is reader
     assert older.toml_table("kp = 5") == {"kp": 5}
+
+
+@KINDS
+def test_what_is_no_regular_file_is_named_and_not_read(tmp_path, monkeypatch, make):
+    monkeypatch.chdir(tmp_path)  # a socket's path must be short
+    assert kind_of("there") == "does not exist"
+    kind = make(Path("there"))
+    assert kind_of("there") == f"is {kind}"
+
+
+@pytest.mark.parametrize(("content", "kind"), [
+    (b"", "an empty file"),
+    (b'<?xml version="1.0"?>\n<!-- <mujoco> -->\n<robot name="a"/>', "a URDF robot model"),
+    (b'\xef\xbb\xbf<robot name="a" xmlns:xacro="x"/>', "a xacro file"),
+    (b"<mujoco model='a'></mujoco>", "an MJCF robot model"),
+    (b"<!DOCTYPE sdf><sdf/>", "an SDF model"),
+    (b"<html></html>", "an XML file"),
+    (b"\x89MCAP0\r\n\x00", "an MCAP recording"),
+    (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer, whose content was not downloaded"),
+    (b'{\n  "schema": "equipoise.calibration/3"}', "the result of a calibration"),
+    (b'{"schema": "equipoise.run/3"}', "a JSON file"),
+    (b"[1, 2]", "a JSON file"),
+    (b"PK\x03\x04\x00\x00", "a binary file"),
+    ("caf\xe9".encode("latin-1"), "a text file"),
+])  # fmt: skip
+def test_files_are_recognised_by_their_content(tmp_path, content, kind):
+    (tmp_path / "named").write_bytes(content)
+    assert kind_of(tmp_path / "named") == f"is {kind}"
+
+
+def test_other_files_are_called_by_their_suffix(tmp_path):
+    (tmp_path / "a.toml").write_text("a = 1", encoding="utf-8")
+    assert kind_of(tmp_path / "a.toml") == "is a .toml file"

@@ -1,10 +1,11 @@
-"""Files that a user names: only regular files are read or replaced, and they are written whole or not at all."""
+"""Files that a user names: what they are; only regular files are read or replaced; written whole or not at all."""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
+import re
 import secrets
 import shlex
 import stat
@@ -25,6 +26,21 @@ _KINDS = (
     (stat.S_ISBLK, "a device"),
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
+)
+_HEAD = 65536  # bytes that are read to recognise a file
+_PROLOGUE = rb"(?:\xef\xbb\xbf)?(?:\s|<\?.*?\?>|<!--.*?-->|<![^>]*>)*"
+_CONTENTS = (
+    (rb"$", "an empty file"),
+    (rb"\x89MCAP", "an MCAP recording"),
+    (rb"version https://git-lfs", "a Git LFS pointer, whose content was not downloaded"),
+    (_PROLOGUE + rb"<robot\b[^>]*xmlns:xacro", "a xacro file"),
+    (_PROLOGUE + rb"<robot\b", "a URDF robot model"),
+    (_PROLOGUE + rb"<mujoco\b", "an MJCF robot model"),
+    (_PROLOGUE + rb"<sdf\b", "an SDF model"),
+    (_PROLOGUE + rb"<", "an XML file"),
+    (rb'\s*\{\s*"schema": "equipoise\.calibration/', "the result of a calibration"),
+    (rb"\s*[\[{]", "a JSON file"),
+    (rb".*\x00", "a binary file"),
 )
 
 
@@ -116,6 +132,26 @@ def write_file(path: Path, content: str | bytes, what: str = "") -> None:
         raise OutputError(
             f"cannot write {what}{str(path)!r}: {reason}; is there such a folder, may you write there, is there room?"
         ) from error
+
+
+def kind_of(path: str | Path) -> str:
+    """Return what a path is, as in "is a URDF robot model" or "does not exist"; regular files alone are read."""
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+        for is_kind, kind in _KINDS:
+            if is_kind(mode):
+                return f"is {kind}"
+        with open(path, "rb") as file:
+            head = file.read(_HEAD)
+    except (FileNotFoundError, NotADirectoryError):
+        return "does not exist"
+    except (OSError, ValueError) as error:
+        return f"cannot be read ({error.strerror if isinstance(error, OSError) else error})"
+    for pattern, kind in _CONTENTS:
+        if re.match(pattern, head, re.DOTALL):
+            return f"is {kind}"
+    return f"is a {path.suffix or 'text'} file"
 
 
 def typed(path: str | Path) -> str:

@@ -199,4 +199,4 @@ def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):
     assert main(["delta", str(folders / "after"), str(folders / "after")]) == 2
     assert "is named twice" in capsys.readouterr().err
     assert main(["delta", str(folders / "nothing"), str(folders / "after")]) == 5
-    assert "is no run of equipoise" in capsys.readouterr().err
+    assert "name the run folder of a calibration" in capsys.readouterr().err

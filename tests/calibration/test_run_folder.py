@@ -424,20 +424,20 @@ def test_a_run_is_complete_when_it_has_a_result(run):
 # --- damage
 
 
-@pytest.mark.parametrize("name", ["missing", "empty"])
-def test_a_folder_without_a_run_is_no_run(tmp_path, name):
+@pytest.mark.parametrize(("name", "kind"), [("missing", "does not exist"), ("empty", "is a folder without run.json")])
+def test_a_folder_without_a_run_is_no_run(tmp_path, name, kind):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RecordingError, match=rf"'.*{name}' is no run of equipoise: '.*run.json' cannot be read"):
+    with pytest.raises(RecordingError, match=rf"'.*{name}' {kind}; name the run folder of a calibration"):
         RunFolder.open(tmp_path / name)
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "is no run of equipoise: .*run.json' is not JSON"),
-        (b'{"schema": ', "is no run of equipoise: .*run.json' is not JSON"),
-        (b"\xff\xfe\x00", "is no run of equipoise: .*run.json' is not JSON"),
-        (b"[1, 2]", "is no run of equipoise: .*run.json' holds no JSON object"),
+        (b"", "is not a run folder of a calibration: .*run.json' is not JSON"),
+        (b'{"schema": ', "is not a run folder of a calibration: .*run.json' is not JSON"),
+        (b"\xff\xfe\x00", "is not a run folder of a calibration: .*run.json' is not JSON"),
+        (b"[1, 2]", "is not a run folder of a calibration: .*run.json' holds no JSON object"),
         (b"{}", "is damaged: its run.json lacks 'schema'; copy it again from where it is whole"),
         (b'{"schema": [2]}', r"is \[2\]; this version reads 'equipoise.run/3'"),
         (b'{"schema": "equipoise.run/4"}', "is 'equipoise.run/4'; this version reads 'equipoise.run/3'"),

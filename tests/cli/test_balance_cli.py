@@ -88,12 +88,12 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
 def test_wrong_flags_say_what_is_right(tmp_path, capsys):
     assert "give one of them" in fails(capsys, 2, "--com", "x.json", "--com-error", "5mm")
     assert "'5 apples' is no length" in fails(capsys, 2, "--com-error", "5 apples")
-    assert "'soon' is no time" in fails(capsys, 2, "--duration", "soon")
-    assert "'0s' is no time" in fails(capsys, 2, "--duration", "0s")
+    assert "--duration 'soon' is not a time" in fails(capsys, 2, "--duration", "soon")
+    assert "--duration is '0s'" in fails(capsys, 2, "--duration", "0s")
     assert "MASS,X,Y,Z" in fails(capsys, 2, "--payload", "heavy")
-    assert "cannot read the result" in fails(capsys, 5, "--com", str(tmp_path / "missing.json"))
+    assert "does not exist; name the run folder" in fails(capsys, 5, "--com", str(tmp_path / "missing.json"))
     (tmp_path / "other.json").write_text("{}")
-    assert "is none of equipoise's" in fails(capsys, 5, "--com", str(tmp_path / "other.json"))
+    assert "is a JSON file of another kind" in fails(capsys, 5, "--com", str(tmp_path / "other.json"))
     assert "is not empty; name a new one with --out" in fails(capsys, 6, "--out", str(tmp_path))
 
 

@@ -211,7 +211,7 @@ def test_settings_beyond_all_sense_are_refused_before_a_run_begins(flags, tmp_pa
     ("words", "message"),
     [
         (["calibrat"], "equipoise has no verb 'calibrat'; did you mean 'calibrate'? 'equipoise --help' lists them"),
-        (["calibrate", "--budget", "1 day"], "'1 day' is no time; give it as 60s, 2min or 1h"),
+        (["calibrate", "--budget", "1 day"], "--budget '1 day' is not a time; give it as 60s, 2min or 1h"),
         (["calibrate", "--budget", "2h"], "budget is 7200 s; it must be above zero, up to 3600 s"),
         (["calibrate", "--budget", "1s"], "a budget of 1 s allows no lift after the search; give 28 s or more"),
         (["calibrate", "--held", "foo=1"], "leg joint or none; this robot has no others, so leave it out"),
@@ -228,9 +228,9 @@ def test_what_cannot_be_meant_is_said_before_anything_is_done(words, message, tm
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--noise-seed", "abc"], "Error parsing --noise-seed: 'abc' is no whole number"),
-        (["--mass", "heavy"], "Error parsing --mass: 'heavy' is no number"),
-        (["--seed", "1.5"], "Error parsing --seed: '1.5' is no whole number"),
+        (["--noise-seed", "abc"], "Error parsing --noise-seed: 'abc' is not a whole number"),
+        (["--mass", "heavy"], "Error parsing --mass: 'heavy' is not a number"),
+        (["--seed", "1.5"], "Error parsing --seed: '1.5' is not a whole number"),
     ],
 )
 def test_what_is_no_number_is_called_so(words, message, capsys):
@@ -304,7 +304,9 @@ def test_an_output_folder_that_cannot_be_written(tmp_path, capsys):
 
 
 def test_a_folder_that_is_no_run(tmp_path, capsys):
-    assert "is no run of equipoise" in fails(capsys, 5, "estimate", str(tmp_path))
+    assert "is a folder without run.json; name the run folder of a calibration" in fails(
+        capsys, 5, "estimate", str(tmp_path)
+    )
 
 
 def test_an_error_is_an_object_too_with_json(capsys):
@@ -333,7 +335,7 @@ def test_flags_of_a_robot_description_are_used(capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_keeps_what_was_measured(tmp_path, signals_are_heard):
+def test_ctrl_c_keeps_what_was_measured(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [*COMMAND, "calibrate", "--method", "paper", "--tolerance", "0.0002", "--t-thres", "10", "--out", str(folder)],
@@ -367,7 +369,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, signals_are_heard):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path, signals_are_heard):
+def test_ctrl_c_while_a_result_is_drawn_says_how_to_see_it(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(
         [*COMMAND, "calibrate", "--method", "paper", "--out", str(folder), "--quiet"], stderr=subprocess.PIPE, text=True
@@ -447,10 +449,14 @@ def test_a_log_is_recorded_in_json(tmp_path, capsys):
     assert table["joint_samples"] > 200
 
 
-def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch, signals_are_heard):
+def test_a_second_ctrl_c_leaves_no_traceback(monkeypatch):
     def interrupted():
         raise KeyboardInterrupt
 
     monkeypatch.setattr(entry, "main", interrupted)
-    assert entry.run() == 130
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        assert entry.run() == 130
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -160,7 +160,9 @@ def test_what_is_not_identified_is_refused_and_forced(a1, tmp_path, capsys):
 def test_errors_name_the_remedy(run, a1, tmp_path, capsys):
     assert "no format is called 'gazebo'" in fails(capsys, 2, "export", str(run), "--to", "gazebo")
     assert "name a run: equipoise export RUN --to urdf" in fails(capsys, 2, "export", "--to", "urdf")
-    assert "is no run of equipoise" in fails(capsys, 5, "export", str(tmp_path), "--to", "urdf")
+    assert "is a folder without run.json; name the run folder of a calibration" in fails(
+        capsys, 5, "export", str(tmp_path), "--to", "urdf"
+    )
     with RunFolder.create(tmp_path / "begun", a1, Precise(), {}):
         pass
     assert "came to no result; go on with: equipoise calibrate --resume" in fails(

@@ -141,7 +141,7 @@ def test_a_json_result_has_its_page_beside_it(run, tmp_path, capsys):
 def test_errors_say_what_to_do(run, tmp_path, capsys):
     assert "no run was named; give a run folder" in fails(capsys, 2)
     assert f"{str(run)!r} is named twice" in fails(capsys, 2, run, run)
-    assert "is no run of equipoise" in fails(capsys, 5, tmp_path / "nowhere")
+    assert "does not exist; name the run folder of a calibration" in fails(capsys, 5, tmp_path / "nowhere")
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
     assert "cannot write the report" in fails(capsys, 6, run, "--out", tmp_path / "file" / "page.html")
 

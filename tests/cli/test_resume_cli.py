@@ -141,7 +141,7 @@ def test_a_run_goes_on_as_it_began(whole, arguments, named, capsys):
 
 def test_what_is_no_run_cannot_be_gone_on_with(tmp_path, capsys):
     assert main(["calibrate", "--resume", str(tmp_path)]) == 5
-    assert "is no run of equipoise" in capsys.readouterr().err
+    assert "name the run folder of a calibration" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -59,10 +59,10 @@ def test_every_output_says_what_it_is(name, result):
     out = export(result, name, run="runs/a1")
     text = " ".join(out.text.split())
     assert f"equipoise {equipoise.__version__}" in out.header[0]
-    assert "CoM" in out.header[0]
-    assert out.header[1] == "from run runs/a1 (unitree_a1, method precise)"
-    assert out.header[2].startswith("stance [rad]: FL_hip_joint 0, FL_thigh_joint 0.722734, FL_calf_joint -1.44547")
-    assert out.header[3] == f"model: urdf, sha256 {result.model['sha256']}"
+    assert out.header[1] == out.contents
+    assert out.header[2] == "from run runs/a1 (unitree_a1, method precise)"
+    assert out.header[3].startswith("stance [rad]: FL_hip_joint 0, FL_thigh_joint 0.722734, FL_calf_joint -1.44547")
+    assert out.header[4] == f"model: urdf, sha256 {result.model['sha256']}"
     assert result.model["sha256"] in text
     assert "runs/a1" in text
     assert "base link 'trunk'" in text or "link 'trunk'" in text

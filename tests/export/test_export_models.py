@@ -122,7 +122,7 @@ def test_held_joints_are_where_they_were_held(tmp_path):
     path, out, result = written(robot, tmp_path)
     assert_same(composite_in_pinocchio(path, result, robot.held), result.composite.parameters())
     assert_same(base_parameters(read_again(path, robot)), result.base.parameters())
-    assert out.header[2].endswith(", arm_0 0.7, arm_1 -0.4")
+    assert out.header[3].endswith(", arm_0 0.7, arm_1 -0.4")
 
 
 MJCF_TRUNK = re.compile(r"(<freejoint/>)<inertial [^>]*/>")

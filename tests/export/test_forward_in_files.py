@@ -69,7 +69,7 @@ def test_an_mjcf_is_what_was_found(tmp_path, payload_link):
 def test_an_inertial_of_an_sdf_is_the_base_links(result, base):
     out = export(result, "sdf")
     assert_same(from_sdf(ET.fromstring(out.text)), base)
-    assert "CoM in the frame of 'trunk', inertia" in out.text
+    assert "base link 'trunk' with all" in out.text
 
 
 def test_a_link_of_an_sdf_hangs_at_the_base_link(robot, result, tmp_path):

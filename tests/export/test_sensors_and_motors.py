@@ -277,6 +277,7 @@ def test_names_say_nothing_but_themselves(result, name):
         joint_position={name: 0.0},
         motors={name: result.motors[CALF]},
         sensors=(finding(f"{name} zero", 1e-3, 1e-5),),
+        robot_model=None,
     )
     yaml = pytest.importorskip("yaml")
     assert tomllib.loads(export(hostile, "toml").text)["motors"]["armature"]["value"] == {name: 0.0102}

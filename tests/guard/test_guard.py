@@ -36,9 +36,6 @@ class TroubleError(Exception):
     """Of the program, not of the robot."""
 
 
-pytestmark = pytest.mark.usefixtures("signals_are_heard")
-
-
 @pytest.fixture
 def make(a1):
     """Makes a simulated robot that keeps what reaches it."""

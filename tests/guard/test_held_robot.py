@@ -109,7 +109,6 @@ def test_what_goes_wrong_meanwhile_ends_the_run_and_is_told_at_the_next_call(lin
     assert dog.dismissed == 1
 
 
-@pytest.mark.usefixtures("signals_are_heard")
 def test_ctrl_c_while_the_holding_thread_puts_the_robot_down_is_heard_once_it_is_down(guard, link):
     hold(guard, link, 0.1)
     link.act = lambda count: os.kill(os.getpid(), signal.SIGINT) if is_damped(link.sent[-1]) else None

@@ -10,9 +10,6 @@ from equipoise.platform.interruptions import Interruptions, Terminated
 ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-pytestmark = pytest.mark.usefixtures("signals_are_heard")
-
-
 @pytest.fixture
 def interruptions():
     with Interruptions() as interruptions:

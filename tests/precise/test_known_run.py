@@ -221,15 +221,15 @@ def test_a_run_that_cannot_be_known_says_why(folder, tmp_path):
     header.write_text(header.read_text(encoding="utf-8").replace('"precise"', '"paper"'), encoding="utf-8")
     with pytest.raises(SettingsError, match="of the method 'paper'"):
         KnownRun.read(folder)
-    for path in (tmp_path, folder / "run.json"):
-        with pytest.raises(RecordingError, match="no run folder"):
+    for path, kind in ((tmp_path, "a folder"), (folder / "run.json", "a JSON file")):
+        with pytest.raises(RecordingError, match=f"it is {kind}; name the run folder of a calibration"):
             KnownRun.read(path)
 
 
 @pytest.mark.parametrize("verb", [["weigh", "unitree_a1"], ["plan"], ["calibrate"]], ids=lambda verb: verb[0])
 def test_a_run_that_is_not_there_ends_every_verb_alike(verb, tmp_path, capsys):
     assert main([*verb, "--known", str(tmp_path / "nowhere")]) == RecordingError.exit_code
-    assert "this is no run folder of a calibration" in capsys.readouterr().err
+    assert "does not exist; name the run folder of a calibration" in capsys.readouterr().err
 
 
 def test_another_robot_is_refused(two_jointed, earlier):

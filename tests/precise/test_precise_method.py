@@ -165,13 +165,13 @@ def test_the_terminal_shows_truth_and_stages_when_asked(precise_run, capsys):
     ("text", "expected"), [("60", 60), ("60s", 60), ("1.5min", 90), ("2m", 120), ("1h", 3600), (None, None)]
 )
 def test_times_are_read(text, expected):
-    assert seconds(text) == expected
+    assert seconds(text, "budget") == expected
 
 
 @pytest.mark.parametrize("text", ["", "soon", "-5s", "1d"])
 def test_what_is_no_time_is_refused(text):
-    with pytest.raises(SettingsError, match="is no time"):
-        seconds(text)
+    with pytest.raises(SettingsError, match="is not a time"):
+        seconds(text, "budget")
 
 
 def test_the_plan_is_printed_without_moving_anything(capsys):

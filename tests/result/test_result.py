@@ -115,18 +115,18 @@ def test_the_json_is_strict(calibration):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "is not JSON"),
-        (b"{", "is not JSON"),
-        (b"\xff\xfe\x00", "is not JSON"),
-        (b"[]", "is none of equipoise's; give a run folder, or its calibration.json"),
-        (b"{}", "is none of equipoise's"),
+        (b"", "is an empty file; name the run folder of a calibration, or its calibration.json"),
+        (b"{", "is not valid JSON"),
+        (b"\xff\xfe\x00", "is a binary file; name"),
+        (b"[]", "is a JSON file of another kind; name the run folder of a calibration, or its calibration.json"),
+        (b"{}", "is a JSON file of another kind"),
         (b'{"schema": "equipoise.calibration/1"}', "has the schema 'equipoise.calibration/1'; this version reads"),
         (b'{"schema": "equipoise.calibration/3"}', "is damaged: KeyError"),
     ],
 )
 def test_another_file_is_no_result(path, content, message):
     path.write_bytes(content)
-    with pytest.raises(RecordingError, match=rf"the result '.*calibration.json' {message}"):
+    with pytest.raises(RecordingError, match=rf"'.*calibration.json' {message}"):
         Calibration.load(path)
 
 
@@ -155,7 +155,9 @@ def test_a_result_that_lacks_a_key_is_damaged(calibration, path, key):
 def test_a_place_that_cannot_be_written_or_read_is_named(calibration, tmp_path):
     with pytest.raises(OutputError, match=r"cannot write '.*missing/calibration.json': No such file or directory"):
         calibration.save(tmp_path / "missing" / "calibration.json")
-    with pytest.raises(RecordingError, match=r"cannot read the result '.*missing.json': No such file or directory"):
+    with pytest.raises(
+        RecordingError, match=r"'.*missing.json' does not exist; name the run folder of a calibration, or its"
+    ):
         Calibration.load(tmp_path / "missing.json")
 
 

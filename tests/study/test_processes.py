@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import threading
 from concurrent.futures import BrokenExecutor, CancelledError
 from multiprocessing.connection import Connection
@@ -94,3 +95,14 @@ def test_what_has_not_begun_can_be_cancelled():
         processes.submit(abs, 1)
     processes.shutdown()
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_IGN, signal.default_int_handler], ids=["ignored", "default"])
+def test_ctrl_c_ends_a_worker_unless_the_parent_ignores_it(handler):
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        with Processes(1) as processes:
+            expected = signal.SIG_IGN if handler is signal.SIG_IGN else signal.SIG_DFL
+            assert processes.submit(signal.getsignal, signal.SIGINT).result() == expected
+    finally:
+        signal.signal(signal.SIGINT, before)

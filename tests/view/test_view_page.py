@@ -212,7 +212,7 @@ def test_a_missing_package_is_said_before_anything_moves(tmp_path, package, flag
         (["calibrate", "--repeat", "2", "--rerun", "a.rrd"], 2,
          "--rerun writes one run; with --repeat use 'equipoise view RUN --rerun FILE.rrd' afterwards"),
         (["view", "nowhere", "--view-port", "0"], 5,
-         "'nowhere' is no run of equipoise: 'nowhere/run.json' cannot be read (No such file or directory)"),
+         "'nowhere' does not exist; name the run folder of a calibration"),
         (["view", "nowhere", "--view-port", "0", "--from", "3s"], 2,
          "topics, --joint-map, --columns, --from, --until and descriptions are for logs that are not ours: give --robot too"),
         (["view", "nowhere", "--rerun", "gone/a.rrd"], 6, "'gone/a.rrd' cannot be written: there is no folder 'gone'"),

@@ -49,7 +49,7 @@ from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.source import ModelSource
-from equipoise.user_file import json_value, read_text, typed, write_file
+from equipoise.user_file import json_value, kind_of, read_text, typed, write_file
 
 SCHEMA = "equipoise.run/3"
 RESULT = "calibration.json"
@@ -132,7 +132,10 @@ class RunFolder:
         path = Path(path)
         if path.is_file() and (path.parent / HEADER).is_file():
             raise RecordingError(f"{str(path)!r} is a file of a run; give the run's folder, {str(path.parent)!r}")
-        header = _read_json(path / HEADER, f"{str(path)!r} is no run of equipoise")
+        if not (path / HEADER).is_file():
+            without = f" without {HEADER}" if path.is_dir() else ""
+            raise RecordingError(f"{str(path)!r} {kind_of(path)}{without}; name the run folder of a calibration")
+        header = _read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")
         if (schema := header.get("schema")) is None:
             raise _damaged(path, f"its {HEADER} lacks 'schema'")
         if schema not in (SCHEMA, *_READ):

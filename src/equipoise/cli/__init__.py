@@ -101,8 +101,11 @@ def _run(arguments: Sequence[str]) -> int | None:
         raise SettingsError(f"equipoise has no verb {name!r}; {did_you_mean(name, VERBS)}'equipoise --help' lists them")
     import tyro
 
-    from equipoise.cli.numbers import number_rules
+    from equipoise.cli.numbers import number_rules, refuse_surplus_numbers
+    from equipoise.cli.settings import flag_types
 
+    if verb is not None:
+        refuse_surplus_numbers(flag_types(verb), words)
     config, registry = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff), number_rules()
     with _help_in_width() if {"-h", "--help"} & {*arguments} else nullcontext():
         if verb is not None:

@@ -172,9 +172,9 @@ def metres(text: str) -> float:
 
 
 def _duration(text: str) -> float:
-    value = seconds(text) or 0.0
+    value = seconds(text, "duration") or 0.0
     if not 0 < value <= 3600:
-        raise SettingsError(f"{text!r} is no time to balance for; give it as 10s, an hour at most")
+        raise SettingsError(f"--duration is {text!r}; give it as 10s, an hour at most")
     return value
 
 

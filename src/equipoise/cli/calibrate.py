@@ -35,7 +35,7 @@ from equipoise.cli.flags import (
 from equipoise.cli.methods import method_asked_for, method_flags, owners, read_method, refuse_flags_of_other_methods
 from equipoise.cli.report import if_installed
 from equipoise.cli.session import Place, Session, confirm
-from equipoise.cli.settings import Verb, chosen, flag_names, shaped, unknown_flags
+from equipoise.cli.settings import Verb, chosen, flag_types, shaped, unknown_flags
 from equipoise.cli.told import with_known_imu
 from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
 from equipoise.errors import SettingsError
@@ -290,7 +290,7 @@ def calibrate_for(arguments: Sequence[str]) -> Verb:
     verbs = _by_place(calibrate, method=method_flags(name, arguments))
     if "--help" not in arguments and chosen(arguments, "--resume", ""):
         for flag in unknown_flags(_resume, arguments):
-            if owners(flag) or any(flag in flag_names(verb) for verb in verbs.values()):
+            if owners(flag) or any(flag in flag_types(verb) for verb in verbs.values()):
                 raise SettingsError(
                     f"--resume goes on as the run began; --{flag.replace('_', '-')} cannot be given with it"
                 )
@@ -325,7 +325,7 @@ def _at_place(verbs: Mapping[str, Verb], arguments: Sequence[str]) -> Verb:
     own = verbs["simulators" if Place(platform).simulated else "real robots"]
     for flag in unknown_flags(own, arguments):
         for kind, verb in verbs.items():
-            if flag in flag_names(verb):
+            if flag in flag_types(verb):
                 raise SettingsError(f"--{flag.replace('_', '-')} is for {kind}; {platform} is none")
     return own
 

@@ -149,7 +149,7 @@ def _show_formats(json: bool) -> None:
         print_formats(known)
         return
     rows = [
-        {"name": row.name, "bodies": row.bodies, "parts": row.parts, "where": row.where, "file": row.file,
+        {"name": row.name, "bodies": row.bodies, "lacks": row.lacks, "parts": row.parts, "where": row.where, "file": row.file,
          "payload_link": row.payload,
          "page": row.page if "/" in row.page or not row.page else f"docs/controllers/{row.page}.md"}
         if isinstance(row, Format) else {"name": name, "cannot_be_used": str(row)}

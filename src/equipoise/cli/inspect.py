@@ -236,7 +236,7 @@ def estimated_log(
     method = Precise(**given)
     model = with_known_imu(load(robot, description))  # the result states it
     topics = Topics(source.joint_topic, source.imu_topic, source.command_topic)
-    span = seconds(source.start), seconds(source.until)
+    span = seconds(source.start, "from"), seconds(source.until, "until")
     log = read_as_told(path, model, topics, source.joint_map, source.columns, span, not output.silent)
     try:
         found = estimate_log(model, log, method)

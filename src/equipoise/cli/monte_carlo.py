@@ -118,7 +118,7 @@ def monte_carlo(
     folder = output.out or Path("runs") / f"monte-carlo-{Path(robot).stem}"
     with _executor(executor, scheduler) as (pool, count), StudyLine(output.silent) as line:
         at_once = count if workers is None else workers
-        rows = run_study(study, trials, folder, pool, at_once, line.update, seconds(trial_limit) or 0.0)
+        rows = run_study(study, trials, folder, pool, at_once, line.update, seconds(trial_limit, "trial-limit") or 0.0)
     summaries = summarize(rows)
     # Sizes that vary with the robots alone vary together: nothing tells their shares apart.
     costs = [slope for used in study.methods if study.vary_noise for slope in slopes(rows, used.name)]

@@ -133,7 +133,7 @@ def record(
 
 
 def _lasting(duration: str | None) -> float | None:
-    value = seconds(duration)
+    value = seconds(duration, "duration")
     if value == 0:
         raise SettingsError(f"--duration is {duration}; give it as 10s, or leave it out")
     return value

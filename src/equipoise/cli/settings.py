@@ -20,6 +20,13 @@ Settings = TypeVar("Settings")
 Verb = Callable[..., Any]
 
 _METAVARS = {"m": "METRES", "s": "TIME", "kg": "KG", "Hz": "HERTZ", "rad": "RADIANS"}  # by unit
+_VECTORS = {"m": "X Y Z", "rad": "ROLL PITCH YAW"}  # by unit
+_BY_NAME = {
+    float: (str, "NAME=ANGLE"),
+    str: (str, "NAME=FRAME"),
+    tuple[float, float]: (tuple[str, float, float], "NAME LO HI"),
+}
+"""Type and words of a flag that may be repeated, one name each, by the type of the value."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +53,8 @@ class SettingFlag:
 
     @property
     def is_by_name(self) -> bool:
-        """Whether it is given as NAME=NUMBER, and may be given again."""
-        return self.kind == dict[str, float]
+        """Whether each name is given with a flag of its own."""
+        return typing.get_origin(self.kind) is dict
 
     @property
     def is_time(self) -> bool:
@@ -66,8 +73,9 @@ class SettingFlag:
                 bool, arg(help=f"Leave out {self.words}" if self.default else words, help_behavior_hint="")
             ]
         if self.is_by_name:
-            given = Annotated[tuple[str, ...], arg(help=words, metavar="NAME=ANGLE", help_behavior_hint="")]
-            return UseAppendAction[given]
+            kind, metavar = _BY_NAME[typing.get_args(self.kind)[1]]
+            words = f"{words} May be given again."
+            return UseAppendAction[Annotated[tuple[kind, ...], arg(help=words, metavar=metavar, help_behavior_hint="")]]
         hint = "" if self.default is None or self.default in ((), {}) else None
         kind = (str | None) if self.is_time else self.kind
         metavar = self.metavar if self.read is not None else _metavar(plain, self.words)
@@ -155,21 +163,25 @@ def _value_of(setting: SettingFlag, flags: Any) -> Any:
     if setting.read is not None:
         return None if value is None else setting.read(Path(value))
     if setting.is_by_name:
-        return numbers_by_name(value, setting.name)
-    return seconds(value) if setting.is_time else value
+        return values_by_name(value, setting)
+    return seconds(value, setting.name) if setting.is_time else value
 
 
-def numbers_by_name(given: Iterable[str], flag: str) -> dict[str, float]:
-    """Numbers from NAME=NUMBER; raises SettingsError for anything else."""
-    found: dict[str, float] = {}
-    for word in given:
-        name, _, number = word.rpartition("=")
+def values_by_name(given: Iterable[str | tuple[str, float, float]], setting: SettingFlag) -> dict[str, Any]:
+    """Return values by name from NAME=VALUE, or from a name and its values; raises SettingsError for anything else."""
+    kind, found = typing.get_args(setting.kind)[1], dict[str, Any]()
+    for words in given:
+        if isinstance(words, tuple):
+            found[words[0]] = words[1:]
+            continue
+        name, _, value = words.rpartition("=")
         try:
-            found[name] = float(number)
+            found[name] = kind(value)
         except ValueError:
             name = ""
         if not name:
-            raise SettingsError(f"--{flag} {word}: give it as NAME=ANGLE, in radians") from None
+            flag, form = setting.name.replace("_", "-"), _BY_NAME[kind][1]
+            raise SettingsError(f"--{flag} {words} is not {form}{', in radians' if kind is float else ''}") from None
     return found
 
 
@@ -181,13 +193,13 @@ def _made(kind: type[Any], values: Mapping[tuple[str, ...], Any]) -> Any:
     return kind(**given)
 
 
-def seconds(text: str | None) -> float | None:
-    """[s] from 60, 60s, 1.5min, 2m or 1h; raises SettingsError for anything else."""
+def seconds(text: str | None, flag: str) -> float | None:
+    """Return a flag's time [s] from 60, 60s, 1.5min, 2m or 1h; raises SettingsError for anything else."""
     if text is None:
         return None
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:e[+-]?[0-9]+)?)\s*(s|sec|m|min|h)?\s*", text)
     if match is None:
-        raise SettingsError(f"{text!r} is no time; give it as 60s, 2min or 1h")
+        raise SettingsError(f"--{flag.replace('_', '-')} {text!r} is not a time; give it as 60s, 2min or 1h")
     return float(match[1]) * {"s": 1.0, "m": 60.0, "h": 3600.0}[(match[2] or "s")[0]]
 
 
@@ -220,22 +232,22 @@ def shaped(verb: Verb, **kinds: Any) -> Verb:
 
 def unknown_flags(verb: Verb, arguments: Sequence[str]) -> list[str]:
     """Flags among the arguments that a verb has not, without dashes, with underscores."""
-    known = {"help", "h", *flag_names(verb)}
+    known = {"help", "h", *flag_types(verb)}
     given = [argument.partition("=")[0][2:] for argument in arguments if re.match(r"--[a-z]", argument)]
     return [flag for flag in (name.replace("-", "_") for name in given) if flag not in known]
 
 
-def flag_names(verb: Verb) -> set[str]:
-    """All flags of a verb, with underscores."""
-    found: set[str] = set()
+def flag_types(verb: Verb) -> dict[str, Any]:
+    """Return the type of every flag of a verb, by its name with underscores."""
+    found: dict[str, Any] = {}
     for name, hint in typing.get_type_hints(verb, include_extras=True).items():
         kind = (typing.get_args(hint) or (hint,))[0] if typing.get_origin(hint) is Annotated else hint
         if not dataclasses.is_dataclass(kind):
-            found |= _names(name, hint)
+            found |= dict.fromkeys(_names(name, hint), hint)
             continue
         fields = typing.get_type_hints(kind, include_extras=True)
         for field in dataclasses.fields(kind):
-            found |= _names(field.name, fields[field.name])
+            found |= dict.fromkeys(_names(field.name, fields[field.name]), fields[field.name])
     return found
 
 
@@ -262,6 +274,6 @@ def _metavar(plain: Any, words: str) -> str | None:
     if typing.get_origin(plain) is Literal:
         return f"{{{','.join(map(str, typing.get_args(plain)))}}}"
     parts = typing.get_args(plain)
-    if typing.get_origin(plain) is tuple and parts and Ellipsis not in parts:
-        return " ".join(_metavar(part, words) or "VALUE" for part in parts)
+    if parts == (float, float, float):
+        return _VECTORS[_unit(words) or ""]
     return {int: "N", str: "NAME"}.get(plain)

@@ -76,7 +76,7 @@ def view(
     else:
         require_viser()
         require_port(view_host, view_port)
-    span = seconds(start), seconds(until)
+    span = seconds(start, "from"), seconds(until, "until")
     flags = _LogFlags(Topics(joint_topic, imu_topic), joint_map, columns, span, description)
     showing = _opened(run, robot, flags, follow, not output.silent)
     if rerun is not None:

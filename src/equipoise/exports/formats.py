@@ -2,61 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from equipoise._version import __version__
 from equipoise.errors import EquipoiseError, NotEstimatedError, SettingsError, did_you_mean
 from equipoise.exports import controllers, learning, mjcf, sdf, sensors_and_motors, tables, urdf, usd, xacro
+from equipoise.exports.format import Format
 from equipoise.exports.found import BASE, LEGS, MOTORS, SENSORS, columns_of
-from equipoise.exports.judgement import judge, judge_columns
+from equipoise.exports.judgement import judge, judge_columns, require_within_robot
 from equipoise.exports.model_file import find_users_file
 from equipoise.exports.randomisation import DRAWS
 from equipoise.exports.subject import Subject, UsersFile
-from equipoise.exports.written import Written
 from equipoise.plugins import Table
 from equipoise.result.calibration import Calibration
 from equipoise.user_file import read_bytes, write_file
-
-FileUse = Literal["model", "given", ""]
-
-
-@dataclass(frozen=True)
-class Format:
-    """One consumer.
-
-    Attributes:
-        name: name that --to takes.
-        bodies: names of the bodies that it wants, "base", "composite" or both; they must be identified. Empty: none.
-        file: user's file that is edited: the "model" of the run, one "given" with --file if there is one, or none.
-        payload: whether it can hold what was added as a link of its own.
-        where: place that the numbers go to, in words.
-        output: default name of the file that is written; an edited file keeps its own.
-        write: function that writes it.
-        page: page under docs/controllers, or an address; empty: none.
-        samples: whether it lists drawn bodies too.
-        parts: what of a result it can hold, of "base", "sensors", "motors" and "legs".
-    """
-
-    name: str
-    bodies: tuple[str, ...]
-    file: FileUse
-    payload: bool
-    where: str
-    output: str
-    write: Callable[[Subject], Written]
-    page: str = ""
-    samples: bool = False
-    parts: tuple[str, ...] = (BASE,)
-
-    @property
-    def holds(self) -> tuple[str, ...]:
-        """What it can hold, in words: the body or "both", and "sensors", "motors" and "legs"."""
-        bodies = self.bodies if len(self.bodies) < 2 else ("both",)
-        return (*bodies, *(part for part in self.parts if part != BASE))
-
 
 _BASE, _WHOLE, _BOTH = ("base",), ("composite",), ("composite", "base")
 _FOUND = (SENSORS, MOTORS)
@@ -75,17 +36,17 @@ FORMATS: dict[str, Format] = {
                parts=(BASE, MOTORS)),
         Format("xacro", _BASE, "given", False, "legged_control's const.xacro", "const.xacro", xacro.write, "legged_control"),
         Format("quadruped-pympc", _WHOLE, "", False, "Quadruped-PyMPC's config.py", "config.py",
-               controllers.quadruped_pympc, "quadruped-pympc"),
+               controllers.quadruped_pympc, "quadruped-pympc", lacks=("composite CoM",)),
         Format("unitree-guide", _WHOLE, "", False, "unitree_guide's unitreeRobot.cpp", "unitreeRobot.cpp",
                controllers.unitree_guide, "unitree-guide"),
         Format("mit-cheetah", _BOTH, "", False, "MIT's Cheetah-Software", "cheetah.cpp",
-               controllers.mit_cheetah, "mit-cheetah"),
+               controllers.mit_cheetah, "mit-cheetah", lacks=("composite CoM",)),
         Format("quad-sdk", _WHOLE, "", False, "Quad-SDK's ROBOT.yaml, main.m", "quad-sdk.yaml", controllers.quad_sdk,
-               "quad-sdk"),
+               "quad-sdk", lacks=("composite CoM",)),
         Format("mjlab", _BASE, "", False, "mjlab's dr.pseudo_inertia", "mjlab_randomisation.py", learning.mjlab, "mjlab",
                samples=True, parts=(BASE, *_FOUND)),
         Format("isaaclab", _BASE, "", False, "Isaac Lab's event terms", "isaaclab_randomisation.py",
-               learning.isaaclab, "isaaclab", samples=True, parts=(BASE, *_FOUND)),
+               learning.isaaclab, "isaaclab", samples=True, parts=(BASE, *_FOUND), lacks=("base inertia",)),
         Format("yaml", _BOTH, "", False, "tools of your own", "inertia.yaml", tables.write_yaml, "tables", parts=_ALL_PARTS),
         Format("json", _BOTH, "", False, "tools of your own", "inertia.json", tables.write_json, "tables", parts=_ALL_PARTS),
         Format("toml", (), "", False, "tools of your own", f"{_FOUND_FILE}.toml", sensors_and_motors.write_toml,
@@ -114,9 +75,10 @@ class Export:
         format: row of the format in the table.
         content: bytes of the file.
         file_name: name of the file by default; names the parts where others are written than by default.
-        header: lines that the file begins with: which body in which frame, from which run, at which stance.
+        header: lines that the file begins with: which body, what of it in which frame, from which run, at which stance.
         notes: sentences that speak against the numbers, worst first.
         parts: what of the result was written, of "base", "sensors", "motors" and "legs".
+        contents: sentence that states which of mass, CoM and inertia was written, and what the consumer cannot hold.
     """
 
     format: Format
@@ -125,6 +87,7 @@ class Export:
     header: tuple[str, ...]
     notes: tuple[str, ...]
     parts: tuple[str, ...] = (BASE,)
+    contents: str = ""
 
     @property
     def text(self) -> str:
@@ -144,6 +107,7 @@ class Export:
             "format": self.format.name,
             "bodies": list(self.format.bodies),
             "parts": list(self.parts),
+            "contents": self.contents,
             "about": list(self.header),
             "notes": list(self.notes),
         }
@@ -179,7 +143,7 @@ def export(
         SettingsError: no such format, or it does not take what was asked for.
         NotEstimatedError: the method does not estimate what the format wants.
         NotIdentifiedError: the run did not tell it, and that is not overridden.
-        NotPhysicalError: no body can have what would be written.
+        NotPhysicalError: no body can have what would be written, or its CoM lies outside the robot.
         ModelError: the model file has moved, has changed or cannot be edited.
     """
     row = find_format(format)
@@ -197,8 +161,10 @@ def export(
     notes = tuple(dict.fromkeys(notes + of_columns))
     users, about_file = _users_file(result, row, None if file is None else Path(file))
     subject = Subject(result, run, users, payload_link, samples, seed, notes + about_file, force, parts, columns)
-    if "base" in bodies and row.file != "model":
-        subject = replace(subject, notes=subject.base_notes + subject.notes)
+    own_base = "base" in bodies and row.file != "model"  # a model file's is made by what else the file has
+    outside = require_within_robot(subject, ("composite", "base") if own_base else bodies and ("composite",))
+    base_notes = subject.base_notes if own_base else ()
+    subject = replace(subject, notes=outside + base_notes + subject.notes, contents=row.contents(bodies, subject))
     written = row.write(subject)
     name = Path(users.path.name if users else row.output)
     if parts != _parts(row, result, None):  # else one part would replace another that was written before
@@ -207,7 +173,15 @@ def export(
     if payload_link:
         name = name.with_stem(f"{name.stem}_payload")
     header = subject.header(written.about, *written.notes)
-    return Export(replace(row, bodies=bodies), written.content, name.name, header, written.notes + subject.notes, parts)
+    return Export(
+        replace(row, bodies=bodies),
+        written.content,
+        name.name,
+        header,
+        written.notes + subject.notes,
+        parts,
+        subject.contents,
+    )
 
 
 def export_all(

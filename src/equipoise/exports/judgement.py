@@ -4,16 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from equipoise.errors import NotEstimatedError, NotIdentifiedError
+import numpy as np
+import pinocchio as pin
+
+from equipoise.clearance.shapes import Spheres, robot_shapes
+from equipoise.conventions import FloatArray
+from equipoise.errors import NotEstimatedError, NotIdentifiedError, NotPhysicalError
 from equipoise.exports.found import LEGS, MOTORS, SENSORS, Column, columns_of
+from equipoise.exports.subject import Subject
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
+from equipoise.robot.model import RobotModel
 
 _HOW = {
     SENSORS: "calibrate with --method precise",
     MOTORS: "calibrate with --what base,motors",
     LEGS: "calibrate with --what base,legs",
 }
+_AROUND = 0.1  # of the leg length: how far beyond links and feet a CoM may lie, to the sides and below
+_ABOVE = 1.0  # of the leg length: payloads are carried on the back, in stacks
+_GYRATIONS = 3.0  # radii of gyration of the model's robot: the same where the model file is not at hand
 
 
 def judge(result: Calibration, bodies: Sequence[str], force: bool) -> tuple[str, ...]:
@@ -69,6 +79,33 @@ def judge_columns(result: Calibration, parts: Sequence[str], force: bool) -> tup
     return tuple(column for column in written if column.values), tuple(notes)
 
 
+def require_within_robot(subject: Subject, bodies: Sequence[str]) -> tuple[str, ...]:
+    """Refuse a body whose CoM lies outside the robot.
+
+    Returns:
+        what is to be said of the body, where it is written all the same.
+
+    Raises:
+        NotPhysicalError: a CoM lies outside the robot, and that is not overridden.
+    """
+    if not bodies:
+        return ()
+    low, high, where = _bounds(subject)
+    coms = ((name, getattr(subject, name).com) for name in bodies)
+    name, com = next(((name, com) for name, com in coms if ((com < low) | (com > high)).any()), ("", low))
+    if not name:
+        return ()
+    sides = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
+    place = ", ".join(f"{value:.4g}" for value in com)
+    message = f"the {name}'s CoM ({place}) m lies outside {subject.result.robot!r}: {sides} m {where}"
+    if subject.forced:
+        return (f"FORCED: {message}",)
+    raise NotPhysicalError(
+        f"{message}. Was the result edited, or is it in millimetres? Estimate it again from the run's recordings "
+        "(equipoise estimate RUN), or write it with --force"
+    )
+
+
 def _columns(result: Calibration, part: str, force: bool) -> tuple[Column, ...]:
     columns = columns_of(result, part)
     if not columns:
@@ -117,3 +154,25 @@ def _names(columns: Iterable[Column], wanted: Callable[[Quantity], bool]) -> str
         for column, some in chosen
         if some
     )
+
+
+def _bounds(subject: Subject) -> tuple[FloatArray, FloatArray, str]:
+    """Return lower and upper bounds (3,) of a CoM in the base frame [m], and words for what they are made of."""
+    result = subject.result
+    if (robot := result.robot_model) is not None:
+        stance = robot.joint_vector(dict(result.joint_position), "the run's stance")
+        low, high = _box(robot, stance)
+        around, up = _AROUND * robot.leg_length, np.array([0.0, 0.0, _ABOVE - _AROUND]) * robot.leg_length
+        return low - around, high + around + up, "at its stance, with room for a payload"
+    model = result.nominal.composite
+    reach = _GYRATIONS * float(np.sqrt(np.trace(model.inertia) / (2 * model.mass)))
+    return model.com - reach, model.com + reach, f"within {_GYRATIONS:g} radii of gyration of its model"
+
+
+def _box(robot: RobotModel, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return lower and upper bounds (3,) of links and feet in the base frame [m]."""
+    data = robot.pinocchio.createData()
+    pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
+    spheres = Spheres.around(robot_shapes(robot).geometryObjects)
+    centres, radii = spheres.placed([*data.oMi]), spheres.radius[:, None]
+    return (centres - radii).min(axis=0), (centres + radii).max(axis=0)

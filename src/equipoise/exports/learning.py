@@ -85,7 +85,7 @@ def _spread(subject: Subject) -> Spread:
 def _about(subject: Subject) -> str:
     return (
         f"what the run left open of base link {subject.file_link!r} with all that is fixed to it or held, about the file "
-        "that --to mjcf or --to urdf writes, whose legs stay; CoM in its frame, inertia about the CoM"
+        "that --to mjcf or --to urdf writes, whose legs stay"
     )
 
 

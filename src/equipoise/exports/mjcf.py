@@ -42,8 +42,8 @@ def write(subject: Subject) -> Written:
     if subject.payload_link:
         base_link, place = link_in_file(robot.base_link, robot.source.forward)
         about = (
-            f"body {PAYLOAD!r}, fixed to base body {base_link!r}, is what the robot has more than the model file; in "
-            f"the frame of {base_link!r}, inertia about its own CoM; nothing else was changed"
+            f"body {PAYLOAD!r}, fixed to base body {base_link!r}, is what the robot has more than the model file, "
+            "in that body's frame; nothing else was changed"
         )
         before = composite_of(subject, robot)
         body, notes = payload(subject, before)
@@ -52,8 +52,8 @@ def write(subject: Subject) -> Written:
         return Written(content, about, notes)
     link = edited_link(robot)
     about = (
-        f"the <inertial> of body {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
-        f"the composite that was found; {what_else(subject, _JOINTS)}"
+        f"the <inertial> of body {link.name!r}, such that the whole robot has the composite that was found; "
+        f"{what_else(subject, _JOINTS)}"
     )
     body, notes, composite = new_inertial(subject, robot, link)
     edited = base if link.name == robot.base_link else _named(document, base, link.name)

@@ -19,7 +19,7 @@ def write(subject: Subject) -> Written:
     if subject.payload_link:
         about = (
             f"link {PAYLOAD!r}, fixed to base link {subject.file_link!r}, is what the robot has more than the run's model "
-            f"file; in the frame of {subject.file_link!r}, inertia about its own CoM"
+            "file, in that link's frame"
         )
         body, notes = payload(subject, subject.result.nominal.composite)
         element = _payload_lines(subject, subject.in_file(body))

@@ -25,8 +25,7 @@ from equipoise.robot.source import Forward
 PAYLOAD = "equipoise_payload"
 """Name of the link that `--add-payload-link` writes."""
 _BASE_WORDS = (
-    "base link {0!r} with all that is fixed to it or held, such that the model's legs make it the composite that was found; "
-    "CoM in the frame of {0!r}, inertia about the CoM, in its axes"
+    "base link {!r} with all that is fixed to it or held; with the model's legs it makes the composite that was found"
 )
 _FLATTEST = 1e-3  # second moment of mass of a body that is written for one that cannot be, over its largest
 _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -55,6 +54,7 @@ class Subject:
         forced: whether to write the nearest body where no body can have what was added.
         parts: what of the result is to be written, of "base", "sensors", "motors" and "legs".
         columns: what is written of sensors, motors and legs.
+        contents: sentence that states which of mass, CoM and inertia is written, in which frame, and what has no place.
     """
 
     result: Calibration
@@ -67,6 +67,7 @@ class Subject:
     forced: bool = False
     parts: tuple[str, ...] = ("base",)
     columns: tuple[Column, ...] = ()
+    contents: str = ""
 
     @property
     def composite(self) -> InertialParameters:
@@ -169,7 +170,7 @@ class Subject:
         """What every output says of itself, a sentence a line.
 
         Args:
-            about: words that say which body, in which frame, about which point.
+            about: words for the body or the parts that are written.
             notes: further sentences that speak against the numbers.
         """
         result = self.result
@@ -179,6 +180,7 @@ class Subject:
         model = result.model
         lines = (
             f"equipoise {__version__}: {about}",
+            self.contents,
             f"from {origin}",
             f"stance [rad]: {self.stance}",
             f"model: {model['format']}, sha256 {model['sha256']}",
@@ -217,10 +219,7 @@ class Subject:
     @property
     def composite_words(self) -> str:
         """About the composite."""
-        return (
-            f"composite: the whole robot frozen at the stance; CoM in the frame of base link {self.base_link!r}, inertia "
-            "about the CoM, in base axes"
-        )
+        return "composite: the whole robot frozen at the stance"
 
 
 def seen_from(body: InertialParameters, placement: pin.SE3) -> InertialParameters:

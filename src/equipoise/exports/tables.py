@@ -63,6 +63,7 @@ def provenance(subject: Subject, schema: str, about: str) -> dict[str, Any]:
         "schema": schema,
         "equipoise": __version__,
         "about": about,
+        "contents": subject.contents,
         "robot": result.robot,
         "run": subject.run,
         "method": result.method,

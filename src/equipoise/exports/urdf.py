@@ -43,8 +43,8 @@ def write(subject: Subject) -> Written:
     if subject.payload_link:
         base_link, place = link_in_file(robot.base_link, robot.source.forward)
         about = (
-            f"link {PAYLOAD!r}, fixed to base link {base_link!r}, is what the robot has more than the model file; "
-            f"in the frame of {base_link!r}, inertia about its own CoM; nothing else was changed"
+            f"link {PAYLOAD!r}, fixed to base link {base_link!r}, is what the robot has more than the model file, "
+            "in that link's frame; nothing else was changed"
         )
         before = composite_of(subject, robot)
         body, notes = payload(subject, before)
@@ -55,8 +55,8 @@ def write(subject: Subject) -> Written:
         return Written(content, about, notes)
     link = edited_link(robot)
     about = (
-        f"the <inertial> of link {link.name!r}, in its own frame, inertia about its CoM, such that the whole robot has "
-        f"the composite that was found; {what_else(subject, _JOINTS)}"
+        f"the <inertial> of link {link.name!r}, such that the whole robot has the composite that was found; "
+        f"{what_else(subject, _JOINTS)}"
     )
     body, notes, composite = new_inertial(subject, robot, link)
     edits = _inertial_edits(document, _link(document, link.name), body, subject.header(about, *notes))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Written:
-    """A file's content, and which body it holds: in which frame, about which point."""
+    """A file's content, and words for the body or the parts that it holds."""
 
     content: bytes
     about: str

@@ -28,7 +28,7 @@ from equipoise.result.requirements import verdicts
 from equipoise.result.uncertainty import UncertaintySource
 from equipoise.robot.inertial import InertialParameters, RobotInertia
 from equipoise.robot.model import RobotModel
-from equipoise.user_file import json_value, read_text, write_file
+from equipoise.user_file import json_value, kind_of, read_text, write_file
 
 Maybe = float | None
 
@@ -351,19 +351,20 @@ class Calibration:
         """Read the JSON form.
 
         Raises:
-            RecordingError: the file is missing, is not JSON, or has another schema.
+            RecordingError: the file is missing, is of another kind, or has another schema.
         """
+        remedy = "name the run folder of a calibration, or its calibration.json"
+        if (kind := kind_of(path)) not in ("is a JSON file", "is the result of a calibration"):
+            raise RecordingError(f"{str(path)!r} {kind}; {remedy}")
         try:
             table = json_value(read_text(path))
         except OSError as error:
             raise RecordingError(f"cannot read the result {str(path)!r}: {error.strerror}") from error
         except ValueError as error:
-            raise RecordingError(f"the result {str(path)!r} is not JSON: {error}") from error
+            raise RecordingError(f"the result {str(path)!r} is not valid JSON ({error}); {remedy}") from error
         found = cast("dict[str, Any]", table).get("schema") if isinstance(table, dict) else None
         if found is None:
-            raise RecordingError(
-                f"the result {str(path)!r} is none of equipoise's; give a run folder, or its calibration.json"
-            )
+            raise RecordingError(f"{str(path)!r} {kind} of another kind; {remedy}")
         if found not in (SCHEMA, _BEFORE):
             raise RecordingError(
                 f"the result {str(path)!r} has the schema {found!r}; this version reads {SCHEMA!r}: make it again with "

@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Generator
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from typing import TypeVar
 
 from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
@@ -29,6 +30,7 @@ def ctrl_c_held() -> Generator[None]:
 
     A worker takes a second to begin; Ctrl-C in that second would print a traceback for each.
     """
+    resource_tracker.ensure_running()  # the first worker would start it, and starting it unblocks Ctrl-C
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -43,12 +43,12 @@ def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
 def print_exports(
     written: Mapping[str, Export], paths: Mapping[str, Path], refused: Mapping[str, EquipoiseError]
 ) -> None:
-    """Which files were written, what speaks against them, each sentence once, and what was not written and why."""
+    """Print what each file holds and what speaks against it, each sentence once; what was not written, and why."""
     console = Console()
     for note in dict.fromkeys(note for one in written.values() for note in one.notes):
         console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)
     for name, path in paths.items():
-        console.print(escape(f"{name}: saved: {path}"), soft_wrap=True, highlight=False)
+        console.print(escape(f"{name}: {written[name].contents}; saved: {path}"), soft_wrap=True, highlight=False)
     for name, error in refused.items():
         console.print(escape(f"{name}: not written: {error}"), soft_wrap=True, highlight=False)
 

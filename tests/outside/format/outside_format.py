@@ -9,4 +9,7 @@ def write(subject: Subject) -> Written:
     return Written.text([f"{subject.composite.mass:.3f}", *subject.header(about)], about)
 
 
-FORMAT = Format("kilograms", ("composite",), "", False, "a scale's display", "mass.txt", write)
+FORMAT = Format(
+    "kilograms", ("composite",), "", False, "a scale's display", "mass.txt", write,
+    lacks=("composite CoM", "composite inertia"),
+)  # fmt: skip

@@ -26,7 +26,7 @@ from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import InertialParameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
-from equipoise.user_file import json_value, read_text, typed
+from equipoise.user_file import json_value, kind_of, read_text, typed
 
 POSTERIOR = "posterior.json"
 SCHEMA = "equipoise.posterior/1"
@@ -275,7 +275,7 @@ def _why_none(path: Path) -> EquipoiseError:
         header = json_value(read_text(path / "run.json"))
         method = header["settings"]["method"]
     except (OSError, ValueError, KeyError, TypeError):
-        return RecordingError(f"--known {path}: this is no run folder of a calibration")
+        return RecordingError(f"--known {path}: it {kind_of(path)}; name the run folder of a calibration")
     if method != "precise":
         return SettingsError(
             f"--known {path}: this run is of the method {method!r}; only runs of 'precise' know a robot's sensors"

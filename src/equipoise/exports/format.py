@@ -1,0 +1,80 @@
+"""What a consumer takes, and the sentence about mass, CoM and inertia that every file of it gets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from equipoise.exports.found import BASE
+from equipoise.exports.subject import PAYLOAD, Subject
+from equipoise.exports.written import Written
+
+FileUse = Literal["model", "given", ""]
+_QUANTITIES = {
+    "mass": "mass [kg]",
+    "CoM": "CoM [m] in the frame of {0}",
+    "inertia": "inertia [kg m2] about the CoM in axes of {0}",
+}
+
+
+@dataclass(frozen=True)
+class Format:
+    """One consumer.
+
+    Attributes:
+        name: name that --to takes.
+        bodies: names of the bodies that it wants, "base", "composite" or both; they must be identified. Empty: none.
+        file: user's file that is edited: the "model" of the run, one "given" with --file if there is one, or none.
+        payload: whether it can hold what was added as a link of its own.
+        where: place that the numbers go to, in words.
+        output: default name of the file that is written; an edited file keeps its own.
+        write: function that writes it.
+        page: page under docs/controllers, or an address; empty: none.
+        samples: whether it lists drawn bodies too.
+        parts: what of a result it can hold, of "base", "sensors", "motors" and "legs".
+        lacks: quantities of its bodies that the consumer has no place for: "composite CoM" and so on.
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+    file: FileUse
+    payload: bool
+    where: str
+    output: str
+    write: Callable[[Subject], Written]
+    page: str = ""
+    samples: bool = False
+    parts: tuple[str, ...] = (BASE,)
+    lacks: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> tuple[str, ...]:
+        """What it can hold, in words: the body or "both", and "sensors", "motors" and "legs"."""
+        bodies = self.bodies if len(self.bodies) < 2 else ("both",)
+        return (*bodies, *(part for part in self.parts if part != BASE))
+
+    def contents(self, bodies: tuple[str, ...], subject: Subject) -> str:
+        """Return the sentence that states which of mass, CoM and inertia is written, and what the consumer cannot hold.
+
+        Args:
+            bodies: names of the bodies that are written.
+            subject: what is written.
+        """
+        if not bodies:
+            return "written of base and composite: no mass, CoM or inertia"
+        # A format of the base alone is read beside the model file, and has that file's axes.
+        frame = "that link" if subject.payload_link or self.bodies == (BASE,) else f"base link {subject.base_link!r}"
+        return "; ".join(self._contents_of(body, frame, subject) for body in bodies)
+
+    def _contents_of(self, body: str, frame: str, subject: Subject) -> str:
+        lacks = [quantity for quantity in ("mass", "inertia", "CoM") if f"{body} {quantity}" in self.lacks]
+        written = ", ".join(words.format(frame) for name, words in _QUANTITIES.items() if name not in lacks)
+        name = f"link {PAYLOAD!r}" if subject.payload_link else f"the {body}{', as ranges' if self.samples else ''}"
+        sentence = f"written of {name}: {written}"
+        if not lacks:
+            return sentence
+        parameters = subject.base_in_file if self.bodies == (BASE,) else getattr(subject, body)
+        place = ", ".join(f"{value:.5f}" for value in parameters.com)
+        com = f", which is at ({place}) m in the frame of {frame}" if "CoM" in lacks else ""
+        return f"{sentence}; there is no place in {self.where} for the {body}'s {' and '.join(lacks)}{com}"

@@ -1,0 +1,193 @@
+"""Every flag that a verb's help shows, typed as its help shows it."""
+
+import dataclasses
+import functools
+import re
+
+import pytest
+from commands import fails
+
+from equipoise import RunFolder, cli
+from equipoise.cli import VERBS, find_verb, main
+from equipoise.cli.flags import RobotFlags, described
+from equipoise.cli.methods import read_method
+from equipoise.cli.settings import flag_types, given_flags
+
+# Verbs, and those with other flags because of one that is given; in front of them what a verb does not go without.
+SHAPES = {
+    **{verb: [verb] for verb in VERBS if verb not in ("completion", "robots", "platforms")},
+    **{verb: [verb, "RUN"] for verb in ("estimate", "validate", "view", "weigh")},
+    "estimate a log": ["estimate", "log.mcap", "--robot", "unitree_a1"],
+    "delta": ["delta", "RUN", "RUN"],
+    **{f"calibrate {way}": ["calibrate", *way.split()] for way in (
+        "--method paper", "--method static", "--method motors", "--what base,motors")},
+    "calibrate on a robot": ["calibrate", "--platform", "unitree-go2"],
+    "weigh on a robot": ["weigh", "RUN", "--platform", "unitree-go2"],
+    "monte-carlo of paper": ["monte-carlo", "--methods", "paper"],
+}  # fmt: skip
+NUMBERS = {
+    "X Y Z": "0.01 -0.02 3e-2",
+    "ROLL PITCH YAW": "0.1 -0.2 1.5",
+    "NAME LO HI": "FL_hip_joint -0.5 0.5",
+    "HERTZ": "1.5",
+    **dict.fromkeys(("METRES", "RADIANS", "NUMBER", "FLOAT", "FRACTION", "SECONDS"), "0.1"),
+    **dict.fromkeys(("N", "INT", "PORT", "KG"), "12"),
+}
+WORDS = {
+    "TIME": "60s",
+    "NAME=ANGLE": "FL_hip_joint=-0.1",
+    "NAME=FRAME": "FL=FL_foot",
+    "NAME": "trunk",
+    "M,X,Y,Z": "1,0.05,-0.02,0.08",
+    "random|none|M,X,Y,Z": "random",
+    "NAME=SIZE,NAME": "springs=3000,cable",
+    "NAME,NAME": "springs,cable",
+    "KEY=VALUE": "interface=eth0",
+    "WHAT": "base",
+    "WORDS": "identified,checks",
+    "PLATFORM": "mujoco",
+    "ROBOT": "unitree_a1",
+    "FORMAT": "urdf",
+    "TOPIC": "/joint_states",
+    "STR": "localhost",
+    "LENGTH": "5mm",
+    "tcp://HOST:PORT": "tcp://192.168.1.2:8786",
+}
+FILES = {"PATH": "settings.toml", "FILE": "settings.toml", "RUN": "run", "FILE.rrd": "run.rrd", "MODEL": "run"}
+OWN = {"--methods": "static,paper", "--only": "joint_zero,imu_tilt", "--t-thres": "2s"}
+BESIDE = {"--mass-sd": ["--mass", "12"]}  # which a flag needs
+ALONE = ("--resume", "--method", "--what", "--methods", "--platform")  # not with others of their kind
+LINE = re.compile(r"^  (?:(-\w), )?(--[a-z][\w-]*)((?: \S+)*?)(?:  .*)?$", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def folder(a1, precise_run, tmp_path_factory):
+    """Where the commands find a run and a file of settings without any."""
+    folder = tmp_path_factory.mktemp("user")
+    with RunFolder.create(folder / "run", a1, precise_run.settings, {"time": "2026-01-01T00:00:00+00:00"}) as run:
+        run.save(precise_run.result.with_provenance(**run.provenance))
+    (folder / "settings.toml").touch()
+    return folder
+
+
+@pytest.fixture
+def words(shape, folder, monkeypatch):
+    """A verb with what it does not go without."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", "80")
+    return ["run" if word == "RUN" else word for word in SHAPES[shape]]
+
+
+@pytest.fixture
+def read(monkeypatch):
+    """What the last verb that was called got; the verbs do nothing but read their settings."""
+    seen = {}
+
+    def found(name, arguments=()):
+        verb = find_verb(name, arguments)
+
+        @functools.wraps(verb)
+        def reading(*positional, **given):
+            seen.clear()
+            seen.update({key: settings_in(value) for key, value in given.items()})
+            return 0
+
+        return reading
+
+    monkeypatch.setattr(cli, "find_verb", found)
+    return seen
+
+
+def settings_in(flags):
+    """Settings that a class of flags holds."""
+    if isinstance(flags, RobotFlags):
+        return described(flags)
+    if hasattr(flags, "SETTINGS"):
+        return read_method(flags) if hasattr(flags, "method") else given_flags(flags)
+    return flags.place() if hasattr(flags, "place") else flags
+
+
+def shown_flags(words, capsys):
+    """(flag, metavar) of each line of a verb's help; an empty metavar is that of a switch."""
+    assert main([*words, "--help"]) == 0
+    return [(name, metavar.strip()) for _, name, metavar in LINE.findall(capsys.readouterr().out) if name != "--help"]
+
+
+def values_of(flag, metavar):
+    """What a user might type behind a flag; each inner list is for one command."""
+    if flag in OWN:
+        return [[OWN[flag]]]
+    if metavar.startswith("{"):
+        return [[choice] for choice in metavar.strip("{}").split(",")]
+    return [({"": ""} | NUMBERS | WORDS | FILES)[metavar].split()]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
+    shown = shown_flags(words, capsys)
+    given = [word for word in words if word.startswith("--")]
+    for flag, metavar in shown:
+        for values in [] if given and flag in ALONE else values_of(flag, metavar):
+            assert main([*words, *BESIDE.get(flag, ()), flag, *values]) == 0, (flag, values, capsys.readouterr().err)
+            assert read
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_help_shows_every_flag(words, capsys):
+    shown = {flag.removeprefix("--").removeprefix("no-").replace("-", "_") for flag, _ in shown_flags(words, capsys)}
+    assert shown <= {*flag_types(find_verb(words[0], words[1:]))}
+    assert len(shown) > 3
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_numbers_too_few_or_too_many_and_words_are_refused_by_the_flag_s_name(words, read, capsys):
+    for flag, metavar in shown_flags(words, capsys):
+        if metavar in NUMBERS:
+            right = NUMBERS[metavar].split()
+            for wrong in (right[:-1], [*right, "7"], [*right[:-1], "seven"]):
+                assert_refused([*words, flag, *wrong], flag, capsys)
+
+
+@pytest.mark.parametrize("words", [
+    "calibrate --budget", "record --duration", "doctor --duration", "balance --com 0,0 --duration", "weigh run --budget",
+    "view run --from", "view run --until", "monte-carlo --trial-limit",
+])  # fmt: skip
+def test_what_is_not_a_time_is_refused_by_the_flag_s_name(words, folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert_refused([*words.split(), "soon"], words.split()[-1], capsys)
+
+
+def assert_refused(words, flag, capsys):
+    assert main(words) == 2, words
+    said = capsys.readouterr().err
+    assert flag in said, words
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(("shape", "flags", "name", "value"), [
+    ("plan", "--imu-position 0.1 -0.2 0.3", "imu_position", (0.1, -0.2, 0.3)),
+    ("plan", "--imu-rpy 0 -1e-1 3.14", "imu_rpy", (0.0, -0.1, 3.14)),
+    ("plan", "--joint-limits a -1 2 --joint-limits b 0 0.5", "joint_limits", {"a": (-1.0, 2.0), "b": (0.0, 0.5)}),
+    ("plan", "--foot-frames FL=toe --foot-frames RR=heel", "foot_frames", {"FL": "toe", "RR": "heel"}),
+    ("plan", "--held arm=-0.1", "held", {"arm": -0.1}),
+])  # fmt: skip
+def test_flags_of_several_values_reach_the_description(words, read, flags, name, value):
+    assert main([*words, *flags.split()]) == 0
+    assert getattr(read["description"], name) == value
+
+
+@pytest.mark.parametrize(("flags", "message"), [
+    ("--imu-position 0 0 0.1 5", "--imu-position takes 3 values, not '0 0 0.1 5'"),
+    ("--kp 100 200", "--kp takes one number, not '100 200'"),
+    ("--foot-frames FL", "--foot-frames FL is not NAME=FRAME"),
+    ("--stance FL_hip_joint=left", "--stance FL_hip_joint=left is not NAME=ANGLE, in radians"),
+])  # fmt: skip
+def test_what_is_wrong_with_values_is_said_in_a_sentence(capsys, flags, message):
+    assert message in fails(capsys, 2, "audit", "unitree_a1", *flags.split())
+
+
+def test_a_folder_called_as_a_number_is_not_taken_for_one(folder, monkeypatch, read):
+    monkeypatch.chdir(folder)
+    (folder / "7").mkdir(exist_ok=True)
+    assert main(["export", "--seed", "3", "7"]) == 0
+    assert dataclasses.is_dataclass(read["output"])

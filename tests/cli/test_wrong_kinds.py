@@ -1,0 +1,73 @@
+"""Verbs that are given a file of another kind: one sentence states what it is, and what to name instead."""
+
+import os
+
+import pytest
+from commands import fails
+from robots import quadruped_mjcf
+
+RUN = "name the run folder of a calibration"
+RESULT = f"{RUN}, or its calibration.json"
+VERBS = [
+    (["export", "FILE", "--to", "urdf"], RESULT),
+    (["export", "FILE", "--all"], RESULT),
+    (["report", "FILE"], RESULT),
+    (["balance", "--com", "FILE"], RESULT),
+    (["view", "FILE"], RUN),
+    (["estimate", "FILE"], RUN),
+    (["validate", "FILE"], RUN),
+    (["delta", "FILE", "FILE"], RUN),
+    (["weigh", "unitree_a1", "--known", "FILE"], RUN),
+    (["calibrate", "--known", "FILE"], RUN),
+    (["calibrate", "--resume", "FILE"], RUN),
+]
+
+
+@pytest.fixture
+def folder(a1, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a1.urdf").write_bytes(a1.source.path.read_bytes())
+    (tmp_path / "robot.xml").write_text(quadruped_mjcf(), encoding="utf-8")
+    (tmp_path / "settings.toml").write_text("kp = 100", encoding="utf-8")
+    (tmp_path / "picture.png").write_bytes(b"\x89PNG\r\n\x1a\n\x00\x00")
+    os.mkfifo(tmp_path / "pipe")
+
+
+@pytest.mark.parametrize(("verb", "needed"), VERBS, ids=lambda value: value[0] if isinstance(value, list) else "")
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("a1.urdf", "is a URDF robot model"),
+        ("robot.xml", "is an MJCF robot model"),
+        ("settings.toml", "is a .toml file"),
+        ("picture.png", "is a binary file"),
+        ("pipe", "is a pipe"),
+        ("/dev/null", "is a device"),
+        ("nowhere", "does not exist"),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_the_kind_of_file_and_what_is_needed_are_named(verb, needed, name, kind, capsys):
+    said = fails(capsys, 5, *(name if word == "FILE" else word for word in verb))
+    assert said in (
+        f"error: {name!r} {kind}; {needed}",
+        f"error: {name!r} {kind}; {RUN}",
+        f"error: --known {name}: it {kind}; {RUN}",
+    )
+    if needed == RESULT and name.endswith((".urdf", ".xml")):
+        assert said.endswith(RESULT)
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_result_is_not_a_run(tmp_path, capsys):
+    (tmp_path / "result.json").write_text('{"schema": "equipoise.calibration/3"}', encoding="utf-8")
+    said = fails(capsys, 5, "estimate", "result.json")
+    assert said == f"error: 'result.json' is the result of a calibration; {RUN}"
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_log_of_another_kind_is_told_apart(tmp_path, capsys):
+    (tmp_path / "log.csv").write_text("time", encoding="utf-8")
+    for verb in ("estimate", "view", "validate"):
+        said = fails(capsys, 5, verb, "log.csv")
+        assert said == f"error: 'log.csv' is a .csv file; {RUN}; if it is another kind of log, say whose with --robot"

@@ -1,0 +1,132 @@
+"""What every export states of mass, CoM and inertia, and that it is so."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from exporting import found, make_run, usd, with_joints
+from robots import load_text, quadruped_mjcf
+
+from equipoise import export
+from equipoise.cli import main
+from equipoise.exports.format import Format
+from equipoise.exports.formats import FORMATS
+from equipoise.exports.subject import Subject, number
+from equipoise.exports.written import Written
+
+WHOLE = "CoM [m] in the frame of base link 'trunk', inertia [kg m2] about the CoM in axes of base link 'trunk'"
+LINK = "CoM [m] in the frame of that link, inertia [kg m2] about the CoM in axes of that link"
+NO_COM = (
+    "written of the composite: mass [kg], inertia [kg m2] about the CoM in axes of base link 'trunk'; there is no place in {} "
+    "for the composite's CoM, which is at (-0.00198, -0.00036, -0.01847) m in the frame of base link 'trunk'"
+)
+BOTH = f"written of the composite: mass [kg], {WHOLE}; written of the base: mass [kg], {WHOLE}"
+CONTENTS = {
+    **dict.fromkeys(("urdf", "mjcf", "sdf", "usd", "xacro"), f"written of the base: mass [kg], {LINK}"),
+    "quadruped-pympc": NO_COM.format("Quadruped-PyMPC's config.py"),
+    "quad-sdk": NO_COM.format("Quad-SDK's ROBOT.yaml, main.m"),
+    "unitree-guide": f"written of the composite: mass [kg], {WHOLE}",
+    "mit-cheetah": NO_COM.format("MIT's Cheetah-Software") + f"; written of the base: mass [kg], {WHOLE}",
+    "mjlab": f"written of the base, as ranges: mass [kg], {LINK}",
+    "isaaclab": "written of the base, as ranges: mass [kg], CoM [m] in the frame of that link; there is no place in "
+    "Isaac Lab's event terms for the base's inertia",
+    **dict.fromkeys(("yaml", "json"), BOTH),
+    **dict.fromkeys(
+        ("toml", "zeros", "c-header", "ros2", "unitree-yaml", "holosoma"),
+        "written of base and composite: no mass, CoM or inertia",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def result(a1):
+    return with_joints(found(a1))
+
+
+@pytest.fixture
+def exported(result, a1, tmp_path):
+    """Export into a format, into a file of the user's where it needs one."""
+
+    def exported(name, **options):
+        if name == "mjcf":
+            return export(found(load_text(tmp_path, quadruped_mjcf(), name="robot.xml")), name)
+        if name == "usd":
+            pytest.importorskip("pxr", reason="usd-core is not installed: USD is NOT TRIED")
+            options["file"] = tmp_path / "a1.usda"
+            options["file"].write_text(usd(a1), encoding="utf-8")
+        return export(result, name, **options)
+
+    return exported
+
+
+def test_every_format_is_stated_here():
+    assert set(CONTENTS) == set(FORMATS)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_file_states_what_it_holds_and_what_has_no_place(name, exported):
+    out = exported(name)
+    assert out.contents == CONTENTS[name]
+    assert out.contents in " ".join(re.sub(r"^(#|//)? *", "", line) for line in out.text.splitlines())
+    assert out.to_dict()["contents"] == out.contents
+
+
+@pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.bodies == ("composite",)])
+def test_numbers_are_written_unless_they_are_stated_to_have_no_place(name, exported, result):
+    row, text = FORMATS[name], without_header(exported(name))
+    body = result.composite.parameters()
+    numbers = {"mass": body.mass, "CoM": body.com[0], "inertia": body.inertia[0, 2]}
+    written = {quantity for quantity, value in numbers.items() if number(value) in text}
+    assert written == {quantity for quantity in numbers if f"composite {quantity}" not in row.lacks}
+
+
+def without_header(out):
+    return "\n".join(line for line in out.text.splitlines() if not any(said in line for said in out.header))
+
+
+def test_mit_cheetah_has_the_com_of_the_base_alone(exported, result):
+    text = without_header(exported("mit-cheetah"))
+    assert number(result.base.parameters().com[0])[:8] in text
+    assert number(result.composite.parameters().com[0])[:8] not in text
+
+
+def test_a_link_of_its_own_is_named(exported):
+    assert exported("urdf", payload_link=True).contents == f"written of link 'equipoise_payload': mass [kg], {LINK}"
+
+
+def test_other_parts_alone_hold_no_body(exported):
+    assert exported("urdf", what="motors").contents == "written of base and composite: no mass, CoM or inertia"
+
+
+@pytest.mark.parametrize("name", [name for name, row in FORMATS.items() if row.file != "model" and name != "usd"])
+def test_the_terminal_states_it_too(name, a1, tmp_path, capsys):
+    make_run(tmp_path / "run", a1)
+    assert main(["export", str(tmp_path / "run"), "--to", name]) == 0
+    assert CONTENTS[name] in " ".join(re.sub(r"^(#|//)? *", "", line) for line in capsys.readouterr().out.splitlines())
+
+
+def test_the_terminal_states_it_of_all_formats_at_once(a1, tmp_path, capsys):
+    make_run(tmp_path / "run", a1)
+    assert main(["export", str(tmp_path / "run"), "--all", "--what", "all"]) == 0
+    printed = capsys.readouterr().out
+    written = [name for name in FORMATS if f"{name}: written of" in printed]
+    assert len(written) >= len(FORMATS) - 2
+    assert all(f"{name}: {CONTENTS[name]}; saved: " in printed for name in written)
+
+
+def test_a_format_of_another_package_states_what_it_declares(result):
+    row = Format(
+        "scale", ("base",), "", False, "a scale", "scale.txt", lambda subject: Written.text([subject.contents], ""),
+        lacks=("base CoM", "base inertia"),
+    )  # fmt: skip
+    x, y, z = Subject(result).base.com
+    assert row.contents(("base",), Subject(result)) == (
+        "written of the base: mass [kg]; there is no place in a scale for the base's inertia and CoM, which "
+        f"is at ({x:.5f}, {y:.5f}, {z:.5f}) m in the frame of that link"
+    )
+    assert np.isfinite([x, y, z]).all()
+
+
+def test_json_says_it_in_a_key(exported):
+    assert json.loads(exported("json").text)["contents"] == CONTENTS["json"]
