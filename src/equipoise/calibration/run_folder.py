@@ -262,7 +262,7 @@ class RunFolder:
                 model["effort_limits"],
                 model.get("home", {}),  # older runs held all else at zero
                 model.get("forward", "+x"),
-                tuple(model.get("imu_sensors", ())),
+                imu_sensors=tuple(model.get("imu_sensors", ())),
             )
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)

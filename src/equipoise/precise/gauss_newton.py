@@ -55,7 +55,7 @@ class NormalEquations:
             damping: multiple of the information's diagonal that is added to it; zero gives the Gauss-Newton step.
         """
         damped = self.information + damping * np.diag(np.diag(self.information))
-        step = -np.linalg.solve(damped, self.gradient)
+        step = np.asarray(-np.linalg.solve(damped, self.gradient), dtype=float)
         return step, float(-step @ (2 * self.gradient + self.information @ step))
 
     def largest_step(self) -> float:
