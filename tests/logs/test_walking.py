@@ -9,7 +9,7 @@ import pytest
 from foreign_logs import columns_of, estimated, shifted, write_csv
 from scipy.spatial.transform import Rotation
 
-from equipoise import Precise, nominal_stance, simulate
+from equipoise import Precise, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import ImuMountingError, LogError, RecordingError, SettingsError
 from equipoise.logs.joint_names import JointMap
@@ -18,6 +18,7 @@ from equipoise.logs.motions import gyroscope
 from equipoise.logs.motions.gyroscope import compare_gyroscope
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.offline import estimate_log
+from equipoise.precise.findings import contradicted
 from equipoise.precise.gauss_newton import solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.walking import gyro_bias_of_walks, up_between_steps
@@ -25,6 +26,7 @@ from equipoise.precise.posterior import MapProblem
 from equipoise.recording.recording import ImuStream, JointStream, Recording
 from equipoise.recording.trials import TwoFeet, WalkTrial, read_trial
 from equipoise.report.contents import run_contents
+from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import components
 from equipoise.robot.model import DIAGONALS
 from equipoise.simulation.gaits.trot import trot
@@ -123,6 +125,19 @@ def test_the_estimate_does_not_depend_on_the_start(a1, stance, found, seed):
     assert converged
     apart = components(problem.unknowns.robot_body(x)) - components(before.robot_body)
     assert np.abs(apart / np.sqrt(np.diag(before.robot_covariance))).max() < 0.2
+
+
+def test_a_walk_widens_priors_only_where_unseen_steps_are_predicted_as_well(a1, trotted, monkeypatch):
+    elsewhere = load_robot("unitree_a1", RobotDescription(imu_position=(0.05, 0.0, 0.0)))
+
+    def contradicts():
+        return any(
+            one.endswith("which the run contradicts") for one in estimated(elsewhere, trotted).result.assumptions
+        )
+
+    assert contradicts()
+    monkeypatch.setattr(contradicted, "_WORSE", 0.0)
+    assert not contradicts()
 
 
 def test_every_walk_states_that_the_height_of_the_imu_is_assumed(found):

@@ -364,16 +364,12 @@ class Precise(Method):
                     lifts_needed=lifts_needed, quiet_feet=self.swings, sway_heard=sway_heard,
                 )  # fmt: skip
 
-            def prediction_error(posterior: Posterior) -> float:
-                predicted = held_out(predict_held_out(evidence, posterior))
-                return 0.0 if predicted is None else predicted.error(FOUND)
-
             # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
             heard = self.legs == "trusted"
-            posterior = estimate_uncontradicted(partial(estimate, sway_heard=heard), self.beliefs, prediction_error)
+            posterior = estimate_uncontradicted(partial(estimate, sway_heard=heard), self.beliefs, evidence)
             witness = None if heard else SwayWitness.of(evidence, posterior)
             if witness is not None and witness.tells:
-                posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), self.beliefs, prediction_error)
+                posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), self.beliefs, evidence)
             return posterior, ()
         return estimate_after(robot, stance, evidence, self.beliefs, self.scale, self.known, lifts_needed)
 

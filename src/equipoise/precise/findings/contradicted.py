@@ -17,11 +17,13 @@ from statistics import NormalDist
 
 import numpy as np
 
+from equipoise.precise.findings.held_out import held_out, predict_held_out
 from equipoise.precise.findings.score import deviate
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.posterior import Posterior, body_jacobian
 from equipoise.precise.unknown import Unknown
 from equipoise.precise.unknowns import Priors
+from equipoise.result.held_out import FOUND
 from equipoise.robot.inertial import COMPONENTS, components
 
 _SUSPECTED = 1.0  # normal deviate: one of six robots whose errors are drawn from the prior
@@ -30,22 +32,18 @@ _TOLD = 0.02  # variance that a run took away at least, in units of the prior: o
 _UNTOLD = 0.8  # share of a prior's variance that a run leaves, beyond which it says next to nothing
 _CENTIMETRE = 0.01  # [m]
 _IXX = COMPONENTS.index("Ixx")
-# A weak conflict is not one where held-out errors grow by this factor. A real walk came to 2.3 to 2.8 normal deviates and 1.09
-# to 1.35 times the error; simulated runs whose file is wrong by centimetres to 6 to 15, whatever the error.
-_PLAIN, _WORSE = 5.0, 1.1
+# Factor by which held-out errors of a walk may grow: a real one, whose steps fit badly, came to 1.09 to 1.35.
+_WORSE = 1.1
 _ROUNDS = 3  # what is wrong may hide something else
 
 
 def estimate_uncontradicted(
-    estimate: Callable[[Priors], Posterior], priors: Priors, prediction_error: Callable[[Posterior], float]
+    estimate: Callable[[Priors], Posterior], priors: Priors, evidence: RunEvidence
 ) -> Posterior:
     """Return an estimate with priors that the run does not contradict: these, or wider ones.
 
-    Wider priors fit every run better. Where the conflict is weak, they are kept only if they predict held-out motions as well.
-
-    Args:
-        estimate: function from priors to the estimate.
-        prediction_error: function from an estimate to its error on held-out motions; zero where there are none.
+    Wider priors fit every run better. A walk hardly determines these rows, and whatever does not fit it moves them: there
+    wider priors are kept only if they predict held-out steps as well.
     """
     posterior = estimate(priors)
     for _ in range(_ROUNDS):
@@ -54,16 +52,26 @@ def estimate_uncontradicted(
             break
         before = posterior.unknowns.priors
         wider = estimate(_otherwise(before, suspected))
-        conflict = _conflict(wider, suspected)
-        if conflict < _CONTRADICTED:
+        if _conflict(wider, suspected) < _CONTRADICTED:
             break
         conflicting = [row for row in suspected if _conflict(wider, [row]) > _SUSPECTED]
         if 0 < len(conflicting) < len(suspected):
             wider = estimate(_otherwise(before, conflicting))
-        if conflict < _PLAIN and prediction_error(wider) > _WORSE * prediction_error(posterior):
+        if _only_walks(posterior, evidence) and _error(wider, evidence) > _WORSE * _error(posterior, evidence):
             break
         posterior = wider
     return posterior
+
+
+def _only_walks(posterior: Posterior, evidence: RunEvidence) -> bool:
+    """Return whether no motion on two feet is a lift."""
+    return all(evidence.motions[lift.motion].steps for lift in posterior.lifts)
+
+
+def _error(posterior: Posterior, evidence: RunEvidence) -> float:
+    """Return the root mean square error of held-out steps [m]."""
+    predicted = held_out(predict_held_out(evidence, posterior))
+    return 0.0 if predicted is None else predicted.error(FOUND)
 
 
 def _otherwise(priors: Priors, rows: Sequence[Unknown]) -> Priors:
@@ -109,8 +117,7 @@ def assumed_imu_position(posterior: Posterior, evidence: RunEvidence) -> tuple[s
     if unknowns.belief is not None or not any(row.name == "imu_position" for row in _asked(posterior)):
         return ()
     height = unknowns["imu_position"].stop - 1
-    walks = all(evidence.motions[lift.motion].steps for lift in posterior.lifts)
-    if posterior.covariance[height, height] < _UNTOLD and not walks:
+    if posterior.covariance[height, height] < _UNTOLD and not _only_walks(posterior, evidence):
         return ()
     moved = body_jacobian(unknowns, posterior.x, unknowns.robot_body) @ posterior.covariance[:, height]
     share = abs(moved[_IXX] / components(posterior.robot_body)[_IXX]) * _CENTIMETRE / unknowns.scale[height]
