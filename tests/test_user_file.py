@@ -174,7 +174,7 @@ def test_what_is_no_regular_file_is_named_and_not_read(tmp_path, monkeypatch, ma
     (b"<!DOCTYPE sdf><sdf/>", "an SDF model"),
     (b"<html></html>", "an XML file"),
     (b"\x89MCAP0\r\n\x00", "an MCAP recording"),
-    (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer, whose content was not downloaded"),
+    (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer: run `git lfs pull` in its repository"),
     (b'{\n  "schema": "equipoise.calibration/3"}', "the result of a calibration"),
     (b'{"schema": "equipoise.run/3"}', "a JSON file"),
     (b"[1, 2]", "a JSON file"),

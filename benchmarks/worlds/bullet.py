@@ -37,7 +37,7 @@ class BulletPlatform(SimulatedPlatform):
 
     LACKS: ClassVar[tuple[str, ...]] = (
         "springs", "spring_spread", "backlash", "rotor_spin", "armature", "foot_stiffness", "rolling_friction",
-        "torsional_friction", "foothold_height", "floor_slope", "cable", "swinging_load",
+        "torsional_friction", "foothold_height", "floor_slope", "cable", "swinging_load", "sling", "foot_width",
     )  # fmt: skip
 
     def __init__(self, robot: RobotModel, stance: Stance, errors: DrawnErrors, payload: Payload | None) -> None:

@@ -27,12 +27,14 @@ _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
 )
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+_IS_LFS_POINTER = "a Git LFS pointer: run `git lfs pull` in its repository"
 _HEAD = 65536  # bytes that are read to recognise a file
 _PROLOGUE = rb"(?:\xef\xbb\xbf)?(?:\s|<\?.*?\?>|<!--.*?-->|<![^>]*>)*"
 _CONTENTS = (
     (rb"$", "an empty file"),
     (rb"\x89MCAP", "an MCAP recording"),
-    (rb"version https://git-lfs", "a Git LFS pointer, whose content was not downloaded"),
+    (_LFS_POINTER, _IS_LFS_POINTER),
     (_PROLOGUE + rb"<robot\b[^>]*xmlns:xacro", "a xacro file"),
     (_PROLOGUE + rb"<robot\b", "a URDF robot model"),
     (_PROLOGUE + rb"<mujoco\b", "an MJCF robot model"),
@@ -42,9 +44,6 @@ _CONTENTS = (
     (rb"\s*[\[{]", "a JSON file"),
     (rb".*\x00", "a binary file"),
 )
-
-
-_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
 
 class UnreadableError(OSError):
@@ -69,7 +68,7 @@ def refuse_unreadable(path: str | Path) -> None:
             raise UnreadableError(errno.EINVAL, f"it is {kind}; save its content as a regular file, and give that")
     with open(path, "rb") as file:
         if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
-            raise UnreadableError(errno.EINVAL, "it is a Git LFS pointer: run `git lfs pull` in its repository")
+            raise UnreadableError(errno.EINVAL, f"it is {_IS_LFS_POINTER}")
 
 
 def read_bytes(path: str | Path) -> bytes:

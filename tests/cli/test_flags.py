@@ -54,8 +54,9 @@ WORDS = {
     "tcp://HOST:PORT": "tcp://192.168.1.2:8786",
 }
 FILES = {"PATH": "settings.toml", "FILE": "settings.toml", "RUN": "run", "FILE.rrd": "run.rrd", "MODEL": "run"}
-OWN = {"--methods": "static,paper", "--only": "joint_zero,imu_tilt", "--t-thres": "2s"}
-BESIDE = {"--mass-sd": ["--mass", "12"]}  # which a flag needs
+OWN = {"--mass-sd": "0.1", "--methods": "static,paper", "--only": "joint_zero,imu_tilt", "--t-thres": "2s"}
+BESIDE = {"--mass-sd": ["--mass", "12"], "--confirm-mass": ["--mass", "12"]}  # which a flag needs
+WEIGHED = {"--confirm-mass": ["--scale", "12"]}  # the same of `weigh`
 ALONE = ("--resume", "--method", "--what", "--methods", "--platform")  # not with others of their kind
 LINE = re.compile(r"^  (?:(-\w), )?(--[a-z][\w-]*)((?: \S+)*?)(?:  .*)?$", re.MULTILINE)
 
@@ -128,7 +129,8 @@ def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
     given = [word for word in words if word.startswith("--")]
     for flag, metavar in shown:
         for values in [] if given and flag in ALONE else values_of(flag, metavar):
-            assert main([*words, *BESIDE.get(flag, ()), flag, *values]) == 0, (flag, values, capsys.readouterr().err)
+            beside = (BESIDE | WEIGHED if words[0] == "weigh" else BESIDE).get(flag, ())
+            assert main([*words, *beside, flag, *values]) == 0, (flag, values, capsys.readouterr().err)
             assert read
 
 

@@ -127,7 +127,7 @@ def test_what_is_doubted_keeps_its_numbers_and_is_neither_identified_nor_weak():
     sure = np.diag(np.repeat([1e-12, 1.0, 1e-7], [1, 1, 8]))
     body = Body.known(BASE, sure, np.full(10, 1.5e-3), TRUE).with_truth(TRUE)
     assert {quantity.verdict for quantity in body} == {"identified", "weak", "not identified"}
-    doubted = body.doubted(np.zeros(10))
+    doubted = body.doubted()
     assert [one.verdict for one in doubted] == [
         "not identified" if one.verdict == "not identified" else "doubtful" for one in body
     ]
@@ -149,4 +149,4 @@ def test_a_doubted_body_has_standard_deviations_of_at_least_what_is_given():
 
 
 def test_a_doubted_body_without_verdicts_has_none_still():
-    assert {quantity.verdict for quantity in Body.partly(mass=6.0).doubted(np.zeros(10))} == {None}
+    assert {quantity.verdict for quantity in Body.partly(mass=6.0).doubted()} == {None}

@@ -75,7 +75,7 @@ def calibrate(
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
     if doubt is not None and not (confirm is not None and confirm(doubt.sentence)):
         raise UnconfirmedMassError(
-            f"{doubt.sentence}; nothing but standing was commanded. Weigh the robot again, or give no mass; if the mass is "
+            f"{doubt.sentence}; no foot was lifted. Weigh the robot again, or give no mass; if the mass is "
             "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",
             doubt,
             {"mass_comparison": doubt.to_dict()},

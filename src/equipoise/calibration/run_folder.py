@@ -132,7 +132,7 @@ class RunFolder:
         path = Path(path)
         if path.is_file() and (path.parent / HEADER).is_file():
             raise RecordingError(f"{str(path)!r} is a file of a run; give the run's folder, {str(path.parent)!r}")
-        if not (path / HEADER).is_file():
+        if not (path / HEADER).exists():
             without = f" without {HEADER}" if path.is_dir() else ""
             raise RecordingError(f"{str(path)!r} {kind_of(path)}{without}; name the run folder of a calibration")
         header = _read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")

@@ -397,7 +397,7 @@ def _torques_carry_the_mass(posterior: Posterior, masses: MassComparison | None)
     agree = masses is None or not masses.disagrees
     passed = agree and size < _IMPLAUSIBLE and posterior.torque_misfit < _TORQUE_MISFIT
     if not passed:
-        message += ". Is the mass from the scale right, and are the reported torques those of the joints in Nm?"
+        message += f". The given mass is wrong, the reported torques are not those of the joints in Nm, or {_OUTSIDE}"
     return Check("mass", passed, message)
 
 

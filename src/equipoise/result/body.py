@@ -227,7 +227,7 @@ class Body(_Group):
             )
         return InertialParameters.from_components(self.values)
 
-    def doubted(self, least: FloatArray) -> Body:
+    def doubted(self, least: FloatArray | float = 0.0) -> Body:
         """Return the body as a run gives it of which a check failed.
 
         Args:

@@ -8,7 +8,7 @@ from typing import Any
 from equipoise.errors import ReachError
 from equipoise.robot.bodies import RigidBody, bodies_of, links_of
 from equipoise.robot.findings import ModelFinding, find
-from equipoise.robot.imu import Imu
+from equipoise.robot.imu import ImuPose
 from equipoise.robot.inertial import InertialParameters, base_parameters, nominal_inertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, nominal_stance
@@ -43,7 +43,7 @@ class Audit:
     joint_names: tuple[str, ...]
     bodies: tuple[RigidBody, ...]
     findings: tuple[ModelFinding, ...]
-    imu: Imu
+    imu: ImuPose
 
     @property
     def ratio_composite_over_base(self) -> tuple[float, float, float] | None:

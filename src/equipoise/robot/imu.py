@@ -28,7 +28,7 @@ _SMALL_ANGLE = 1e-6  # [rad]
 
 
 @dataclass(frozen=True, eq=False)
-class Imu:
+class ImuPose:
     """The pose of the IMU in the base frame, and where it comes from.
 
     Attributes:
@@ -93,7 +93,7 @@ class Imu:
         }
 
 
-def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[str], base_link: str) -> Imu:
+def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[str], base_link: str) -> ImuPose:
     """Find the pose of the IMU: described, of a frame on the base that is named like an IMU, or the origin of the base.
 
     Args:
@@ -119,7 +119,7 @@ def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[
     by_sensor = [name for name in frames if name in sensors]
     by_name = [name for name in frames if name not in sensors and _looks_like_imu(name)]
     proposed = () if named else (*by_sensor, *by_name)
-    return Imu(placement, base_link, frame, described, others, proposed)
+    return ImuPose(placement, base_link, frame, described, others, proposed)
 
 
 def frames_on_base(model: pin.Model) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from equipoise.errors import ModelError, ModelWarning, SettingsError
 from equipoise.robot.cleaning.urdf import LIGHTEST_BASE, NEGLIGIBLE_MASS_FRACTION
 from equipoise.robot.description import LEG_NAMES, RobotDescription
 from equipoise.robot.forward import forward_axis, turned
-from equipoise.robot.imu import Imu, find_imu
+from equipoise.robot.imu import ImuPose, find_imu
 from equipoise.robot.legs import Leg, add_legs, leg_length
 from equipoise.robot.limits import joint_index, limits_not_mirrored, position_limits, refuse_degrees
 from equipoise.robot.links import refuse_other_units
@@ -188,7 +188,7 @@ class RobotModel:
         return pin.SE3(self.imu.placement)
 
     @cached_property
-    def imu(self) -> Imu:
+    def imu(self) -> ImuPose:
         """Pose of the IMU, and where it comes from."""
         return find_imu(self.pinocchio, self.description, self.source.imu_sensors, self.base_link)
 
