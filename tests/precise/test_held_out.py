@@ -10,7 +10,7 @@ from equipoise import Calibration
 from equipoise.errors import RecordingError
 from equipoise.precise.blocks.tilt import TiltBlock
 from equipoise.precise.blocks.torque import TorqueBlock
-from equipoise.precise.checks import judge
+from equipoise.precise.checks import HELD_OUT_CHECK, judge
 from equipoise.precise.findings.held_out import folds_of, tilt_errors
 from equipoise.precise.gauss_newton import descend
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
@@ -111,14 +111,15 @@ def test_an_estimate_that_predicts_worse_than_the_model_file_is_refused(precise_
         tuple(replace(lift, errors={MODEL: lift.errors[FOUND], FOUND: lift.errors[MODEL]}) for lift in predicted.lifts)
     )
     found, file = (f"{1000 * exchanged.error(body):.2f}" for body in (FOUND, MODEL))
-    _refuse_worse_than_file(predicted, [])
-    _refuse_worse_than_file(HeldOut(exchanged.lifts[:3]), [])
+    passed, failed = (Check(HELD_OUT_CHECK, passes, "predicted badly") for passes in (True, False))
+    _refuse_worse_than_file(predicted, [failed])
+    _refuse_worse_than_file(exchanged, [passed])  # worse by chance
     with pytest.raises(
         RecordingError, match=f"no estimate is shown.*within {found} mm rms, the model file within {file}"
     ):
-        _refuse_worse_than_file(exchanged, [])
-    with pytest.raises(RecordingError, match="Checks that failed: lifts: they do not fit"):
-        _refuse_worse_than_file(exchanged, [Check("lifts", False, "they do not fit"), Check("halves", True, "fine")])
+        _refuse_worse_than_file(exchanged, [failed])
+    with pytest.raises(RecordingError, match="Checks that failed: lifts: bad; held out: predicted badly"):
+        _refuse_worse_than_file(exchanged, [Check("lifts", False, "bad"), failed, Check("halves", True, "fine")])
 
 
 def test_it_is_in_the_json_form(precise_run, tmp_path):

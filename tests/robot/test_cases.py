@@ -291,12 +291,26 @@ def test_a_single_centre_of_mass_in_millimetres_is_refused(refusal, link):
     assert message.endswith(f"it looks like millimetres; divide by 1000 the centres of mass of {link}")
 
 
+@pytest.mark.parametrize(("link", "shown"), [("trunk", "2"), ("FL_thigh", "4")])
+def test_a_single_centre_of_mass_that_may_be_in_either_unit_is_refused_with_both(refusal, link, shown):
+    message = refusal(cases.with_coms_times(cases.urdf(), 100, link))
+    assert f"link {link!r} is {shown}" in message
+    assert message.endswith(f"like centimetres or millimetres; divide by 100 or 1000 the centres of mass of {link}")
+
+
 @pytest.mark.parametrize(("unit", "power"), [("kg cm2", 4), ("kg mm2", 6), ("g cm2", 7), ("g mm2", 9)])
 @pytest.mark.parametrize("link", [r"\w+", "trunk"])
 def test_inertias_in_another_unit_are_refused_with_the_factor(refusal, unit, power, link):
     message = refusal(cases.with_inertias_times(cases.urdf(), 10.0**power, link))
     assert f"it looks like {unit}; divide by 1e{power} the inertias of trunk" in message
     assert message.endswith("all other links" if link != "trunk" else "of trunk, which gives kg m2")
+
+
+@pytest.mark.parametrize("power", [7, 9])
+def test_those_of_light_links_are_refused_without_a_guess(refusal, power):
+    text = cases.urdf().replace('ixx="8e-06"', 'ixx="7.5e-06"')  # of equal moments it is a placeholder
+    message = refusal(cases.with_inertias_times(text, 10.0**power, r"\w+_foot"))
+    assert "give the inertias of FL_foot, FR_foot, RL_foot, RR_foot in kg m2 (1 kg cm2 is 1e-4" in message
 
 
 def test_an_inertia_that_no_body_can_have_is_in_no_unit(load):

@@ -15,7 +15,7 @@ from equipoise.precise.measurements.support_planes import com_by_planes
 from equipoise.precise.posterior import Misfit, Posterior, body_jacobian, prior_rows
 from equipoise.recording.trials import DesignedLift, LiftTrial
 from equipoise.result.findings import Check
-from equipoise.result.held_out import FOUND, HeldOut
+from equipoise.result.held_out import FOUND, MODEL, HeldOut
 from equipoise.result.mass_comparison import MassComparison
 from equipoise.result.shown import called
 from equipoise.result.statistics import NORMAL_95
@@ -48,6 +48,7 @@ _IMPOSSIBLE = 3.0  # standard deviations below zero: clean runs come to 1.1, fee
 # What an estimate without a word for it takes for something else.
 _OUTSIDE = "a safety sling, hose or cable carries load"
 _SHAPES = f"feet are wide or worn flat, a load swings or flows, or {_OUTSIDE}"
+HELD_OUT_CHECK = "held out"
 _SAYS_NOTHING = 0.02  # [m] on an A1: a sway about one axis does not tell the place along it
 
 
@@ -218,12 +219,14 @@ def _predicts(predicted: HeldOut) -> Check:
     message = (
         f"{predicted.sentence()}; errors are {size:.1f} times their standard deviation, {limit:.1f} by chance at most"
     )
+    if passed and predicted.error(FOUND) > predicted.error(MODEL):
+        message += ". The model file predicts them as well: the run is too short to distinguish the robot from its file"
     if not passed:
         message += (
             ". One posture contradicts the others: the legs are not the model's (lengths, hips), something bends or swings, a "
             f"foot slips, {_OUTSIDE}, or the floor is uneven"
         )
-    return Check("held out", passed, message)
+    return Check(HELD_OUT_CHECK, passed, message)
 
 
 def _rms_by_chance(count: int) -> float:
@@ -364,7 +367,9 @@ def _physically_possible(posterior: Posterior) -> Check:
     shown = [f"{name} ({size:+.1f} standard deviations)" for size, name in lowest]
     negative = [words for words, (size, _) in zip(shown, lowest, strict=True) if size < -_IMPOSSIBLE]
     if not negative:
-        return Check("physical parameters", True, f"none is negative; lowest: {shown[0]}")
+        return Check(
+            "physical parameters", True, f"none is negative by {_IMPOSSIBLE:g} standard deviations; lowest: {shown[0]}"
+        )
     message = f"negative, which is impossible: {', '.join(negative)}. Possible causes: {_SHAPES}"
     return Check("physical parameters", False, message)
 

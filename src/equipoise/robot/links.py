@@ -24,6 +24,7 @@ _CENTIMETRES = 50.0  # [m] of leg below which the unit is open: millimetres woul
 _MATTERS = 0.01  # of the robot's mass; lighter links may have any placeholder for an inertia
 _FARTHEST_COM = 2.0  # robot sizes from a link's joint to its centre of mass; those of the catalogue have at most 0.3
 _MILLIMETRES = 20.0  # robot sizes beyond which the farthest CoM is in millimetres; in centimetres they are 4 to 15
+_ABSURD_RADIUS = 40.0  # the same of light links, whose placeholders come to 25
 _LARGEST_RADIUS = 5.0  # radii of gyration over a link's length; in the smallest wrong unit, kg cm2, they are 10 to 50
 _USUAL_RADIUS = 0.27  # of a link's length: median of the catalogue
 _INERTIA_UNITS = {"kg cm2": 4, "kg mm2": 6, "g cm2": 7, "g mm2": 9}  # powers of ten in a kg m2
@@ -107,10 +108,14 @@ def refuse_other_units(model: pin.Model, leg_length: float, hips: FloatArray, so
         )
     links = list(file_links(model))
     repaired = {link.name for link in links if any(text.startswith(f"link {link.name!r} ") for text in source.repairs)}
-    heavy = [link for link in links if link.inertia.mass > _MATTERS * mass and link.name not in repaired]
+    limits = {
+        link.name: _LARGEST_RADIUS if link.inertia.mass > _MATTERS * mass else _ABSURD_RADIUS
+        for link in links
+        if link.name not in repaired
+    }
     trunk = 2 * float(np.linalg.norm(hips - hips.mean(axis=0), axis=1).mean())
     _refuse_far_coms(links, trunk + leg_length, hips.mean(axis=0), path)
-    _refuse_large_inertias(heavy, trunk, leg_length / 2, path)
+    _refuse_large_inertias(links, limits, trunk, leg_length / 2, path)
 
 
 def _refuse_far_coms(links: list[FileLink], size: float, middle: FloatArray, path: Path) -> None:
@@ -121,34 +126,45 @@ def _refuse_far_coms(links: list[FileLink], size: float, middle: FloatArray, pat
         return
     worst = max(far, key=lambda name: far[name])
     most = 2 * len(far) > len(links)
-    unit, factor = ("centimetres", 100) if most and far[worst] < _MILLIMETRES * size else ("millimetres", 1000)
+    unit, factor = "millimetres", "1000"
+    if far[worst] < _MILLIMETRES * size:  # of one link alone that may be its millimetres, too
+        unit, factor = ("centimetres", "100") if most else ("centimetres or millimetres", "100 or 1000")
     raise ModelError(
-        f"robot model {str(path)!r}: the centre of mass of link {worst!r} is {far[worst]:.4g} m from its joint, on a robot of "
+        f"robot model {str(path)!r}: the centre of mass of link {worst!r} is {far[worst]:.4g} m away, on a robot of "
         f"{size:.2g} m: it looks like {unit}; divide by {factor} the centres of mass of {', '.join(far)}"
         + (", and of all other links" if most else "")
     )
 
 
-def _refuse_large_inertias(links: list[FileLink], trunk: float, limb: float, path: Path) -> None:
-    """`trunk` and `limb` are the lengths of the base and of a leg link [m]."""
+def _refuse_large_inertias(
+    links: list[FileLink], limits: dict[str, float], trunk: float, limb: float, path: Path
+) -> None:
+    """Refuse radii of gyration beyond a link's limit, over the lengths `trunk` and `limb` of the base and a leg link [m]."""
     ratios: dict[str, float] = {}
     for link in links:
         inertia, length = np.array(link.inertia.inertia), trunk if link.joint == 1 else limb
         moments = np.asarray(np.linalg.eigvalsh(inertia), dtype=float)
         physical, made_up = moments[2] <= 1.001 * (moments[0] + moments[1]), equal_round_moment(inertia) is not None
         radius = radius_of_gyration_of(link.inertia.mass, moments)
-        if physical and not made_up and radius > _LARGEST_RADIUS * length:
+        if physical and not made_up and radius > limits.get(link.name, math.inf) * length:
             ratios[link.name] = radius / length
     if not ratios:
         return
+    worst, named = max(ratios, key=lambda name: ratios[name]), ", ".join(ratios)
+    found = (
+        f"robot model {str(path)!r}: the inertia of link {worst!r} has a radius of gyration of {ratios[worst]:.3g} times the "
+        "link's length"
+    )
+    if all(limits[name] > _LARGEST_RADIUS for name in ratios):  # of feet and the like the size is not known
+        raise ModelError(
+            f"{found}: give the inertias of {named} in kg m2 (1 kg cm2 is 1e-4, 1 g cm2 is 1e-7, 1 g mm2 is 1e-9 kg m2)"
+        )
     # A radius of gyration goes with the root of the inertia: half the power of ten is missing.
     power = 2 * math.log10(float(np.median(list(ratios.values()))) / _USUAL_RADIUS)
     unit = min(_INERTIA_UNITS, key=lambda unit: abs(power - _INERTIA_UNITS[unit]))
     if abs(power - _INERTIA_UNITS[unit]) > 1:
         return  # not in a known unit: the audit names it
-    worst = max(ratios, key=lambda name: ratios[name])
     raise ModelError(
-        f"robot model {str(path)!r}: the inertia of link {worst!r} has a radius of gyration of {ratios[worst]:.3g} times the "
-        f"link's length: it looks like {unit}; divide by 1e{_INERTIA_UNITS[unit]} the inertias of {', '.join(ratios)}, "
-        "which gives kg m2" + (", and of all other links" if 2 * len(ratios) > len(links) else "")
+        f"{found}: it looks like {unit}; divide by 1e{_INERTIA_UNITS[unit]} the inertias of {named}, which gives kg m2"
+        + (", and of all other links" if 2 * len(ratios) > len(links) else "")
     )

@@ -18,7 +18,9 @@ from equipoise.errors import ModelError
 from equipoise.robot.cleaning.size import refuse_immense
 from equipoise.robot.cleaning.urdf import clean_urdf
 from equipoise.robot.cleaning.urdf_joints import Coupling, couplings_of, fix_locked_joints
-from equipoise.user_file import read_bytes
+from equipoise.user_file import kind_of, read_bytes
+
+_OTHER_KINDS = ("is a binary file", "is a JSON file", "is an MCAP recording", "is the result of a calibration")
 
 ModelFormat = Literal["urdf", "mjcf"]
 Forward = Literal["+x", "+y", "-x", "-y"]
@@ -101,7 +103,9 @@ def parse_model_source(content: bytes, path: Path, base_link: str | None = None)
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, ValueError) as error:
-        raise ModelError(f"robot model {str(path)!r} is not valid XML: {error}") from error
+        kind = kind_of(path)
+        what = f"{kind}, not URDF or MJCF" if kind in _OTHER_KINDS else f"is not valid XML: {error}"
+        raise ModelError(f"robot model {str(path)!r} {what}") from error
     refuse_immense(root, path)
     sha256 = hashlib.sha256(content).hexdigest()
     if any("xacro}" in element.tag for element in root.iter()):

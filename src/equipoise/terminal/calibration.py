@@ -96,11 +96,11 @@ def print_calibration(
 
 
 def _next_steps(result: Calibration, files: Sequence[Path], kept: Path | None) -> list[str]:
-    """What to do with files that were saved; a result of which something is not estimated cannot be exported."""
+    """What to do with files that were saved; one that is doubtful, or not wholly estimated, is not exported."""
     said = [f"see {file}" for file in files if file.suffix == ".html"]
     if kept is None:
         return said
-    if all(quantity.value is not None for quantity in result.base):
+    if result.trustworthy and all(quantity.value is not None for quantity in result.base):
         alone = kept.is_file() and not (kept.parent / HEADER).exists()
         model = f" --file {typed(result.robot_model.source.path)}" if alone and result.robot_model is not None else ""
         said.append(f"export with: equipoise export {typed(kept)} --to {result.model['format']}{model}")
