@@ -22,7 +22,7 @@ STATIC = ["--method", "static", "--noise", "ideal", "--no-report", "--no-picture
 
 @pytest.fixture(autouse=True)
 def script(monkeypatch):
-    """Nobody is at the terminal."""
+    """Replace the terminal by a closed standard input: there is no operator."""
     monkeypatch.setattr(sys, "stdin", io.StringIO())
 
 
@@ -121,7 +121,7 @@ def test_an_operator_is_asked(with_bno, tmp_path, answer, frame, position):
 def test_an_answer_that_is_no_frame_of_the_base_is_refused(with_bno, tmp_path):
     run, _, error = answered(with_bno, tmp_path / "run", "bno08")
     assert run == 2
-    assert "imu_frame is 'bno08', which is no frame of the base; did you mean 'bno085'?" in error
+    assert "imu_frame is 'bno08', which is not a frame of the base; did you mean 'bno085'?" in error
 
 
 def answered(robot, out, answer):

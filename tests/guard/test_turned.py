@@ -7,8 +7,8 @@ import pytest
 from guarded import SLOW, Seen, assert_put_down, simulated
 
 from equipoise import nominal_stance
-from equipoise.cli import told as told_module
-from equipoise.cli.told import EnterPressed
+from equipoise.cli import operator_prompt
+from equipoise.cli.operator_prompt import EnterPressed
 from equipoise.errors import FallError, MotionError
 from equipoise.experiments import turn as turn_module
 from equipoise.experiments.stand import stand_up
@@ -146,8 +146,8 @@ class Terminal:
 def test_enter_is_heard_and_never_waited_for(monkeypatch, capsys):
     terminal = Terminal("\n", "")
     ready = [False, False, True, True]
-    monkeypatch.setattr(told_module.sys, "stdin", terminal)
-    monkeypatch.setattr(told_module.select, "select", lambda *given: ([terminal] if ready.pop(0) else [], [], []))
+    monkeypatch.setattr(operator_prompt.sys, "stdin", terminal)
+    monkeypatch.setattr(operator_prompt.select, "select", lambda *given: ([terminal] if ready.pop(0) else [], [], []))
     told = EnterPressed()
     assert [told(), told(), told()] == [False, False, True]
     assert capsys.readouterr().err.count("press Enter") == 1

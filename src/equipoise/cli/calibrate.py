@@ -33,10 +33,10 @@ from equipoise.cli.flags import (
     load,
 )
 from equipoise.cli.methods import method_asked_for, method_flags, owners, read_method, refuse_flags_of_other_methods
+from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.report import if_installed
 from equipoise.cli.session import Place, Session, confirm
 from equipoise.cli.settings import Verb, chosen, flag_types, shaped, unknown_flags
-from equipoise.cli.told import with_known_imu
 from equipoise.cli.view import DEFAULT_PORT, RerunFile, ViewPort, Watch
 from equipoise.errors import SettingsError
 from equipoise.user_file import write_file

@@ -35,8 +35,8 @@ from equipoise.cli.methods import (
     read_method,
     refuse_flags_of_other_methods,
 )
+from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.settings import Verb, chosen, flags_class, given_flags, seconds, settings_of, shaped
-from equipoise.cli.told import with_known_imu
 from equipoise.errors import LogError, ModelError, RecordingError, SettingsError
 from equipoise.logs.topics import Topics
 

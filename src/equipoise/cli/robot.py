@@ -25,8 +25,8 @@ from equipoise.cli.flags import (
     connected,
     load,
 )
+from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.settings import seconds
-from equipoise.cli.told import with_known_imu
 from equipoise.errors import OutputError, SettingsError
 from equipoise.user_file import made_folder, typed
 

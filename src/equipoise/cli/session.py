@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from equipoise.cli.told import EnterPressed, mass_confirmed
+from equipoise.cli.operator_prompt import EnterPressed, mass_confirmed
 from equipoise.errors import MotionError, ResumeError, SettingsError
 
 if TYPE_CHECKING:

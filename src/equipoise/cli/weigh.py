@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from equipoise.cli.calibrate import begun, placed, run_into
 from equipoise.cli.flags import Described, File, Output, Required, Robot, RobotFlags, exit_code, interruption_told, load
+from equipoise.cli.operator_prompt import with_known_imu
 from equipoise.cli.session import Session, confirm
 from equipoise.cli.settings import SettingFlag, Verb, flags_class, given_flags, settings_of
-from equipoise.cli.told import with_known_imu
 from equipoise.errors import RecordingError, SettingsError
 from equipoise.user_file import write_file
 

@@ -39,6 +39,7 @@ class ImuPose:
         others: names of further frames that are named like an IMU.
         proposed: names of frames that may be the IMU's and are not taken: an IMU sensor of the file reads them, or they are
             named after an IMU.
+        frames: names of all links and sites that are fixed to the base.
     """
 
     placement: pin.SE3
@@ -47,6 +48,7 @@ class ImuPose:
     described: tuple[str, ...]
     others: tuple[str, ...]
     proposed: tuple[str, ...]
+    frames: tuple[str, ...]
 
     @property
     def is_assumed(self) -> bool:
@@ -119,12 +121,7 @@ def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[
     by_sensor = [name for name in frames if name in sensors]
     by_name = [name for name in frames if name not in sensors and _looks_like_imu(name)]
     proposed = () if named else (*by_sensor, *by_name)
-    return ImuPose(placement, base_link, frame, described, others, proposed)
-
-
-def frames_on_base(model: pin.Model) -> tuple[str, ...]:
-    """Names of the links and sites that are fixed to the base."""
-    return tuple(_frames_on_base(model))
+    return ImuPose(placement, base_link, frame, described, others, proposed, tuple(frames))
 
 
 def _frames_on_base(model: pin.Model) -> dict[str, pin.SE3]:
@@ -163,7 +160,9 @@ def _not_on_base(model: pin.Model, frame: str, frames: dict[str, pin.SE3]) -> Se
     if model.existFrame(frame):
         return SettingsError(f"imu_frame is {frame!r}, which is not fixed to the base: give a frame of the base link")
     known = did_you_mean(frame, frames)
-    return SettingsError(f"imu_frame is {frame!r}, which is no frame of the base; {known}those are {', '.join(frames)}")
+    return SettingsError(
+        f"imu_frame is {frame!r}, which is not a frame of the base; {known}those are {', '.join(frames)}"
+    )
 
 
 def _millimetres(placement: pin.SE3) -> str:

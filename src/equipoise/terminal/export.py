@@ -43,7 +43,7 @@ def print_formats(known: Mapping[str, Format | EquipoiseError]) -> None:
 def print_exports(
     written: Mapping[str, Export], paths: Mapping[str, Path], refused: Mapping[str, EquipoiseError]
 ) -> None:
-    """Print what each file holds and what speaks against it, each sentence once; what was not written, and why."""
+    """Print what each file holds and its warnings, each sentence once; then what was not written, with the reason."""
     console = Console()
     for note in dict.fromkeys(note for one in written.values() for note in one.notes):
         console.print(f"[yellow]warning:[/yellow] {escape(note)}", soft_wrap=True)

@@ -74,7 +74,7 @@ def with_known_imu(model: RobotModel, simulated: bool = False) -> RobotModel:
     A simulated IMU is where the model is assumed to have it: only a frame that may be the IMU's is asked about.
 
     Raises:
-        SettingsError: its pose is not known, and there is no operator, or the answer is no frame of the base.
+        SettingsError: its pose is not known, and there is no operator, or the answer is not a frame of the base.
     """
     imu = model.imu
     if imu.is_assumed and (imu.proposed or not simulated):
@@ -85,23 +85,19 @@ def with_known_imu(model: RobotModel, simulated: bool = False) -> RobotModel:
 
 
 def _flags(model: RobotModel) -> str:
-    from equipoise.robot.imu import frames_on_base
-
     frame = model.imu.proposed[0] if model.imu.proposed else "NAME"
     return (
-        f"Give --imu-frame {frame} (frames of the base: {', '.join(frames_on_base(model.pinocchio))}), or, if the IMU is at "
+        f"Give --imu-frame {frame} (frames of the base: {', '.join(model.imu.frames)}), or, if the IMU is at "
         "the origin of the base, --imu-position 0 0 0"
     )
 
 
 def _answer(model: RobotModel) -> str:
-    from equipoise.robot.imu import frames_on_base
-
     imu = model.imu
     proposal = f", or press Enter for {imu.proposed[0]!r}" if imu.proposed else ""
     print(
         f"The pose of the IMU is not known: {imu.reason}.\n"
-        f"Frames of the base: {', '.join(frames_on_base(model.pinocchio))}.\n"
+        f"Frames of the base: {', '.join(imu.frames)}.\n"
         f"Type the name of the IMU's frame, or '{_ORIGIN}' if it is at the origin of the base{proposal}: ",
         end="", file=sys.stderr, flush=True,
     )  # fmt: skip
@@ -114,5 +110,5 @@ def _answer(model: RobotModel) -> str:
 def _described(model: RobotModel, answer: str) -> RobotModel:
     said: dict[str, Any] = {"imu_position": (0.0, 0.0, 0.0)} if answer == _ORIGIN else {"imu_frame": answer}
     described = dataclasses.replace(model, description=dataclasses.replace(model.description, **said))
-    assert described.imu.described  # raises SettingsError where there is no such frame
+    _ = described.imu  # raises SettingsError if there is no such frame
     return described
