@@ -53,6 +53,11 @@ class UnreadableError(OSError):
         return self.strerror or ""
 
 
+def _irregular_kind(mode: int) -> str | None:
+    """Return what a path of this mode is, in words; None for a regular file."""
+    return next((kind for is_kind, kind in _KINDS if is_kind(mode)), None)
+
+
 def refuse_unreadable(path: str | Path) -> None:
     """Refuse a path at which a reader would block or misread: a pipe, a device, a socket, a Git LFS pointer.
 
@@ -63,9 +68,8 @@ def refuse_unreadable(path: str | Path) -> None:
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         return
-    for is_kind, kind in _KINDS:
-        if is_kind(mode):
-            raise UnreadableError(errno.EINVAL, f"it is {kind}; save its content as a regular file, and give that")
+    if kind := _irregular_kind(mode):
+        raise UnreadableError(errno.EINVAL, f"it is {kind}; save its content as a regular file, and give that")
     with open(path, "rb") as file:
         if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
             raise UnreadableError(errno.EINVAL, f"it is {_IS_LFS_POINTER}")
@@ -138,9 +142,8 @@ def kind_of(path: str | Path) -> str:
     path = Path(path)
     try:
         mode = path.stat().st_mode
-        for is_kind, kind in _KINDS:
-            if is_kind(mode):
-                return f"is {kind}"
+        if kind := _irregular_kind(mode):
+            return f"is {kind}"
         with open(path, "rb") as file:
             head = file.read(_HEAD)
     except (FileNotFoundError, NotADirectoryError):
@@ -184,9 +187,8 @@ def replaceable(path: Path, what: str = "") -> int | None:
                 "name another file"
             ) from None
         return None
-    for is_kind, kind in _KINDS:
-        if is_kind(mode):
-            raise OutputError(
-                f"cannot write {what}{str(path)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
-            )
+    if kind := _irregular_kind(mode):
+        raise OutputError(
+            f"cannot write {what}{str(path)!r}: it is {kind}, which no result replaces; name a regular file, or a new one"
+        )
     return stat.S_IMODE(mode)

@@ -35,4 +35,4 @@ def dip(planted: PlantedRobot, stance: Stance) -> tuple[Recording, Recording]:
 def _rest_at(planted: PlantedRobot, feet_in_base: np.ndarray, settings: LiftSettings) -> Recording:
     time = planted.move_time(feet_in_base, planted.target.feet_in_base, settings.move_time)
     motion = planted.motion().phase(Phase.MOVE).move_feet(feet_in_base, time)
-    return come_to_rest(planted, motion, settings, "before its mass is compared").phase(Phase.REST)
+    return come_to_rest(planted, motion, settings, "before its mass is compared")

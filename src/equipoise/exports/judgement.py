@@ -171,7 +171,7 @@ def _bounds(subject: Subject) -> tuple[FloatArray, FloatArray, str]:
 
 def _box(robot: RobotModel, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return lower and upper bounds (3,) of links and feet in the base frame [m]."""
-    data = robot.pinocchio.createData()
+    data = robot.create_data()
     pin.forwardKinematics(robot.pinocchio, data, robot.configuration(joint_position))
     spheres = Spheres.around(robot_shapes(robot).geometryObjects)
     centres, radii = spheres.placed([*data.oMi]), spheres.radius[:, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from statistics import NormalDist
 
 import numpy as np
@@ -19,7 +19,7 @@ from equipoise.result.held_out import FOUND, MODEL, HeldOut
 from equipoise.result.mass_comparison import MassComparison
 from equipoise.result.shown import called
 from equipoise.result.statistics import NORMAL_95
-from equipoise.robot.inertial import COMPONENTS, InertialParameters, composite_parameters
+from equipoise.robot.inertial import COMPONENTS, composite_parameters
 from equipoise.robot.model import RobotModel
 
 # Residual over what the sensors' noise explains: fault-free runs have medians of 0.4 to 1.4, and single motions up to 2.
@@ -109,19 +109,12 @@ def _shifts_without(posterior: Posterior, groups: Sequence[Collection[int]]) -> 
     return np.array(shifts), np.array(deviations)
 
 
-def half_difference(posterior: Posterior, body: Callable[[FloatArray], InertialParameters]) -> FloatArray:
-    """Return by how much the estimates from the first and the second half of the motions differ, to first order.
-
-    Args:
-        body: one of `unknowns.robot_body`, `base_body` and `stance_effective_body`.
-
-    Returns:
-        (10,) absolute differences in the order of COMPONENTS.
-    """
+def half_difference(posterior: Posterior) -> FloatArray:
+    """Return the (size,) unknowns by the first half of the motions less those by the second half, to first order."""
     motions = sorted(posterior.information)
     middle = len(motions) // 2
     first, second = (posterior.without(half)[0] for half in (motions[middle:], motions[:middle]))
-    return np.abs(body_jacobian(posterior.unknowns, posterior.x, body) @ (first - second))
+    return first - second
 
 
 def _enough(evidence: RunEvidence, posterior: Posterior) -> Check:
@@ -353,14 +346,11 @@ def _sensors_plausible(posterior: Posterior) -> Check:
 
 def _physically_possible(posterior: Posterior) -> Check:
     """Test that compliance, backlash, rolling resistance and friction are not negative beyond their uncertainty."""
-    unknowns = posterior.unknowns
     lowest = sorted(
-        (float(size), row.label.format(each=label))
-        for row in unknowns.rows
+        (value / deviation, row.label.format(each=label))
+        for row in posterior.unknowns.rows
         if row.nonnegative and row.name in posterior.informed
-        for label, size in zip(
-            unknowns.labels(row), unknowns.value(posterior.x, row.name) / posterior.deviation(row.name), strict=True
-        )
+        for label, value, deviation in posterior.of_row(row)
     )
     if not lowest:
         return Check("physical parameters", True, "no compliance, backlash or friction is estimated")

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError, RecordingError, SettingsError
 from equipoise.experiments.dip import dip
@@ -35,7 +37,7 @@ from equipoise.precise.measurements.leg_swing import LegSwing, SwingEvidence
 from equipoise.precise.measurements.scale_reading import check_mass, check_mass_of
 from equipoise.precise.plan import Durations, Goals, Plan
 from equipoise.precise.planning.candidates import describe
-from equipoise.precise.posterior import Posterior, estimate_posterior
+from equipoise.precise.posterior import Posterior, body_jacobian, estimate_posterior
 from equipoise.precise.posterior_evidence import PosteriorEvidence
 from equipoise.precise.reading import PreciseReading
 from equipoise.precise.routine import PreciseRoutine, plan_ahead
@@ -196,7 +198,7 @@ class Precise(Method):
         return self.mass, self.mass_sd or (SCALE_NOISE if self._same_scale else SCALE_GAIN) * self.mass
 
     def weighed(self, mass: float, deviation: float) -> Precise:
-        return replace(self, mass=mass, mass_sd=deviation, confirm_mass=True)  # nobody is there to be asked
+        return replace(self, mass=mass, mass_sd=deviation, confirm_mass=True)  # there is no operator to ask
 
     def informed(self, evidence: Evidence) -> Precise:
         """Told of legs that swung in the air, if legs are looked for."""
@@ -300,9 +302,10 @@ class Precise(Method):
         well = all(check.passed for check in checks)
 
         unknowns = posterior.unknowns
+        apart = None if well else half_difference(posterior)
 
         def judged(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
-            return body if well else body.doubted(half_difference(posterior, of))
+            return body if apart is None else body.doubted(np.abs(body_jacobian(unknowns, posterior.x, of) @ apart))
 
         links = link_findings(unknowns, posterior.x, posterior.covariance) if self.swings else {}
 

@@ -12,7 +12,7 @@ Residuals, each in units of its own noise:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,6 +32,7 @@ from equipoise.precise.gauss_newton import NormalEquations, descend, solve
 from equipoise.precise.measurements.evidence import RunEvidence
 from equipoise.precise.measurements.leg_motion import LegChains
 from equipoise.precise.parameters import Belief, Unknowns
+from equipoise.precise.unknown import Unknown
 from equipoise.precise.unknowns import Priors
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
 from equipoise.robot.model import RobotModel
@@ -106,6 +107,12 @@ class Posterior:
         pull = sum((self.gradient[motion] for motion in left_out), np.zeros(self.unknowns.size))
         covariance = np.asarray(np.linalg.inv(self.whole_information - removed), dtype=float)
         return covariance @ pull, covariance
+
+    def of_row(self, row: Unknown) -> Iterator[tuple[str, float, float]]:
+        """List the label, value and posterior standard deviation of each unknown of a row, in its own unit."""
+        values = self.unknowns.value(self.x, row.name)
+        for label, value, deviation in zip(self.unknowns.labels(row), values, self.deviation(row.name), strict=True):
+            yield label, float(value), float(deviation)
 
     def deviation(self, name: str) -> FloatArray:
         """Posterior standard deviations of a block, in its own units."""

@@ -24,8 +24,8 @@ _CENTIMETRES = 50.0  # [m] of leg below which the unit is open: millimetres woul
 _MATTERS = 0.01  # of the robot's mass; lighter links may have any placeholder for an inertia
 _FARTHEST_COM = 2.0  # robot sizes from a link's joint to its centre of mass; those of the catalogue have at most 0.3
 _MILLIMETRES = 20.0  # robot sizes beyond which the farthest CoM is in millimetres; in centimetres they are 4 to 15
-_ABSURD_RADIUS = 40.0  # the same of light links, whose placeholders come to 25
 _LARGEST_RADIUS = 5.0  # radii of gyration over a link's length; in the smallest wrong unit, kg cm2, they are 10 to 50
+_ABSURD_RADIUS = 40.0  # the same of light links, whose placeholders come to 25
 _USUAL_RADIUS = 0.27  # of a link's length: median of the catalogue
 _INERTIA_UNITS = {"kg cm2": 4, "kg mm2": 6, "g cm2": 7, "g mm2": 9}  # powers of ten in a kg m2
 

@@ -11,20 +11,17 @@ _SURE = 3.0  # standard deviations from zero
 
 def sensor_findings(posterior: Posterior) -> list[SensorFinding]:
     """Every unknown that is reported and that the evidence says something of, the surest first."""
-    unknowns = posterior.unknowns
     findings = [
         SensorFinding(
             row.finding.format(each=label),
-            float(value),
-            float(deviation),
-            row.sentence(label, float(value), float(deviation)),
-            bool(_size(row, value) > max(_SURE * deviation, row.notable)),
+            value,
+            deviation,
+            row.sentence(label, value, deviation),
+            _size(row, value) > max(_SURE * deviation, row.notable),
         )
-        for row in unknowns.rows
+        for row in posterior.unknowns.rows
         if row.finding and row.name in posterior.informed
-        for label, value, deviation in zip(
-            unknowns.labels(row), unknowns.value(posterior.x, row.name), posterior.deviation(row.name), strict=True
-        )
+        for label, value, deviation in posterior.of_row(row)
     ]
     return sorted(findings, key=lambda finding: -abs(finding.value) / finding.deviation)
 

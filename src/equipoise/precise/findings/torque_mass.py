@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
 from equipoise.precise.known.known_run import KnownRun
 from equipoise.precise.posterior import Posterior
 from equipoise.recording.phases import Phase
@@ -34,7 +35,7 @@ def compare_at_rest(
         rests: recordings of the robot at rest on four feet, reached from opposite directions: joint friction cancels.
         known: earlier run whose torque constants are used.
     """
-    gains = 1.0 if known is None else known.torque_gains(robot, stance)[0]
+    gains, limit = _torque_constants(robot, stance, known)
     carried: list[float] = []
     for recording in rests:
         joints = recording.phase(Phase.REST).joints
@@ -42,7 +43,7 @@ def compare_at_rest(
             return None
         torque = gains * joints.torque.mean(axis=0)
         carried.append(carried_mass(robot, joints.position.mean(axis=0), torque))
-    return _compared(robot, stance, scale, float(np.mean(carried)), known)
+    return _compared(scale, float(np.mean(carried)), limit, known)
 
 
 def compare_estimate(posterior: Posterior, scale: Scale | None, known: KnownRun | None) -> MassComparison | None:
@@ -55,8 +56,8 @@ def compare_estimate(posterior: Posterior, scale: Scale | None, known: KnownRun 
     unknowns = posterior.unknowns
     values = unknowns.values(posterior.x)
     gain = 1 + float(values["torque_gain_common"].mean() + values["torque_gain"].mean())
-    before = 1.0 if known is None else float(known.torque_gains(unknowns.robot, unknowns.stance)[0].mean())
-    return _compared(unknowns.robot, unknowns.stance, scale, posterior.robot_body.mass * before / gain, known)
+    gains, limit = _torque_constants(unknowns.robot, unknowns.stance, known)
+    return _compared(scale, posterior.robot_body.mass * float(gains.mean()) / gain, limit, known)
 
 
 def assumed_mass(scale: Scale | None, masses: MassComparison | None) -> tuple[str, ...]:
@@ -68,12 +69,15 @@ def assumed_mass(scale: Scale | None, masses: MassComparison | None) -> tuple[st
     return (assumed if masses is not None else f"{assumed}, and there are no joint torques to compare it with",)
 
 
-def _compared(
-    robot: RobotModel, stance: Stance, scale: Scale, carried: float, known: KnownRun | None
-) -> MassComparison:
+def _torque_constants(robot: RobotModel, stance: Stance, known: KnownRun | None) -> tuple[FloatArray, float]:
+    """Return (nj,) true over reported torques as far as they are known, and the largest difference of masses with them."""
+    if known is None:
+        return np.ones(len(robot.joint_names)), _DIFFERENCE
+    gains, deviation = known.torque_gains(robot, stance)
+    return gains, float(np.clip(_DEVIATIONS * deviation, _DIFFERENCE_KNOWN, _DIFFERENCE))
+
+
+def _compared(scale: Scale, carried: float, limit: float, known: KnownRun | None) -> MassComparison:
     mass, deviation = scale
-    limit = _DIFFERENCE
-    if known is not None:
-        limit = float(np.clip(_DEVIATIONS * known.torque_gains(robot, stance)[1], _DIFFERENCE_KNOWN, _DIFFERENCE))
     limit = max(limit, _DEVIATIONS * deviation / mass)
     return MassComparison(mass, carried, limit, None if known is None else known.name)
