@@ -34,12 +34,13 @@ from provenance import checkout, commit, write_page
 from equipoise import Precise, SteppedPlatform, calibrate, load_robot, nominal_stance
 from equipoise.drivers.dds.cyclone import VERSION
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import open_link
+from equipoise.drivers.unitree.dds import open_connection
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
-from equipoise.drivers.unitree.udp import open_link as open_udp
+from equipoise.drivers.unitree.udp import open_connection as open_udp
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.errors import CommunicationError, EquipoiseError
 from equipoise.guard.guard import Guard
+from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand
 
 RESULTS = Path(__file__).parent / "results"
@@ -69,25 +70,25 @@ class Lockstep(SteppedPlatform):
 
     def __init__(self, robot, link):
         super().__init__(robot)
-        self.control_period, self._link, self._newest = link.control_period, link, None
+        self.control_period, self._connection, self._newest = link.control_period, link, None
 
     def read(self):
         return self._newest or self._sense()
 
     def step(self, command):
-        self._link.send(command)
+        self._connection.send(command)
         return self._sense()
 
     def close(self):
-        self._link.release()
-        self._link.close()
+        self._connection.release()
+        self._connection.close()
 
     def _sense(self):
         """The next sample; the link takes a world that waits for one that is silent."""
         until = time.monotonic() + PATIENCE
         while True:
             try:
-                if states := self._link.receive():
+                if states := self._connection.receive():
                     self._newest = replace(states[-1], received=None)
                     return self._newest
             except CommunicationError:
@@ -164,14 +165,21 @@ def calibrated(
         method = method.weighed(truth[0], scale * truth[0]) if scale else method
         lockstep = how == "lockstep"
         settings = UnitreeDdsSettings(
-            "lo", DOMAIN, release_sport_mode=False, silence=10.0 if lockstep else 0.5, accept_cyclonedds=VERSION
+            "lo",
+            DOMAIN,
+            release_sport_mode=False,
+            check_crc=False,
+            silence=10.0 if lockstep else 0.5,
+            accept_cyclonedds=VERSION,
         )
         with bridge(given, loaded, "--step", str(step), *(["--lockstep"] if lockstep else [])) as simulator:
-            link = open_link(robot, settings)
-            platform = Lockstep(robot, link) if lockstep else HardwarePlatform(link)
             try:
-                with Guard(platform, robot) as guard:
-                    result = calibrate(guard, robot, method)
+                if lockstep:
+                    moved = Guard(Lockstep(robot, open_connection(robot, settings)), robot)
+                else:
+                    moved = RemoteRobot("unitree-go2", robot, vars(settings))
+                with moved:
+                    result = calibrate(moved, robot, method)
             except EquipoiseError as error:
                 return {**row, "failed": f"{type(error).__name__}: {error}", "alive": simulator.poll() is None}
             row["alive"] = simulator.poll() is None

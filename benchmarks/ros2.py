@@ -29,11 +29,8 @@ from provenance import commit, write_page
 
 import equipoise
 from equipoise import Method, Precise, calibrate, load_robot, simulate
-from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.ros2.driver import open_link
-from equipoise.drivers.ros2.settings import Ros2Settings
 from equipoise.errors import EquipoiseError
-from equipoise.guard.guard import Guard
+from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.method.table import method_named
 from equipoise.robot.inertial import components
 
@@ -96,12 +93,11 @@ def run(case: Case, method: str, seed: int) -> dict[str, object]:
         if case.settings is None:
             return {**row, **measured(simulation.platform, robot, settings, truth)}
     with Peer(case, seed):
-        platform = HardwarePlatform(open_link(robot, Ros2Settings(domain=DOMAIN, **case.settings)))
-        with Guard(platform, robot) as guard:
-            began, clock = time.monotonic(), guard.read().time
-            row.update(measured(guard, robot, settings, truth))
-            row["pace"] = (platform.read().time - clock) / (time.monotonic() - began)
-            row["late"] = platform.timing.overruns / max(1, len(platform.timing.lateness))
+        with RemoteRobot("ros2", robot, {"domain": DOMAIN, **case.settings}) as remote:
+            began, clock = time.monotonic(), remote.read().time
+            row.update(measured(remote, robot, settings, truth))
+            row["pace"] = (remote.read().time - clock) / (time.monotonic() - began)
+        row["late"] = (remote.report().overruns or 0) / max(1, remote.report().commands)
     return row
 
 

@@ -152,7 +152,7 @@ def commands() -> list[str]:
         cache, run, swaying = (Path(folder) / name for name in ("cache", "run", "swaying"))
         command("calibrate", "unitree_a1", "--out", run, "--seed", 7, "--no-pictures", *quiet, cache=cache)
         sway_for_long(swaying)
-        log = swaying / "recording.mcap"
+        log = swaying / "recording_0.mcap"
         asked = {
             "`equipoise plan`, the first time": (("plan", "unitree_a1"), cache / "empty", ""),
             "`equipoise plan`, again": (("plan", "unitree_a1"), cache, ""),

@@ -32,10 +32,7 @@ from provenance import commit, write_page
 
 import equipoise
 from equipoise import Calibration, Precise, calibrate, load_robot, simulate
-from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.udp import open_link
-from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
-from equipoise.guard.guard import Guard
+from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.robot.inertial import COMPONENTS
 
 RESULTS = Path(__file__).parent / "results"
@@ -67,7 +64,7 @@ class Row:
             " ".join(f"{1000 * value:+.2f}" for value in found.com_in_base.errors),
             " ".join(f"{100 * value:+.1f}" for value in diagonal),
             f"{self.worst():.1f}",
-            *(str(self.told.get(name, "")) for name in ("arrived", "fresh", "late", "waited")),
+            *(str(self.told.get(name, "")) for name in ("rejected", "fresh", "late", "waited")),
         ]
 
     def worst(self) -> float:
@@ -91,15 +88,14 @@ def over_udp(protocol: str, faults: tuple[str, ...], seed: int) -> Row:
         truth = simulation.truth
     port = free_port()
     with peer("--protocol", protocol, "--port", str(port), "--payload", PAYLOAD, "--seed", str(seed), *faults) as log:
-        link = open_link(ROBOT, UnitreeUdpSettings(protocol, "127.0.0.1", port, local_port=free_port()))
-        platform = HardwarePlatform(link)
-        with Guard(platform, ROBOT) as guard:
-            result = calibrate(guard, ROBOT, SETTINGS).with_truth(truth)
-        report, late = guard.report(), platform.timing.lateness
+        given = {"address": "127.0.0.1", "port": port, "local_port": free_port()}
+        with RemoteRobot(f"unitree-{protocol}", ROBOT, given) as remote:
+            result = calibrate(remote, ROBOT, SETTINGS).with_truth(truth)
+        report = remote.report()
     told = {
-        "arrived": link.counts.samples,
+        "rejected": report.samples.rejected,
         "fresh": report.samples.fresh,
-        "late": f"{100 * np.mean(late > 1e-3):.2f} ({1000 * late.max():.0f} ms)",
+        "late": f"{100 * (report.overruns or 0) / report.commands:.2f} ({1000 * (report.latest or 0):.0f} ms)",
         "waited": f"{1000 * sum(entry.get('behind', 0.0) for entry in log):.0f}",
     }
     return Row(named(protocol, faults), seed, result, told)
@@ -131,7 +127,7 @@ def free_port() -> int:
 
 def table(rows: list[list[str]]) -> str:
     columns = (
-        "over", "seed", "mass [g]", "CoM [mm]", "Ixx Iyy Izz [%]", f"worst of {len(COMPONENTS)} [sd]", "samples arrived",
+        "over", "seed", "mass [g]", "CoM [mm]", "Ixx Iyy Izz [%]", f"worst of {len(COMPONENTS)} [sd]", "samples left out",
         "fresh ones used", "commands over 1 ms late [%] (worst)", "robot kept waiting [ms]",
     )  # fmt: skip
     lines = [

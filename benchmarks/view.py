@@ -8,7 +8,6 @@ benchmarks/results/view.md.
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import platform
@@ -34,15 +33,11 @@ from provenance import commit, write_page
 
 import equipoise
 from equipoise import Precise, RunFolder, Trajectory, load_robot, nominal_stance
-from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.dds import open_link
-from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
-from equipoise.guard.guard import Guard
+from equipoise.guard.remote_robot import RemoteRobot
 from equipoise.view.process import ViewerProcess
 
 RESULTS = Path(__file__).parent / "results"
 ROBOT, DOMAIN = "unitree_a1", 73
-EDGES = [0.0, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, np.inf]  # [ms]
 LIMIT = 1.0  # [ms]
 CASES = ("no page", "page", "page in a browser")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -70,25 +65,16 @@ class Options:
 OPTIONS = Options()
 
 
-def hurry(priority: int) -> None:
-    """The calling thread goes before all that is not in real time; what it starts inherits that."""
-    if OPTIONS.realtime:
-        os.sched_setscheduler(0, os.SCHED_FIFO if priority else os.SCHED_OTHER, os.sched_param(priority))
-
-
 @contextmanager
-def robot() -> Generator[HardwarePlatform]:
-    """Connected to a simulated robot on the other core."""
+def robot() -> Generator[None]:
+    """A simulated robot in a process of its own."""
     command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN)]
-    hurry(2)
+    flags = ("--start", "standing", "--no-sport-mode", "--noise", "ideal")
     with tempfile.TemporaryFile("w+") as log:
-        process = subprocess.Popen([*command, "--start", "standing", "--no-sport-mode", "--noise", "ideal"], stdout=log)
+        process = subprocess.Popen([*command, *flags], stdin=subprocess.DEVNULL, stdout=log)
         try:
-            link = open_link(MODEL, UnitreeDdsSettings(interface="lo", domain=DOMAIN))
-            with HardwarePlatform(link, 30.0) as connection:
-                connection.read()
-                hurry(0)  # the threads that receive and repeat stay in a hurry; pages and browsers do not begin in one
-                yield connection
+            time.sleep(5.0)
+            yield
         finally:
             process.terminate()
             process.wait(timeout=10)
@@ -128,24 +114,22 @@ def looked_at(case: str, folder: Path) -> Generator[None]:
 
 def measured(case: str, seconds: float) -> dict[str, Any]:
     """How late commands left [ms], and how often their deadlines began anew."""
-    with tempfile.TemporaryDirectory() as place, robot() as connection:
+    with tempfile.TemporaryDirectory() as place, robot():
         folder = RunFolder.create(Path(place) / "run", MODEL, Precise(), {})
-        with folder, looked_at(case, folder.path), Guard(connection, MODEL, log=folder.log) as guarded:
-            hurry(1)
-            guarded.play(Trajectory(np.repeat(STANCE[None], 500, axis=0)))
-            timing = connection.timing
-            first, lost = len(timing.lateness), timing.lost
+        with folder, looked_at(case, folder.path):
+            remote = RemoteRobot(
+                "unitree-go2", MODEL, {"interface": "lo", "domain": DOMAIN}, folder.log, realtime=OPTIONS.realtime
+            )
             trajectory = sway()
-            for _ in range(round(seconds / (len(trajectory.position) * 2e-3))):
-                guarded.play(trajectory)
-            hurry(0)
-            late = timing.lateness[first:] * 1e3
+            with remote:
+                for _ in range(round(seconds / (len(trajectory.position) * 2e-3))):
+                    remote.play(trajectory)
+            report = remote.report()
             return {
                 "load": os.getloadavg()[0],
-                "counts": [int(np.sum((late > a) & (late <= b))) for a, b in itertools.pairwise([-1.0, *EDGES[1:]])],
-                "percentiles": np.percentile(late, [50, 99, 99.9, 100]).tolist(),
-                "on_time": float((late <= LIMIT).mean()),
-                "lost": timing.lost - lost,
+                "percentiles": [1e3 * (report.late_999 or 0.0), 1e3 * (report.latest or 0.0)],
+                "on_time": 1 - (report.overruns or 0) / report.commands,
+                "lost": report.stalls,
             }
 
 
@@ -164,10 +148,7 @@ def table(results: dict[str, list[dict[str, Any]]]) -> list[str]:
     """All rounds of a case together; percentiles and shares are medians over its rounds."""
     rounds = [results[case] for case in CASES]
     rows = ["| ms late | " + " | ".join(CASES) + " |", "|---|" + "---|" * len(CASES)]
-    for place, (low, high) in enumerate(itertools.pairwise(EDGES)):
-        name = f"{low:g} to {high:g}" if np.isfinite(high) else f"over {low:g}"
-        rows.append(f"| {name} | " + " | ".join(str(sum(r["counts"][place] for r in case)) for case in rounds) + " |")
-    for place, name in enumerate(("median", "99 %", "99.9 %", "latest")):
+    for place, name in enumerate(("99.9 %", "latest")):
         cells = [statistics.median(r["percentiles"][place] for r in case) for case in rounds]
         rows.append(f"| {name} | " + " | ".join(f"{cell:.3f} ms" for cell in cells) + " |")
     shares = [[r["on_time"] for r in case] for case in rounds]

@@ -17,7 +17,7 @@ from equipoise.simulation.disturbance import Disturbance
 
 KINDS = (
     "drop", "delay", "repeat", "reorder", "freeze encoder", "freeze imu", "nan", "spike", "kill link", "stick joint",
-    "lose torque", "overheat", "outside",
+    "lose torque", "overheat", "empty battery", "remote damp", "remote lie down", "outside",
 )  # fmt: skip
 
 _STIFF = 30.0  # times the usual gain, for a joint that is stuck
@@ -31,12 +31,13 @@ class Fault:
     Attributes:
         kind: "drop" (no new samples), "delay" (samples come late), "repeat" (the same sample again, as a new one),
             "reorder" (samples swapped in pairs), "freeze encoder", "freeze imu", "nan", "spike" (an encoder jumps now and
-            then), "kill link", "stick joint", "lose torque", "overheat", or "outside" for `act`.
+            then), "kill link", "stick joint", "lose torque", "overheat", "empty battery", "remote damp" and "remote lie down"
+            (requests of the remote control), or "outside" for `act`.
         phase: of the motion in which it begins; None: at once.
         after: how long after that phase has begun [s].
         duration: how long it lasts [s]; None: for good.
         joint: which one, by its index.
-        size: of a delay [s], a spike [rad], a temperature [deg C].
+        size: of a delay [s], a spike [rad], a temperature [deg C], a charge.
         act: "outside": called with True when it begins and False when it ends, as to push a simulated robot.
     """
 
@@ -161,6 +162,10 @@ class Faulty(PlatformWrapper):
             return self._straining(state)
         if fault.kind == "overheat":
             return _hot(state, fault.joint, fault.size)
+        if fault.kind == "empty battery":
+            return replace(state, health=replace(state.health or Health(), battery_charge=fault.size))
+        if fault.kind.startswith("remote"):
+            return replace(state, request=fault.kind.removeprefix("remote "))
         position = state.joint_position.copy()
         if fault.kind == "freeze encoder":
             position[fault.joint] = onset.joint_position[fault.joint]

@@ -40,13 +40,12 @@ from equipoise.drivers.unitree.packets import (
     CommandPacket,
     MotorCommands,
     SensorReadings,
-    StatePacket,
-    read_command,
     read_state,
 )
 from equipoise.errors import EquipoiseError
 from equipoise.logs.joint_names import read_joint_map
 from equipoise.logs.reader import read_log as read_foreign
+from equipoise.peers.udp_packets import StatePacket, read_command
 from equipoise.recording.run_log_reader import read_log
 
 PATIENCE = 30.0  # [s] for one file; starting a child is not counted
@@ -79,7 +78,7 @@ def corpus(folder):
         result = calibrate(simulation.platform, robot, settings, kept.keep)
         recording = kept.recordings()[0]
     kept.save(result)
-    log = (run / "recording.mcap").read_bytes()
+    log = (run / "recording_0.mcap").read_bytes()
     return {
         "urdf": [quadruped_urdf().encode(), robot.source.xml.encode()],
         "mjcf": [quadruped_mjcf().encode()],

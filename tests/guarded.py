@@ -20,6 +20,19 @@ PERIOD = 2e-3  # [s] of samples that are made up
 SLOW = 4e-3  # [s] of simulated robots: half of them in the same time
 
 
+class Clock:
+    """A time that passes where somebody sleeps."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, duration):
+        self.now += duration
+
+
 def at_rest(robot, index=0, **changes):
     """The state of a robot in its stance after so many control periods; no two samples are quite the same."""
     position = nominal_stance(robot).joint_position + 1e-6 * (index % 7)
@@ -31,8 +44,8 @@ def at_rest(robot, index=0, **changes):
 
 def look(checks, command, state, sent=None, planted=None):
     """What the guard does with checks: each looks at a command, a state and the commands sent last, and may raise."""
-    known = Known(state, sent or command, planted or command, TiltFilter(np.eye(3)))
-    known.up.feel(state)
+    known = Known(state, sent or command, command, planted or command, TiltFilter(np.eye(3)))
+    known.up.update(state)
     for check in checks:
         check(command, known)
 
@@ -43,19 +56,6 @@ def simulated(robot, start="standing", noise="realistic", seed=3, payload=None):
     model, disturbance = simulation.platform._simulated, simulation.disturbance
     platform = MujocoPlatform(robot, model, nominal_stance(robot), start, SLOW, disturbance=disturbance)
     return platform, disturbance, simulation.truth
-
-
-class Pieces(list):
-    """A log in memory."""
-
-    def begin(self, commands):
-        self.append(commands)
-
-    add = list.append
-
-    @property
-    def recordings(self):
-        return [piece for piece in self if not isinstance(piece, int)]
 
 
 class Seen:
@@ -105,7 +105,7 @@ class MemoryLink:
     def __init__(self, robot, platform=None, act=lambda count: None):
         self._robot, self._platform, self.act = robot, platform, act
         self.joint_names = robot.joint_names
-        self.sent, self.released, self.closed = [], 0, 0
+        self.sent, self.released, self.closed, self.rejected = [], 0, 0, 0
         self._arrived: list = []
         self._state = None if platform is None else platform.read()
 
@@ -134,28 +134,6 @@ class MemoryLink:
     def _sample(self):
         state = at_rest(self._robot, len(self.sent)) if self._state is None else self._state
         return replace(state, received=time.monotonic())
-
-
-class Dog:
-    """A watchdog that only counts."""
-
-    def __init__(self):
-        self.dismissed = self.moving = self.beats = 0
-
-    def wait(self): ...
-
-    def moves(self):
-        self.moving += 1
-
-    def check(self): ...
-
-    def legs_are_up(self, up): ...
-
-    def beat(self):
-        self.beats += 1
-
-    def dismiss(self):
-        self.dismissed += 1
 
 
 def is_damped(command):

@@ -1,5 +1,7 @@
 """Recordings and logs that tests write and read."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from equipoise.recording.recording import CommandStream, Event, ImuStream, JointStream, Recording
@@ -26,6 +28,11 @@ def trial_event(time, kind="lift", **about):
     return Event(time, "trial", {"kind": kind, **about})
 
 
+def whole(trial, *pieces):
+    """Recording of a trial, as the robot's side makes it."""
+    return replace(Recording.concatenate(pieces), trial_id=trial)
+
+
 def bits(recording):
     """All that a recording holds, numbers to the last bit."""
     found = {"joint_names": recording.joint_names, "events": recording.events}
@@ -40,8 +47,8 @@ def write_run(path, trials=3, close=True):
     """A log as a run writes it: up, trials of two motions each in pieces, down. Returns the trials."""
     log, kept, time = RunLog(path), [], 0.0
 
-    def play(*pieces):
-        log.begin(99)
+    def play(*pieces, trial=None):
+        log.begin(99, trial)
         for one in pieces:
             log.add(one)
 
@@ -50,13 +57,18 @@ def write_run(path, trials=3, close=True):
         time = 1.0 + trial
         first = [piece(time, events=[trial_event(time, number=trial)]), piece(time + 0.1)]
         second = [piece(time + 0.2, torque=trial != 1), piece(time + 0.3, events=[Event(time + 0.35, "note")])]
-        play(*first)
-        play(*second)
-        kept.append(Recording.concatenate([*first, *second]))
+        play(*first, trial=trial)
+        play(*second, trial=trial)
+        kept.append(whole(trial, *first, *second))
         log.keep(kept[-1])
     play(piece(time + 1))
     if close:
         log.close()
     else:
-        log.file._file.close()  # what a kill does
+        kill(log)
     return kept
+
+
+def kill(log):
+    """Leave of a log what a killed process leaves."""
+    log._file.close()

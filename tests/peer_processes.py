@@ -23,10 +23,11 @@ class PeerProcess:
     """A running peer and what it logged so far; of a module, or a program of its own."""
 
     def __init__(self, module, *flags, python=sys.executable, code=None):
-        self.log = []
+        self.log, self.flags = [], flags
         program = ["-m", f"equipoise.peers.{module}"] if code is None else ["-c", code]
         self._process = subprocess.Popen(
             [python, *program, *map(str, flags)],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -45,6 +46,11 @@ class PeerProcess:
             time.sleep(0.01)
         raise AssertionError(f"the peer never said {key} {value}: {self.log} {self._process.poll()}")
 
+    def fault(self, **fault):
+        """Give the emulator a fault, as `equipoise.peers.faults` describes it."""
+        self._process.stdin.write(json.dumps(fault) + "\n")
+        self._process.stdin.flush()
+
     def kill(self):
         """As a power cut."""
         self._process.kill()
@@ -60,12 +66,14 @@ class PeerProcess:
             self.kill()
         self._reader.join(timeout=10)
         self._process.stdout.close()
+        with suppress(BrokenPipeError):  # a fault that it did not read
+            self._process.stdin.close()
         return self.log
 
     def _read(self):
         for line in self._process.stdout:
             if line.endswith("\n"):  # a killed process leaves a piece of one
-                self.log.append(json.loads(line))
+                self.log.append({**json.loads(line), "at": time.monotonic()})
 
 
 def modes_heard(log):
@@ -110,14 +118,14 @@ class StalledError(Exception):
 
 @contextmanager
 def stalls_told(platform, peer):
-    """Tell a failure on a machine that kept robot or computer waiting from one that means something."""
+    """Separate a failure on a machine that kept the robot or this computer waiting from one that means something."""
     try:
         yield
     except (AssertionError, EquipoiseError) as error:
-        late = platform.timing.lateness
-        slow = any("behind" in entry or entry.get("mode") == "silence" for entry in peer.log)
-        if slow or (len(late) and late.max() > STALL):
-            raise StalledError(f"commands up to {max(late, default=0):.3f} s late; {peer.log[-3:]}") from error
+        late = platform.timing.lateness.max(initial=0.0) if hasattr(platform, "timing") else platform.report().late_999
+        slow = any("behind" in entry for entry in peer.log)
+        if slow or (late or 0.0) > STALL:
+            raise StalledError(f"commands up to {late or 0.0:.3f} s late; {peer.log[-3:]}") from error
         raise
 
 

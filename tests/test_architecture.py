@@ -14,7 +14,7 @@ SOURCE = Path(equipoise.__file__).parent
 # From the ground up; a module may import from lower floors and from its own.
 FLOORS = [
     ["errors", "conventions", "_version"],
-    ["alive", "threads", "thread_memory", "user_file", "plugins"],
+    ["threads", "thread_memory", "user_file", "plugins"],
     ["user_cache"],
     ["robot"],
     ["recording", "clearance"],
@@ -181,8 +181,8 @@ def test_exports_are_frozen():
         [
             "Audit", "Body", "Calibration", "ComSearchSettings", "CommunicationError",
             "Delta", "Driver", "EquipoiseError", "Format", "Guard", "Health", "InertialParameters",
-            "JointCommand", "Link", "LogReader", "Method", "Paper", "Payload", "Platform", "Precise", "Quantity", "RawImu",
-            "RawJoints", "RawLog", "Recording", "RecordingError", "RobotDescription", "RobotModel",
+            "JointCommand", "LogReader", "Method", "Paper", "Payload", "Platform", "Precise", "Quantity", "RawImu",
+            "RawJoints", "RawLog", "Recording", "RecordingError", "RobotConnection", "RobotDescription", "RobotModel",
             "RobotState", "RunFolder", "ScaleReadings", "SensorErrors", "SettingsError", "Simulation",
             "Stance", "Static", "SteppedPlatform", "Subject", "SwaySettings", "TiltLimit", "Topics", "Trajectory",
             "Written", "__version__", "audit", "calibrate", "estimate", "export", "find_delta",

@@ -12,8 +12,8 @@ import pytest
 BROKEN = {
     "no shared library": ({"__init__": "raise OSError('libddsc.so.0: cannot open shared object file')"}, "OSError: libddsc"),
     "a name that is gone": ({"__init__": "import sys; sys.nothing"}, "AttributeError: module 'sys' has no attribute"),
-    "half there": ({"__init__": ""}, "ModuleNotFoundError: No module named 'cyclonedds.core'"),
-    "old": ({"__init__": "", "core": "class Listener: ..."}, "ImportError: cannot import name 'DDSException'"),
+    "half there": ({"__init__": ""}, "ModuleNotFoundError: No module named 'cyclonedds.builtin'"),
+    "old": ({"__init__": "", "builtin": "class Listener: ..."}, "ImportError: cannot import name 'BuiltinDataReader'"),
     "no module": ({"__init__": "raise SyntaxError('invalid syntax')\nx"}, "SyntaxError: invalid syntax"),
 }  # fmt: skip
 ON_DDS = {"unitree-go2", "unitree-b2", "ros2"}
@@ -73,8 +73,8 @@ def test_a_driver_whose_own_package_is_broken():
     code = (
         "import sys; from equipoise import load_robot; robot = load_robot('unitree_a1'); sys.modules['socket'] = None\n"
         "from equipoise.errors import MissingDependencyError\n"
-        "from equipoise.drivers.catalog import open_link\n"
-        "try: open_link('unitree-go1', robot, {})\n"
+        "from equipoise.drivers.catalog import open_connection\n"
+        "try: open_connection('unitree-go1', robot, {})\n"
         "except MissingDependencyError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -10,7 +10,7 @@ import pytest
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_tests_of_signals_pass_where_the_parent_ignores_signals():
-    files = ["platform/test_interruptions.py", "guard/test_guard_process.py"]
+    files = ["platform/test_interruptions.py", "recording/test_run_log.py"]
     command = [
         sys.executable,
         "-m",

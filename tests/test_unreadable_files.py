@@ -10,8 +10,8 @@ from equipoise import Calibration, RunFolder, load_robot
 from equipoise.cli import main
 from equipoise.errors import ModelError, RecordingError
 from equipoise.logs.reader import read_log
-from equipoise.recording.mcap_reader import McapTail, read_mcap, was_closed
-from equipoise.recording.run_log_resume import resume_log
+from equipoise.recording.mcap_reader import MessageReader, was_closed
+from equipoise.recording.run_log import resume_log
 from equipoise.robot.source import parse_model_source, read_model_source
 
 LFS = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'4' * 64}\nsize 1234567\n"
@@ -75,10 +75,10 @@ def test_pipes_devices_and_lfs_pointers_are_named(tmp_path, monkeypatch, capsys,
 
 @pytest.mark.parametrize("put", [pipe, device, lfs_pointer])
 def test_so_are_they_within_a_run_folder(tmp_path, put):
-    why = put(tmp_path / "recording.mcap")
-    for read in (read_mcap, was_closed, lambda path: McapTail(path).read(), lambda path: resume_log(path, True)):
+    why = put(tmp_path / "recording_0.mcap")
+    for read in (lambda path: MessageReader(path).messages(), was_closed, lambda path: resume_log(path.parent, True)):
         with pytest.raises(RecordingError) as raised:
-            read(tmp_path / "recording.mcap")
+            read(tmp_path / "recording_0.mcap")
         assert str(raised.value).endswith(why)
     put(tmp_path / "run.json")
     with pytest.raises(RecordingError, match=r"run.json' cannot be read \(it is a "):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from equipoise.calibration.routine import calibrate, estimate
     from equipoise.calibration.run_folder import RunFolder
     from equipoise.drivers.catalog import Driver
-    from equipoise.drivers.hardware import Link
+    from equipoise.drivers.hardware import RobotConnection
     from equipoise.errors import CommunicationError, EquipoiseError, RecordingError, SettingsError
     from equipoise.experiments.sway import SwaySettings
     from equipoise.exports.formats import Format, export
@@ -67,7 +67,6 @@ _HOME = {
     "Health": "platform.platform",
     "InertialParameters": "robot.inertial",
     "JointCommand": "platform.platform",
-    "Link": "drivers.hardware",
     "LogReader": "logs.reader",
     "Method": "method.method",
     "Paper": "paper.method",
@@ -80,6 +79,7 @@ _HOME = {
     "RawLog": "logs.log",
     "Recording": "recording.recording",
     "RecordingError": "errors",
+    "RobotConnection": "drivers.hardware",
     "RobotDescription": "robot.description",
     "RobotModel": "robot.model",
     "RobotState": "platform.platform",
@@ -123,7 +123,6 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "Health",
     "InertialParameters",
     "JointCommand",
-    "Link",
     "LogReader",
     "Method",
     "Paper",
@@ -136,6 +135,7 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "RawLog",
     "Recording",
     "RecordingError",
+    "RobotConnection",
     "RobotDescription",
     "RobotModel",
     "RobotState",

@@ -89,6 +89,20 @@ class ImuMountingError(MotionError):
     """The tilts contradict the motions as they do when the IMU is mounted turned."""
 
 
+class ResponseError(MotionError):
+    """Joints or gyroscope did not answer a small motion as the model predicts.
+
+    Attributes:
+        details: commanded and measured angles and the likely cause, as JSON values.
+    """
+
+    def __init__(
+        self, message: str, recordings: tuple[Any, ...] = (), details: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        super().__init__(message, recordings)
+        self.details = details
+
+
 class LimitError(MotionError):
     """A joint is, or was sent, beyond what it may do: position, speed, torque or temperature."""
 
@@ -101,8 +115,26 @@ class OverrunError(MotionError):
     """This computer did not keep up with the control loop."""
 
 
-class HungError(OverrunError):
-    """The program that moves the robot does not go on: it gives no sign of life."""
+class HealthError(LimitError):
+    """The robot is sound and should not go on: a hot motor, an empty battery, a fault that it reports itself."""
+
+    exit_code = 12
+
+
+class StopRequestedError(MotionError):
+    """The operator stopped the robot: by its remote control, or by the space bar."""
+
+    exit_code = 13
+
+
+class RobotProcessError(MotionError):
+    """The robot process ended, stopped or is of another version."""
+
+    exit_code = 10
+
+
+class OtherCommanderError(MotionError):
+    """Another program sends commands to the robot's motors."""
 
 
 class CommunicationError(MotionError, ConnectionError):
@@ -115,18 +147,6 @@ class RecordingError(EquipoiseError, ValueError):
     """A recording or run folder is damaged, or lacks what an estimate needs."""
 
     exit_code = 5
-
-
-class UnrecordedError(RecordingError):
-    """What was sensed and sent makes no recording.
-
-    Attributes:
-        steps: its steps as JSON values: names of the joints, and what was sensed before each command that was sent.
-    """
-
-    def __init__(self, message: str, steps: Mapping[str, Any] = MappingProxyType({})) -> None:
-        super().__init__(message)
-        self.steps = steps
 
 
 class ResumeError(RecordingError):

@@ -134,7 +134,7 @@ def test_a_search_that_did_not_converge_is_no_result(ideal, a1):
 
 def test_a_sway_that_cannot_be_fitted_does_not_cost_the_com(ideal, a1):
     result, recordings = ideal
-    roll = next(r for r in recordings if r.event("trial").data.get("axis") == "roll")
+    roll = next(r for r in recordings if r.trial.about == "roll")
     start = roll.phase("sway").joints.time[0]
     broken = type(roll).concatenate([roll.between(0, start + 0.01), roll.phase("end")])
     again = estimate(a1, [broken if recording is roll else recording for recording in recordings], PAPER)

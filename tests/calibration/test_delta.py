@@ -185,7 +185,7 @@ def test_runs_that_cannot_be_compared_are_refused(folders, tmp_path, capsys):
     paper = tmp_path / "paper"
     header = json.loads((folders / "before" / "run.json").read_text(encoding="utf-8"))
     paper.mkdir()
-    for name in ("model.xml", "recording.mcap"):
+    for name in ("model.xml", "recording_0.mcap"):
         (paper / name).write_bytes((folders / "before" / name).read_bytes())
     header["settings"], precise = Paper().to_dict(), header["settings"]
     (paper / "run.json").write_text(json.dumps(header), encoding="utf-8")

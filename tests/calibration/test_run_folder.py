@@ -84,8 +84,8 @@ def still(kind=None, time=0.0, **about):
 def rewritten(run, choose):
     """Write a run's log anew, with some of its recordings only."""
     recordings = [recording for recording in RunFolder.open(run).recordings() if choose(recording)]
-    (run / "recording.mcap").unlink()
-    with RunLog(run / "recording.mcap") as log:
+    (run / "recording_0.mcap").unlink()
+    with RunLog(run / "recording_0.mcap") as log:
         for recording in recordings:
             log.keep(recording)
 
@@ -96,7 +96,7 @@ def rewritten(run, choose):
 def test_a_run_is_its_model_its_settings_its_recordings_and_its_result(calibrated):
     folder, calibration = calibrated
     assert {file.name for file in folder.path.iterdir()} == {
-        "run.json", "model.xml", "recording.mcap", "metadata.yaml", "truth.json", "calibration.json",
+        "run.json", "model.xml", "recording_0.mcap", "metadata.yaml", "truth.json", "calibration.json",
     }  # fmt: skip
     trials = [recording.trial for recording in folder.recordings()]
     assert len(trials) == len(calibration.trials)
@@ -223,23 +223,6 @@ def test_settings_come_back(new, method):
 
 
 @pytest.mark.parametrize(
-    "method",
-    [
-        Precise(60.0, 13.4, 0.05, sway=False, priors=Priors(leg_mass=0.03, clock_offset=1e-3)),
-        Paper("commanded", ComSearchSettings(tolerance=0.003), SwaySettings(duration=1.0)),
-        Static(),
-    ],
-    ids=repr,
-)
-def test_settings_of_an_older_run_are_those_of_its_method(tmp_path, method):
-    """Its table held the settings of all methods: run-2.json is what an older version wrote."""
-    header = json.loads((Path(__file__).parent / "run-2.json").read_text(encoding="utf-8"))
-    header["settings"]["method"] = method.name
-    (tmp_path / "run.json").write_text(json.dumps(header), encoding="utf-8")
-    assert RunFolder.open(tmp_path).method() == method
-
-
-@pytest.mark.parametrize(
     ("settings", "words"),
     [
         ({"method": "magic"}, "method 'magic' is not known; there are precise, paper, static"),
@@ -252,13 +235,10 @@ def test_settings_of_an_older_run_are_those_of_its_method(tmp_path, method):
         ({"method": "paper", "feet": "guessed"}, "feet are 'measured' or 'commanded'"),
     ],
 )
-@pytest.mark.parametrize("schema", ["equipoise.run/2", "equipoise.run/3"])
-def test_settings_that_are_damaged_are_refused_by_name(new, schema, settings, words):
+def test_settings_that_are_damaged_are_refused_by_name(new, settings, words):
     path = new().path
     header = json.loads((path / "run.json").read_text(encoding="utf-8"))
-    if schema.endswith("2") and settings["method"] == "precise":
-        settings = {"method": "precise", "precise": settings}
-    (path / "run.json").write_text(json.dumps({**header, "schema": schema, "settings": settings}), encoding="utf-8")
+    (path / "run.json").write_text(json.dumps({**header, "settings": settings}), encoding="utf-8")
     with pytest.raises(RecordingError, match=f"the settings of run .* are damaged: {words}"):
         RunFolder.open(path).estimate()
 
@@ -304,8 +284,8 @@ def test_a_real_robot_has_no_truth(run):
 def test_an_interrupted_trial_is_passed_over(run, calibrated):
     recordings = calibrated[0].recordings()
     start = recordings[0].joints.time[0]
-    (run / "recording.mcap").unlink()
-    with RunLog(run / "recording.mcap") as log:
+    (run / "recording_0.mcap").unlink()
+    with RunLog(run / "recording_0.mcap") as log:
         for recording in (*recordings, recordings[0].between(start, start + 0.5).broken_off()):
             log.keep(recording)
     folder = RunFolder.open(run)
@@ -361,7 +341,7 @@ def test_a_run_that_is_gone_cannot_be_written_to(new, calibrated):
         folder.save_truth(calibrated[1].truth)
     with pytest.raises(OutputError, match=r"cannot write .*calibration.json': No such file"):
         folder.save(calibrated[1])
-    with pytest.raises(RecordingError, match=r"recording.mcap' cannot be read: No such file"):
+    with pytest.raises(RecordingError, match=r"run' cannot be read: No such file"):
         folder.recordings()
 
 
@@ -387,7 +367,7 @@ def test_whoever_finds_a_header_finds_the_rest(tmp_path, a1, monkeypatch):
 
     monkeypatch.setattr(Path, "replace", looked)
     with RunFolder.create(tmp_path / "run", a1, SETTINGS, {}):
-        assert seen == [("model.xml", set()), ("run.json", {"model.xml", "recording.mcap"})]
+        assert seen == [("model.xml", set()), ("run.json", {"model.xml", "recording_0.mcap"})]
 
 
 # --- gone on with
@@ -446,7 +426,6 @@ def test_a_folder_without_a_run_is_no_run(tmp_path, name, kind):
             "is 'equipoise.run/1'; this version reads 'equipoise.run/3': estimate it with the version of "
             "equipoise that made it, or calibrate again",
         ),
-        (b'{"schema": "equipoise.run/2"}', "is damaged: its run.json lacks 'model'"),
         (b'{"schema": "equipoise.run/3"}', "is damaged: its run.json lacks 'model'"),
     ],
 )
@@ -491,10 +470,10 @@ def test_a_damaged_model_is_told(run, content):
 
 @pytest.mark.parametrize("missing", [1, 99])
 def test_a_recording_that_was_cut_is_told_also_to_who_reads_it_alone(run, missing):
-    (run / "recording.mcap").write_bytes((run / "recording.mcap").read_bytes()[:-missing])
+    (run / "recording_0.mcap").write_bytes((run / "recording_0.mcap").read_bytes()[:-missing])
     folder = RunFolder.open(run)
     with pytest.warns(
-        UserWarning, match=r"lack motions that the run's calibration.json was made of.* copy recording.mcap again"
+        UserWarning, match=r"lack motions that the run's calibration.json was made of.* copy recording_0.mcap again"
     ):
         folder.recordings()
     with pytest.warns(UserWarning, match="ends in the middle: it was cut"):
@@ -505,10 +484,10 @@ def test_a_recording_that_was_cut_is_told_also_to_who_reads_it_alone(run, missin
 
 
 def test_a_damaged_recording_is_named(run):
-    content = bytearray((run / "recording.mcap").read_bytes())
+    content = bytearray((run / "recording_0.mcap").read_bytes())
     content[len(content) // 2] ^= 8
-    (run / "recording.mcap").write_bytes(content)
-    with pytest.raises(RecordingError, match=r"the recording '.*recording.mcap' is damaged: "):
+    (run / "recording_0.mcap").write_bytes(content)
+    with pytest.raises(RecordingError, match=r"the recording '.*recording_0.mcap' is damaged: "):
         RunFolder.open(run).estimate()
 
 

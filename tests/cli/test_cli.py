@@ -347,7 +347,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path):
     for line in process.stderr:
         seen.append(line)
         if line.startswith("[4/"):
-            log = folder / "recording.mcap"
+            log = folder / "recording_0.mcap"
             size = log.stat().st_size
             while log.stat().st_size == size:
                 time.sleep(0.002)

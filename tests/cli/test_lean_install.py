@@ -38,7 +38,7 @@ def test_a_run_is_estimated_and_its_page_left_out(run):
         (("calibrate", "--out", "{}/new"), "simulation needs MuJoCo: pip install 'equipoise[simulation]'"),
         (("report", "{}"), "reports need Plotly: pip install 'equipoise[pictures]'"),
         (
-            ("estimate", "{}/recording.mcap", "--robot", "unitree_a1"),
+            ("estimate", "{}/recording_0.mcap", "--robot", "unitree_a1"),
             "bags need rosbags: pip install 'equipoise[logs]'",
         ),
         (("validate", "{}"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),

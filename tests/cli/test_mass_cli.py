@@ -39,7 +39,7 @@ def test_an_operator_is_asked_while_the_robot_stands(tmp_path, answer, code):
     with subprocess.Popen(command, stdin=terminal, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as run:
         os.close(terminal)
         asked = ""
-        while "ends it:" not in asked and (line := run.stderr.readline()):
+        while "ends the run:" not in asked and (line := run.stderr.readline()):
             asked += line
         os.write(main_end, f"{answer}\n".encode())
         error = run.stderr.read()

@@ -77,8 +77,8 @@ def test_an_estimate_with_other_settings_leaves_the_runs_own_alone(tmp_path, cap
     "verb", [["estimate"], ["report"], ["calibrate", "--no-pictures", "--resume"]], ids=lambda verb: verb[0]
 )
 def test_where_a_recording_was_cut_the_page_stays_that_of_the_result(verb, copy, capsys):
-    whole = (copy / "recording.mcap").read_bytes()
-    (copy / "recording.mcap").write_bytes(whole[: int(0.97 * len(whole))])
+    whole = (copy / "recording_0.mcap").read_bytes()
+    (copy / "recording_0.mcap").write_bytes(whole[: int(0.97 * len(whole))])
     (copy / "report.html").unlink()
     kept = (copy / "calibration.json").read_bytes()
     main([*verb, str(copy)])

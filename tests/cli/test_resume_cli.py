@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from equipoise import Precise, RunFolder
+from equipoise import RunFolder
 from equipoise.cli import main
 
 QUICK = ["--method", "paper", "--no-pictures", "--tolerance", "0.03", "--sway-duration", "0.8"]
@@ -36,15 +36,15 @@ def cut_at(part, whole, copy):
     shutil.copytree(whole, copy)
     for name in ("calibration.json", "metadata.yaml"):
         (copy / name).unlink()
-    content = (copy / "recording.mcap").read_bytes()
-    (copy / "recording.mcap").write_bytes(content[: int(part * len(content))])
+    content = (copy / "recording_0.mcap").read_bytes()
+    (copy / "recording_0.mcap").write_bytes(content[: int(part * len(content))])
     return copy
 
 
-def killed_at(arguments, folder, size):
-    """Run a process, and kill it when its log has grown to a size."""
+def killed_at(arguments, folder, size, name="recording_0.mcap"):
+    """Run a process, and kill it when its file of the log has grown to a size."""
     process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    log = folder / "recording.mcap"
+    log = folder / name
     with process:
         while process.poll() is None:
             with contextlib.suppress(FileNotFoundError):
@@ -63,11 +63,11 @@ def result(folder):
 
 def test_a_run_that_was_killed_goes_on_to_the_same_result(whole, tmp_path, capsys):
     folder, moments = tmp_path / "run", (0.0, 0.5)
-    size = (whole / "recording.mcap").stat().st_size
+    size = (whole / "recording_0.mcap").stat().st_size
     killed_at([*QUICK[:2], *QUICK[3:], *ROBOT, "--out", str(folder)], folder, moments[0] * size)
     for moment in moments[1:]:
         before = RunFolder.open(folder).read().recordings
-        killed_at(["--resume", str(folder)], folder, moment * size)
+        killed_at(["--resume", str(folder)], folder, moment * size, "recording_1.mcap")
         now = RunFolder.open(folder).read().recordings
         assert len(now) >= len(before)
         assert all(one.equals(other) for one, other in zip(before, now, strict=False))
@@ -78,7 +78,8 @@ def test_a_run_that_was_killed_goes_on_to_the_same_result(whole, tmp_path, capsy
     ours, theirs = RunFolder.open(folder), RunFolder.open(whole)
     assert all(one.equals(other) for one, other in zip(ours.recordings(), theirs.recordings(), strict=True))
     assert ours.estimate().to_json() == printed_as_text(printed)
-    assert {file.name for file in folder.iterdir()} == {file.name for file in whole.iterdir()}
+    more = {f"recording_{number}.mcap" for number in (1, 2)}
+    assert {file.name for file in folder.iterdir()} == {file.name for file in whole.iterdir()} | more
 
 
 def printed_as_text(table):
@@ -108,22 +109,13 @@ def test_one_of_several_runs_goes_on(tmp_path):
     assert result(copy) == second
 
 
-def test_a_run_of_an_older_version_goes_on(whole, cut):
-    """Its header held the settings of all methods."""
-    header = json.loads((cut / "run.json").read_text(encoding="utf-8"))
-    header |= {"schema": "equipoise.run/2", "settings": {**header["settings"], "precise": Precise().to_dict()}}
-    (cut / "run.json").write_text(json.dumps(header), encoding="utf-8")
-    assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-pictures"]) == 0
-    assert result(cut) == result(whole)
-
-
 def test_a_run_that_is_complete_is_estimated_again(whole, capsys):
-    before = (whole / "recording.mcap").read_bytes()
+    before = (whole / "recording_0.mcap").read_bytes()
     assert main(["calibrate", "--resume", str(whole), "--json", "--no-pictures"]) == 0
     captured = capsys.readouterr()
     assert captured.err == f"the run in {whole} is complete; this is what its recordings say\n"
     assert json.loads(captured.out) == json.loads((whole / "calibration.json").read_text(encoding="utf-8"))
-    assert (whole / "recording.mcap").read_bytes() == before
+    assert (whole / "recording_0.mcap").read_bytes() == before
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ def test_nothing_speaks_against_a_sound_robot(a1, start):
         (
             "gravity against the stance",
             with_(acceleration_in_imu=lambda s: s.acceleration_in_imu[[1, 2, 0]]),
-            "mounted turned",
+            "mounted turned (--imu-rpy ",
         ),
         ("joint torques", with_(joint_torque=lambda s: -s.joint_torque), "with the joints' signs"),
         ("joint positions", with_(joint_position=lambda s: np.degrees(s.joint_position)), "joint map"),

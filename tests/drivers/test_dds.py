@@ -69,16 +69,16 @@ def test_raw_samples_are_the_types_own_bytes_and_are_understood_by_who_does_not_
 
 def test_an_outbox_knows_whether_it_is_heard_and_an_inbox_whether_somebody_sends(domain):
     outbox = domain.outbox("heard", Request)
-    assert not outbox.heard
-    assert not domain.inbox("other", Request).offered
+    assert not outbox.readers
+    assert not domain.inbox("other", Request).writers
     inbox = domain.inbox("heard", Request)
     until = time.monotonic() + 5
-    while not (outbox.heard and inbox.offered) and time.monotonic() < until:
+    while not (outbox.readers and inbox.writers) and time.monotonic() < until:
         time.sleep(1e-3)
-    assert outbox.heard
-    assert inbox.offered
+    assert outbox.readers
+    assert inbox.writers
     inbox.close()
-    assert not inbox.offered
+    assert not inbox.writers
 
 
 @pytest.mark.parametrize(

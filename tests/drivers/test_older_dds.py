@@ -13,7 +13,7 @@ from peer_processes import PATIENCE, modes_heard, running_peer, unused_domain
 
 pytest.importorskip("cyclonedds")
 
-from equipoise.drivers.catalog import open_link
+from equipoise.drivers.catalog import open_connection
 from equipoise.errors import SettingsError
 from equipoise.platform.platform import JointCommand
 
@@ -30,6 +30,9 @@ BYTES = [  # what the library makes of messages, and of who is on a domain
 ROBOTS = [  # each kind of message to and from a robot in another process; requests are those of the calibration below
     "test_unitree_dds.py::test_what_the_standing_robot_says",
     "test_unitree_dds.py::test_gains_and_feed_forward_arrive",
+    "test_unitree_dds.py::test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named",
+    "test_unitree_dds.py::test_two_robots_on_a_domain_are_refused_before_anything_is_sent",
+    "test_ros2.py::test_two_writers_of_the_models_joints_are_two_robots_and_one_of_other_joints_is_not",
     "test_ros2.py::test_joints_and_imu_are_felt_in_the_models_order_and_signs",
     "test_ros2.py::test_commands_reach_the_joint_that_they_name[4]",
     "test_ros2.py::test_trajectories_command_as_arrays_do",
@@ -150,7 +153,7 @@ def test_who_refuses_a_version_that_would_crash_it_is_not_crashed(older):
 def test_a_version_that_comes_later_is_refused_before_the_first_command(older, a1, platform):
     _, python = older
     domain = unused_domain()
-    link = open_link(platform, a1, {"interface": "lo", "domain": domain})
+    link = open_connection(platform, a1, {"interface": "lo", "domain": domain})
     try:
         with subprocess.Popen([python, "-c", COMES, str(domain)], stdin=subprocess.PIPE) as process:
             until = time.monotonic() + PATIENCE

@@ -4,6 +4,7 @@ import dataclasses
 import re
 from typing import Literal, get_args
 
+import numpy as np
 import pytest
 
 from equipoise.cli import flags
@@ -11,12 +12,14 @@ from equipoise.drivers.catalog import (
     DRIVERS,
     PLATFORMS,
     SIMULATED,
+    for_platform,
     given_settings,
-    open_link,
+    open_connection,
     settings_of,
 )
 from equipoise.drivers.settings import read_settings
 from equipoise.errors import SettingsError
+from equipoise.terminal.platform import gain_lines
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +107,7 @@ def test_every_driver_has_settings_with_defaults_and_a_page():
 
 def test_an_unknown_platform_says_which_there_are(a1):
     with pytest.raises(SettingsError) as caught:
-        open_link("spot", a1, {})
+        open_connection("spot", a1, {})
     assert str(caught.value) == (
         "platform 'spot' is not known; robots are unitree-go2, unitree-b2, ros2, unitree-a1, unitree-go1, simulators are "
         "mujoco, dart; a class of your own is MODULE:CLASS"
@@ -115,3 +118,37 @@ def test_the_flag_names_every_platform():
     (told,) = (part for part in get_args(flags.PlatformName)[1:] if hasattr(part, "help"))
     assert all(name in told.help for name in (*SIMULATED, *DRIVERS))
     assert list(PLATFORMS) == [*SIMULATED, *DRIVERS]
+
+
+def without_speeds(robot):
+    return dataclasses.replace(robot, velocity_limit=np.full(12, np.inf))
+
+
+def test_a_drivers_robot_gets_the_makers_gains_and_its_motors_speeds(a1):
+    robot = for_platform("unitree-b2", without_speeds(a1))
+    assert robot.gains(0.3) == (1000.0, 10.0)
+    for leg in robot.legs.values():
+        assert robot.velocity_limit[list(leg.joints)].tolist() == [23.0, 23.0, 14.0]
+    assert np.isinf(without_speeds(a1).velocity_limit).all()
+
+
+@pytest.mark.parametrize("given", [{"kp": 80.0}, {"kd": 3.0}, {"kp": 80.0, "kd": 3.0}])
+def test_gains_of_the_user_and_limits_of_the_model_stay(a1, given):
+    mine = dataclasses.replace(a1, description=dataclasses.replace(a1.description, **given))
+    robot = for_platform("unitree-go2", mine)
+    assert robot.gains(0.3) == mine.gains(0.3)
+    assert np.array_equal(robot.velocity_limit, a1.velocity_limit)
+
+
+def test_a_platform_without_a_driver_changes_nothing(a1):
+    assert for_platform("mujoco", a1) is a1
+    robot = for_platform("ros2", without_speeds(a1))
+    assert robot.gains(0.3) == a1.gains(0.3)
+    assert np.isinf(robot.velocity_limit).all()
+
+
+def test_the_gains_of_a_run_are_named_as_the_makers(a1):
+    assert "those of the maker's example" in gain_lines(for_platform("unitree-go2", a1), "unitree-go2")[0]
+    ours = gain_lines(a1, "unitree-go2")
+    assert "maker" not in ours[0]
+    assert "--kp 60 --kd 5" in ours[1]

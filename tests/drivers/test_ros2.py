@@ -8,14 +8,14 @@ import time
 
 import numpy as np
 import pytest
-from peer_processes import unused_domain
+from peer_processes import PeerProcess, running_peer, unused_domain
 
 pytest.importorskip("cyclonedds")
 
 from equipoise import nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.ros2 import driver as ros2
-from equipoise.drivers.ros2.driver import open_link
+from equipoise.drivers.ros2.driver import open_connection
 from equipoise.drivers.ros2.settings import Ros2Settings
 from equipoise.errors import CommunicationError, SettingsError
 from equipoise.peers.ros2 import Interpolation
@@ -77,7 +77,7 @@ def connect(peer, a1):
             platform.close()
         order = tuple(peer.wait_for("controlled"))
         known = {"domain": DOMAIN, "joint_order": order if robot is a1 else (), **settings}
-        made.append(HardwarePlatform(open_link(robot, Ros2Settings(**known))))
+        made.append(HardwarePlatform(open_connection(robot, Ros2Settings(**known))))
         return made[-1]
 
     yield make
@@ -95,8 +95,8 @@ def samples(platform, target, seconds, torque=None):
     taken = [platform.read()]
     begin, until = taken[0].time, time.monotonic() + PATIENCE
     while taken[-1].time < begin + seconds and time.monotonic() < until:
-        state = platform.step(JointCommand(target, torque=torque))
-        taken += [*state.earlier, state]
+        platform.step(JointCommand(target, torque=torque))
+        taken += platform.arrived
     assert taken[-1].time >= begin + seconds
     return taken
 
@@ -249,7 +249,7 @@ def test_a_topic_that_nobody_publishes_is_named(connect, monkeypatch):
 
 def test_an_empty_domain_is_told(a1, monkeypatch):
     monkeypatch.setattr(ros2, "_PATIENCE", 0.3)
-    link = open_link(a1, Ros2Settings(domain=EMPTY_DOMAIN))
+    link = open_connection(a1, Ros2Settings(domain=EMPTY_DOMAIN))
     with (
         HardwarePlatform(link) as platform,
         pytest.raises(
@@ -302,7 +302,7 @@ def test_a_controllers_order_holds_each_joint_once(a1, twice):
     names = (*a1.joint_names, a1.joint_names[0]) if twice else ("knee", *a1.joint_names[1:])
     told = "a joint is there twice" if twice else f"'{a1.joint_names[0]}', 'knee' in only one of them"
     with pytest.raises(SettingsError, match=f"joint_order must hold each joint of the model once: {told}"):
-        open_link(a1, Ros2Settings(domain=EMPTY_DOMAIN, joint_order=names))
+        open_connection(a1, Ros2Settings(domain=EMPTY_DOMAIN, joint_order=names))
 
 
 def test_the_peers_trajectory_controller_goes_straight_through_the_points():
@@ -324,3 +324,37 @@ def test_a_robot_that_falls_silent_shows_by_the_age_of_its_samples(peer, connect
     platform.read()
     state = platform.read()
     assert time.monotonic() - state.received > 0.2
+
+
+OTHER_JOINTS = """
+import sys, time
+from equipoise.drivers.dds.domain import DdsDomain
+from equipoise.drivers.ros2.messages import JointState, dds_topic
+domain = DdsDomain(int(sys.argv[1]), "lo")
+states = domain.outbox(dds_topic("/joint_states"), JointState)
+print('{"ready": true}', flush=True)
+while True:
+    states.send(JointState(name=["finger"], position=[0.1]))
+    time.sleep(2e-3)
+"""
+
+
+def test_two_writers_of_the_models_joints_are_two_robots_and_one_of_other_joints_is_not(a1):
+    domain = unused_domain()
+    robot = "--domain", domain, "--noise", "ideal"
+    with (
+        running_peer("ros2", *robot) as first,
+        running_peer("", domain, code=OTHER_JOINTS),
+        HardwarePlatform(open_connection(a1, Ros2Settings(interface="lo", domain=domain))) as platform,
+    ):
+        for _ in range(100):
+            platform.read()
+        second, until = PeerProcess("ros2", *robot), time.monotonic() + PATIENCE
+        try:
+            with pytest.raises(CommunicationError, match="two robots write on /") as caught:  # noqa: PT012
+                while time.monotonic() < until:
+                    platform.read()
+        finally:
+            second.end()
+        assert f"(process {first._process.pid} on " in str(caught.value)
+        assert "ROS_DOMAIN_ID of its own" in str(caught.value)

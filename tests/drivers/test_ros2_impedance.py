@@ -12,7 +12,7 @@ from equipoise import nominal_stance, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.ros2 import driver
 from equipoise.drivers.ros2.controllers import controllers_of
-from equipoise.drivers.ros2.driver import open_link
+from equipoise.drivers.ros2.driver import open_connection
 from equipoise.drivers.ros2.messages import Float64MultiArray, encoded_array
 from equipoise.drivers.ros2.settings import IMPEDANCE, STACKS, Ros2Settings
 from equipoise.errors import CommunicationError, LimitError, SettingsError, TrackingError
@@ -28,7 +28,7 @@ QUICK = ("--noise", "ideal", "--stack", STACK)
 
 
 def connected(robot, domain, **settings):
-    return HardwarePlatform(open_link(robot, Ros2Settings(**{"domain": domain, "stack": STACK, **settings})))
+    return HardwarePlatform(open_connection(robot, Ros2Settings(**{"domain": domain, "stack": STACK, **settings})))
 
 
 def stepped(platform, command, seconds):

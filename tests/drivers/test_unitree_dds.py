@@ -20,11 +20,11 @@ from equipoise.cli import main
 from equipoise.drivers.dds.domain import DdsDomain
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree import sport
-from equipoise.drivers.unitree.dds import open_link
+from equipoise.drivers.unitree.dds import open_connection
 from equipoise.drivers.unitree.dds_settings import UnitreeB2Settings, UnitreeDdsSettings
-from equipoise.drivers.unitree.messages import Request
+from equipoise.drivers.unitree.messages import Request, Response
 from equipoise.drivers.unitree.samples import STATE, Message
-from equipoise.errors import CommunicationError, MotionError, SettingsError
+from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
 from equipoise.platform.platform import JointCommand, Trajectory
 
 pytestmark = pytest.mark.realtime
@@ -36,6 +36,11 @@ class Peer:
 
     def __init__(self, process, path, domain, flags):
         self.process, self.path, self.domain, self.flags = process, path, domain, flags
+
+    def fault(self, **fault):
+        """Give it a fault, as `equipoise.peers.faults` describes it."""
+        self.process.stdin.write(json.dumps(fault) + "\n")
+        self.process.stdin.flush()
 
     def said(self, key=None):
         """All entries, or the values under a key."""
@@ -52,12 +57,13 @@ class Peer:
 
 
 @contextmanager
-def running(tmp_path_factory, *flags):
-    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", unused_domain()
+def running(tmp_path_factory, *flags, domain=None):
+    path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", domain or unused_domain()
     command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--domain", str(domain), "--noise", "ideal"]
     with path.open("w") as log:
         process = subprocess.Popen(
-            [*command, "--duration", "120", *flags], stdout=log, stderr=subprocess.STDOUT,
+            [*command, "--duration", "120", *flags], stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT,
+            text=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
     peer = Peer(process, path, domain, flags)
@@ -68,6 +74,7 @@ def running(tmp_path_factory, *flags):
         process.send_signal(signal.SIGCONT)
         process.terminate()
         process.wait(timeout=10)
+        process.stdin.close()
 
 
 def settings(peer, **others):
@@ -76,7 +83,7 @@ def settings(peer, **others):
 
 @contextmanager
 def connected(peer, robot, **others):
-    with HardwarePlatform(open_link(robot, settings(peer, **others))) as platform:
+    with HardwarePlatform(open_connection(robot, settings(peer, **others))) as platform:
         yield platform
 
 
@@ -200,7 +207,7 @@ def test_gains_and_feed_forward_arrive(standing, linked, a1, target):
 
 def test_damaged_commands_are_ignored(standing, linked, target):
     hold(linked, target, 0.1)
-    link = linked._link
+    link = linked._connection
     link._message.record["motor_cmd"]["q"][:12] += 0.5
     data = link._message.encoded()
     damaged = link._sample(data[:-1] + bytes([data[-1] ^ 1]))
@@ -232,21 +239,22 @@ def test_commands_for_another_number_of_joints_are_refused(linked, target):
 def test_a_robot_that_is_not_there_is_noticed(a1):
     elsewhere = UnitreeB2Settings(interface="lo", domain=unused_domain())
     with (
-        HardwarePlatform(open_link(a1, elsewhere), patience=0.2) as platform,
+        HardwarePlatform(open_connection(a1, elsewhere), patience=0.2) as platform,
         pytest.raises(CommunicationError, match=r"unitree-b2 on lo sent nothing for 0\.2 s"),
     ):
         platform.read()
 
 
 def test_its_own_controller_lets_go_of_a_lying_robot_before_the_first_command(tmp_path_factory, a1):
-    with running(tmp_path_factory, "--damage", "0.1") as peer:
+    with running(tmp_path_factory) as peer:
+        peer.fault(damage=0.1)
         with connected(peer, a1) as platform:
             lying = platform.read().joint_position
             time.sleep(0.2)
             assert peer.said("asked") == []  # reading asks for nothing
             platform.step(JointCommand(lying))
             state = hold(platform, lying, 0.3)
-            assert platform._link.damaged > 10  # and left out
+            assert platform._connection.rejected > 10  # and left out
             assert np.allclose(state.joint_position, lying, atol=0.7)  # limp legs slide
             assert platform.timing.lateness[0] == 0  # the seconds that it took are no delay
         peer.wait_for(mode="silence")
@@ -303,33 +311,112 @@ while True:
 """
 
 
-def test_a_second_commander_is_refused_and_one_that_says_nothing_is_not(tmp_path_factory, a1):
+@contextmanager
+def other_commander(peer):
+    """A program that sends commands as soon as it is asked; a function that asks, and its process."""
+    other = [sys.executable, "-c", COMMANDS, str(peer.domain)]
+    with subprocess.Popen(other, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+
+        def command():
+            process.stdin.write("go\n")
+            process.stdin.flush()
+            assert process.stdout.readline() == "sent\n"
+
+        try:
+            assert process.stdout.readline() == "ready\n"
+            yield command, process
+        finally:
+            process.kill()
+
+
+def test_a_second_commander_is_refused_and_one_that_sends_nothing_is_not(tmp_path_factory, a1):
     with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
         lying = JointCommand(platform.read().joint_position)
-        other = [sys.executable, "-c", COMMANDS, str(peer.domain)]
-        with subprocess.Popen(other, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-            try:
-                assert process.stdout.readline() == "ready\n"
+        with other_commander(peer) as (command, _):
+            hold(platform, lying.position, 0.1)
+            platform._connection.release()
+            command()
+            with pytest.raises(OtherCommanderError) as caught:
                 platform.step(lying)
-                platform._link.release()
-                process.stdin.write("go\n")
-                process.stdin.flush()
-                assert process.stdout.readline() == "sent\n"
-                with pytest.raises(MotionError) as caught:
-                    platform.step(lying)
-            finally:
-                process.kill()
         assert str(caught.value).startswith("another program commands the motors of unitree-go2 on lo: ")
         assert "end that program, on this computer or on the robot" in str(caught.value)
         hold(platform, lying.position, 0.1)
-        assert platform._link._commands._listeners == 1  # the robot; nobody listens here any more
+
+
+def keep_commanding(link, position, duration):
+    """Send and receive for a while [s]."""
+    until = time.monotonic() + duration
+    while time.monotonic() < until:
+        link.send(JointCommand(position))
+        link.receive()
+        time.sleep(2e-3)
+
+
+def test_a_commander_that_begins_in_mid_run_is_noticed_at_once_and_named(standing, linked, target):
+    hold(linked, target, 0.1)
+    link = linked._connection
+    with other_commander(standing) as (command, process):
+        keep_commanding(link, target, 0.2)
+        command()
+        begun = time.monotonic()
+        with pytest.raises(OtherCommanderError, match=f"process {process.pid} on .* sent .* commands on rt/lowcmd"):
+            keep_commanding(link, target, 1.0)
+        noticed = time.monotonic() - begun
+    if noticed > 0.02:
+        assert noticed < 0.2
+        pytest.skip(f"this machine is too busy for real time: noticed after {noticed:.3f} s")
+    time.sleep(0.1)
+    link._others.take()
+    assert hold(linked, target, 0.2).joint_position.shape == (12,)
+
+
+def test_two_robots_on_a_domain_are_refused_before_anything_is_sent(tmp_path_factory, a1):
+    with running(tmp_path_factory) as peer, connected(peer, a1) as platform:
+        lying = JointCommand(platform.read().joint_position)
+        with running(tmp_path_factory, domain=peer.domain) as other:
+            until = time.monotonic() + PATIENCE
+            while platform._connection._states.writers < 2:
+                assert time.monotonic() < until
+                time.sleep(0.01)
+            with pytest.raises(
+                CommunicationError, match=r"2 robots send rt/lowstate in domain \d+ on lo: .*process \d+"
+            ):
+                platform.step(lying)
+            with pytest.raises(CommunicationError, match=r"All would obey .* disconnect the others .* set domain"):
+                platform.read()
+            with pytest.raises(CommunicationError, match=r"motion_switcher .* is there 2 times"):
+                platform._connection._switcher.mode()
+            time.sleep(0.1)
+            for robot in (peer, other):
+                assert (robot.said("request"), robot.said("ignored"), robot.said("mode")) == ([], [], ["own stance"])
+
+
+def test_a_robot_that_comes_to_the_domain_in_mid_run_is_noticed(tmp_path_factory, a1):
+    with running(tmp_path_factory, "--no-sport-mode") as peer, connected(peer, a1) as platform:
+        lying = platform.read().joint_position
+        hold(platform, lying, 0.1)
+        with (
+            running(tmp_path_factory, domain=peer.domain),
+            pytest.raises(CommunicationError, match="2 robots send"),
+        ):
+            hold(platform, lying, PATIENCE)
+
+
+def test_a_robot_that_sends_nothing_is_not_commanded(a1):
+    alone = UnitreeDdsSettings(interface="lo", domain=unused_domain(), release_sport_mode=False)
+    with (
+        closing(open_connection(a1, alone)) as link,
+        pytest.raises(CommunicationError, match="no robot sends rt/lowstate"),
+    ):
+        link.send(JointCommand(np.zeros(12)))
 
 
 def test_a_simulator_without_clock_checksum_and_services(tmp_path_factory, a1, target):
     with running(tmp_path_factory, "--start", "standing", "--bare") as peer:
-        with connected(peer, a1) as platform, pytest.raises(CommunicationError, match="release_sport_mode=false"):
+        bare = connected(peer, a1, check_crc=False)
+        with bare as platform, pytest.raises(CommunicationError, match="release_sport_mode=false"):
             hold(platform, target, 0.1)
-        with connected(peer, a1, release_sport_mode=False) as platform:
+        with connected(peer, a1, check_crc=False, release_sport_mode=False) as platform:
             state = hold(platform, target, 0.2)
             assert state.time == state.received
             recording = platform.play(sway(a1))
@@ -357,8 +444,13 @@ def asked(request, tmp_path_factory):
         ),
         (["--start", "standing"], ["hanging=true"], True, "'normal' holds the motors; calibrate will have it let go"),
         (["--no-sport-mode"], [], True, "none holds the motors; calibrate will command them at once"),
-        (["--bare"], [], False, "was not found within 3 s; a simulator that has none needs release_sport_mode=false"),
-        (["--bare"], ["release_sport_mode=false"], None, "no answer which; calibrate will not ask"),
+        (
+            ["--bare"],
+            ["check_crc=false"],
+            False,
+            "was not found within 3 s; a simulator that has none needs release_sport_mode=false",
+        ),
+        (["--bare"], ["check_crc=false", "release_sport_mode=false"], None, "no answer which; calibrate will not ask"),
     ],
     indirect=["asked"],
 )
@@ -382,7 +474,7 @@ def test_a_service_that_hears_and_never_answers_is_named(monkeypatch):
     """And the motors are nobody's meanwhile: what asks for them gives no command before it has an answer."""
     monkeypatch.setattr(sport, "_ANSWER", 0.1)
     with closing(DdsDomain(unused_domain(), "lo")) as domain:
-        service = domain.inbox(sport.REQUESTS, Request)
+        service, _ = domain.inbox(sport.REQUESTS, Request), domain.outbox(sport.RESPONSES, Response)
         with pytest.raises(CommunicationError) as caught:
             sport.MotionSwitcher(domain, "unitree-go2").release()
         assert len(service.take()) == 3
@@ -391,19 +483,22 @@ def test_a_service_that_hears_and_never_answers_is_named(monkeypatch):
     )
 
 
-def test_samples_that_are_all_damaged_are_told_apart_from_none(tmp_path_factory, a1):
-    with running(tmp_path_factory, "--damage", "1.0", "--no-sport-mode") as peer:
-        with (
-            connected(peer, a1) as platform,
-            pytest.raises(CommunicationError, match=r"all \d+ samples .* check_crc=false"),
-        ):
-            platform.read()
+@pytest.mark.parametrize("fault", [{"damage": 1.0}, {"zero_crc": True}])
+def test_wrong_and_missing_checksums_are_left_out_unless_asked_for(tmp_path_factory, a1, fault):
+    with running(tmp_path_factory, "--no-sport-mode") as peer:
+        peer.fault(**fault)
+        peer.wait_for(fault=next(iter(fault)))
+        with connected(peer, a1) as platform:
+            with pytest.raises(CommunicationError, match=r"all \d+ samples .* check_crc=false"):
+                platform.read()
+            assert platform._connection.rejected > 100
         with connected(peer, a1, check_crc=False) as platform:
             assert platform.read().joint_position.shape == (12,)
+            assert platform._connection.rejected == 0
 
 
 def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
-    link = open_link(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
+    link = open_connection(a1, UnitreeDdsSettings(interface="lo", domain=unused_domain()))
     try:
         message = Message(STATE)
         lost = message.record["motor_state"]["lost"]
@@ -419,7 +514,22 @@ def test_messages_lost_inside_the_robot_are_a_fault_once_they_get_lost(a1):
 
 def test_a_robot_with_other_legs_is_refused(two_jointed):
     with pytest.raises(SettingsError, match="unitree-go2 has 12 joints, three a leg"):
-        open_link(two_jointed, UnitreeDdsSettings(interface="lo"))
+        open_connection(two_jointed, UnitreeDdsSettings(interface="lo"))
+
+
+@pytest.mark.parametrize("wrong", [0, 2, 11, 256])
+def test_motor_modes_that_no_example_of_the_maker_sends_are_refused(wrong):
+    with pytest.raises(SettingsError, match=f"motor_mode is {wrong}; it is 1 or 10"):
+        UnitreeB2Settings(motor_mode=wrong)
+
+
+@pytest.mark.parametrize(("kind", "mode"), [(UnitreeDdsSettings, 1), (UnitreeB2Settings, 10)])
+def test_the_motor_mode_of_each_robot_arrives(tmp_path_factory, a1, kind, mode):
+    with running(tmp_path_factory, "--no-sport-mode") as peer:
+        given = kind(interface="lo", domain=peer.domain)
+        with HardwarePlatform(open_connection(a1, given)) as platform:
+            hold(platform, platform.read().joint_position, 0.1)
+        assert {*peer.said("motor_mode")} == {mode}
 
 
 @pytest.mark.parametrize("wrong", [{"domain": -1}, {"domain": 233}, {"silence": 0.0}, {"silence": 11.0}])

@@ -24,11 +24,10 @@ from equipoise.drivers.unitree.packets import (
     Damage,
     MotorCommands,
     SensorReadings,
-    StatePacket,
-    read_command,
     read_state,
 )
 from equipoise.errors import SettingsError
+from equipoise.peers.udp_packets import StatePacket, read_command
 
 ALL = {"a1": A1, "a1 struct": A1_STRUCT, "go1": GO1, "go1 scrambled": GO1_SCRAMBLED}
 PACKETS = pytest.mark.parametrize("packets", ALL.values(), ids=ALL)

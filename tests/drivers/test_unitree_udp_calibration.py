@@ -5,7 +5,7 @@ from peer_processes import free_port, in_real_time, running_peer, stalls_told
 
 from equipoise import Static, calibrate, simulate
 from equipoise.drivers.hardware import HardwarePlatform
-from equipoise.drivers.unitree.udp import open_link
+from equipoise.drivers.unitree.udp import open_connection
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
@@ -24,7 +24,7 @@ def test_a_calibration_over_a_bad_network_says_what_one_without_network_says(a1)
     recordings, port = [], free_port()
     robot = ("--protocol", "go1", "--port", port, "--payload", PAYLOAD, "--seed", SEED, "--noise", "ideal")
     with running_peer("unitree_udp", *robot, *FAULTS) as peer:
-        link = open_link(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
+        link = open_connection(a1, UnitreeUdpSettings("go1", "127.0.0.1", port, local_port=free_port(), silence=1.0))
         platform = HardwarePlatform(link)
         with stalls_told(platform, peer), Guard(platform, a1, BUSY) as guard:
             result = calibrate(guard, a1, STATIC, keep=recordings.append)

@@ -7,8 +7,11 @@ from guarded import at_rest, look
 from equipoise import nominal_stance
 from equipoise.errors import FallError, SensorError
 from equipoise.guard.base_checks import BaseChecks
+from equipoise.guard.known import Known
 from equipoise.guard.limits import Limits
+from equipoise.guard.tilt_filter import TiltFilter
 from equipoise.platform.platform import JointCommand
+from equipoise.robot.stance import lying_posture
 
 
 @pytest.fixture
@@ -41,8 +44,8 @@ def test_before_anything_moves_the_base_is_upright(a1, checks, hold):
     with pytest.raises(FallError) as caught:
         look(checks.at_rest, hold, leaning(a1, 0.36))
     assert str(caught.value) == (
-        "the base leans by 21 deg before anything has moved: the robot has fallen, or the IMU is mounted turned (give its "
-        "pose under imu_rpy in a robot description)"
+        "the base leans by 21 deg before anything has moved: the robot has fallen, or the IMU is mounted turned: "
+        "--imu-rpy 0.000 0.360 0.000 (imu_rpy in a robot description) brings gravity upright; it leaves yaw open"
     )
 
 
@@ -74,3 +77,14 @@ def test_on_three_feet_it_may_lean_no_farther_than_on_four(a1, checks, hold):
     for angle in (-0.36, 0.36):
         with pytest.raises(FallError):
             look(checks.in_motion, JointCommand(raised), leaning(a1, angle, time=1.1), planted=hold)
+
+
+def test_a_robot_that_lies_has_no_feet_lifted(a1, checks, hold):
+    lying, _ = lying_posture(a1, nominal_stance(a1))
+    for position, lifted in ((hold.position, True), (lying, False)):
+        raised = np.array(position)
+        raised[[2, 11]] += 0.2  # the knees of FL and RR
+        known = Known(at_rest(a1), JointCommand(raised), JointCommand(raised), hold, TiltFilter(np.eye(3)))
+        for check in checks.in_motion:
+            check(known.sent, known)
+        assert known.lifted == lifted

@@ -1,5 +1,7 @@
 """Encoders of 10 to 13 bits read the same for long and are not frozen; one that is frozen among them is found."""
 
+import os
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -33,8 +35,7 @@ class Coarse(PlatformWrapper):
         super().__init__(self._simulation.platform)
 
     def _sensed(self, state):
-        earlier = tuple(self._sensed(sample) for sample in state.earlier)
-        return replace(state, joint_position=coarse(state.joint_position, self._coarseness), earlier=earlier)
+        return replace(state, joint_position=coarse(state.joint_position, self._coarseness))
 
     def read(self):
         return self._sensed(super().read())
@@ -90,7 +91,7 @@ def filtered(robot, recording):
         state = RobotState(
             time, joints.position[index], None, None, imu.angular_velocity_in_imu[at], imu.acceleration_in_imu[at]
         )
-        sieve.accept(state, targets[index])
+        sieve.accept([state], targets[index])
 
 
 @pytest.mark.parametrize("step", STEPS)
@@ -108,7 +109,8 @@ def test_a_frozen_encoder_among_coarse_ones_is_named(a1, recording, step):
         screen_log(a1, frozen)
 
 
-def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, coarse_engine):
+def test_a_robot_with_coarse_encoders_is_calibrated_behind_the_guard(tmp_path, coarse_engine, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # the robot process imports this module
     arguments = ["--platform", f"{__name__}:Coarse", "--set", "step=1.5e-3", "--budget", "30s", "--mass", "12.46"]
     assert main(["calibrate", "unitree_a1", *arguments, "--yes", "--quiet", "--no-report", "--no-pictures",
                  "--out", str(tmp_path / "run")]) == 0  # fmt: skip

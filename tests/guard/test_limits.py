@@ -1,43 +1,48 @@
-"""Every limit of the guard, its ending and the watchdog, from both sides: what is just allowed, and what is not by little.
+"""Every limit of the guard, its endings and the second connection from both sides: just allowed, and just not.
 
 Looser by half, each would let something through here: `make mutants` tries that. Time is a count where it can be.
 """
 
-import threading
+import signal
+import socket
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from guarded import PERIOD, MemoryLink, at_rest, look
+from guarded import PERIOD, Clock, MemoryLink, at_rest, is_damped, look
 
 from equipoise import nominal_stance
-from equipoise.drivers.hardware import HardwarePlatform
+from equipoise.conventions import GRAVITY
 from equipoise.errors import (
     CommunicationError,
     EquipoiseError,
-    HungError,
+    FallError,
+    HealthError,
     LimitError,
     OverrunError,
     SensorError,
     TrackingError,
 )
 from equipoise.experiments.legs_up import legs_up as turned_up
-from equipoise.guard import guard as guard_module
-from equipoise.guard import held_robot, safe_ending, watchdog
+from equipoise.guard import endings, robot_loop, second_connection
 from equipoise.guard.command_checks import CommandChecks
+from equipoise.guard.endings import NOT_CONFIRMED
 from equipoise.guard.footing import feet_are_lifted, legs_are_up
-from equipoise.guard.guard import Guard
-from equipoise.guard.held_robot import HeldRobot
+from equipoise.guard.force_limit import ForceLimit
 from equipoise.guard.joint_checks import JointChecks, StuckDetector
 from equipoise.guard.known import Known
 from equipoise.guard.limits import Limits
-from equipoise.guard.safe_ending import SafeEnding
+from equipoise.guard.messages import Setup
+from equipoise.guard.pipe import Pipe
+from equipoise.guard.robot_loop import MotionOrder, RobotLoop
+from equipoise.guard.robot_process import RobotProcess
 from equipoise.guard.sample_filter import SampleFilter
+from equipoise.guard.second_connection import SecondConnection
 from equipoise.guard.soft_start import soft_start
 from equipoise.guard.tilt_filter import TiltFilter
-from equipoise.platform.platform import JointCommand
-from equipoise.robot.kinematics import Kinematics, foot_positions, inverse_kinematics
+from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, Trajectory
+from equipoise.robot.kinematics import foot_jacobians, foot_positions, inverse_kinematics
 from equipoise.robot.stance import lying_posture
 
 KNEE, THIGH = 2, 1  # of the front left leg
@@ -62,19 +67,6 @@ def gains(a1, stance):
 @pytest.fixture
 def joints(a1, stance):
     return JointChecks(Limits(), a1, stance.hip_height, PERIOD, knows_gains=True)
-
-
-class Clock:
-    """A time that passes where somebody sleeps."""
-
-    def __init__(self):
-        self.now = 100.0
-
-    def monotonic(self):
-        return self.now
-
-    def sleep(self, duration):
-        self.now += duration
 
 
 def with_one(values, joint, value):
@@ -123,9 +115,6 @@ def test_a_joint_that_runs_away(a1, joints, home):
     away(0.97, joints.in_motion)
     with pytest.raises(TrackingError):
         away(1.1, joints.in_motion)
-    away(0.48, joints.held)
-    with pytest.raises(TrackingError):
-        away(0.6, joints.held)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +123,7 @@ def test_a_joint_that_runs_away(a1, joints, home):
 def test_a_joint_that_does_not_go_where_it_is_sent(sent, moved, stuck):
     detector = StuckDetector(1, 0, 10)
     ways = [(np.array([share * sent]), np.array([share * moved])) for share in np.tile(np.linspace(0, 1, 10), 2)]
-    assert any(detector.feel(*way) is not None for way in ways) == stuck
+    assert any(detector.update(*way) is not None for way in ways) == stuck
 
 
 def test_a_stuck_joint_is_noticed_within_two_half_seconds(a1, joints, home):
@@ -143,6 +132,13 @@ def test_a_stuck_joint_is_noticed_within_two_half_seconds(a1, joints, home):
         return not passes(lambda: look(joints.in_motion, command, replace(at_rest(a1, index), joint_torque=None)))
 
     assert next(index for index in range(1000) if noticed(index)) * PERIOD < 1.2
+
+
+@pytest.mark.parametrize(("charge", "goes_on"), [(0.11, True), (0.09, False)])
+def test_a_battery_that_is_nearly_empty(a1, joints, home, charge, goes_on):
+    state = at_rest(a1, health=Health(battery_charge=charge))
+    for checks in (joints.at_rest, joints.health):
+        assert passes(lambda checks=checks: look(checks, JointCommand(home), state), HealthError) == goes_on
 
 
 # --- commands
@@ -176,7 +172,7 @@ def believed(robot, states, target=None):
     sieve = SampleFilter(robot, PERIOD, Limits().silence)
     for count, state in enumerate(states):
         try:
-            sieve.accept(state, state.joint_position if target is None else target(count))
+            sieve.accept([state], state.joint_position if target is None else target(count))
         except EquipoiseError as error:
             return count, error
     return len(states), None
@@ -184,7 +180,7 @@ def believed(robot, states, target=None):
 
 def test_a_sensor_that_says_nothing_new(a1):
     count, error = believed(a1, [at_rest(a1)] * 500)
-    assert isinstance(error, CommunicationError)
+    assert isinstance(error, SensorError | CommunicationError)
     assert 0.1 <= count * PERIOD < 0.13
 
 
@@ -236,7 +232,7 @@ def test_which_way_is_up(a1):
         for index in range(251):
             direction = np.array([0.0, 0.0, 1.0]) if index == 0 else np.array([np.sin(lean), 0.0, np.cos(lean)])
             size = 9.81 if index == 0 else acceleration
-            up.feel(
+            up.update(
                 SimpleNamespace(
                     time=index * PERIOD, acceleration_in_imu=size * direction, angular_velocity_in_imu=np.zeros(3)
                 )
@@ -248,63 +244,53 @@ def test_which_way_is_up(a1):
     assert felt(9.81 + 2.9) == pytest.approx(0, abs=1e-6)
 
 
-# --- while nothing moves, and at the beginning
-
-
-@pytest.mark.parametrize(
-    ("silent", "stepped", "error"),
-    [(1.25, 0.0, None), (1.5, 0.0, HungError), (0.0, 0.19, None), (0.0, 0.25, OverrunError)],
-)
-def test_a_program_that_gives_no_sign_of_life(monkeypatch, silent, stepped, error):
-    loop, clock = SimpleNamespace(hold=lambda: None), Clock()
-    monkeypatch.setattr(held_robot, "time", clock)
-    monkeypatch.setattr(held_robot, "last_sign", lambda thread: clock.now - silent)
-    held = HeldRobot(loop, PERIOD, Limits().stall, lambda trouble: None)
-    held._sent = clock.now - stepped
-    if error is None:
-        held._repeat()
-    else:
-        with pytest.raises(error):
-            held._repeat()
+# --- time
 
 
 @pytest.mark.parametrize(("gap", "allowed"), [(0.19, True), (0.25, False)])
-@pytest.mark.parametrize("left_in", ["between", "during"])
-def test_a_step_after_a_gap(monkeypatch, gap, allowed, left_in):
-    """Whoever steps looks by itself: what keeps the interpreter keeps the thread that holds from looking, too."""
-    clock = Clock()
-    held = HeldRobot(SimpleNamespace(step=clock.sleep), PERIOD, Limits().stall, lambda trouble: None)
-    monkeypatch.setattr(held_robot, "time", clock)
-    monkeypatch.setattr(threading.Thread, "start", lambda thread: None)
-    held.step(10.0)  # the first may take long
-    held.begin(None)
-    held.step(gap if left_in == "during" else 0.0)
-    clock.sleep(gap if left_in == "between" else 0.0)
-    assert passes(lambda: held.step(0.0), OverrunError) == allowed
-    held.stop()
-    clock.sleep(10.0)
-    held.step(0.0)  # the ending has looked where the robot is
+def test_a_command_after_a_gap(a1, home, monkeypatch, gap, allowed):
+    clock, platform = Clock(), Robot(a1, lambda count: home)
+    monkeypatch.setattr(robot_loop, "time", clock)
+    platform.received = clock.monotonic
+    loop = taken_over(platform, a1, JointCommand(home))
+    loop.tick()
+    clock.sleep(gap)
+    loop.tick()
+    assert (loop.trouble is None) == allowed
+    assert allowed or isinstance(loop.trouble, OverrunError)
 
 
-def test_before_it_is_moved_a_robot_is_looked_at(a1, home, monkeypatch):
-    class LookedError(Exception):
-        pass
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_robot_that_nothing_moves_is_put_down_after_ten_minutes(a1, home, moved):
+    """One that was never commanded is only observed, for as long as the operator likes."""
+    before = signal.getsignal(signal.SIGTERM)
+    ours, theirs = map(Pipe, socket.socketpair())
+    try:
+        setup = Setup("", {}, a1.name, a1.source, a1.description, Limits())
+        process = RobotProcess(theirs, setup, Robot(a1, lambda count: home), a1)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        ours.close()
+        theirs.close()
+    process._loop.known = object() if moved else None
+    ended, count = [], 0
+    process._loop.end = lambda error: ended.append((error, count * PERIOD))
+    while not ended and count < 450_000:
+        process._post_batch()
+        count += 1
+    assert [599 < time < 660 for _, time in ended] == [True] * moved
+    assert all(isinstance(error, OverrunError) for error, _ in ended)
 
-    def end(state, first):
-        raise LookedError
 
-    clock = Clock()
-    guard = Guard(HardwarePlatform(MemoryLink(a1)), a1)
-    monkeypatch.setattr(guard_module.time, "sleep", clock.sleep)
-    monkeypatch.setattr(guard._loop, "take_over", end)
-    with pytest.raises(LookedError):
-        guard._begin(JointCommand(home))
+def test_before_it_is_moved_a_robot_is_observed(a1, home, monkeypatch):
+    clock, platform = Clock(), Robot(a1, lambda count: home)
+    monkeypatch.setattr(robot_loop, "time", clock)
+    platform.received = clock.monotonic
+    loop = RobotLoop(platform, a1)
+    loop.move(MotionOrder(1, Trajectory(home[None])))
+    while not platform.sent:
+        loop.tick()
     assert 0.29 < clock.now - 100.0 < 0.4
-    waited = []
-    monkeypatch.setattr(guard._held, "lock", SimpleNamespace(acquire=lambda timeout: waited.append(timeout) or False))
-    with guard._alone() as alone:
-        assert not alone
-    assert 0.8 < waited[0] < 1.2
 
 
 def test_a_soft_start_takes_a_second(a1, home, gains):
@@ -314,165 +300,211 @@ def test_a_soft_start_takes_a_second(a1, home, gains):
     assert 0.95 < len(commands) * PERIOD < 1.05
 
 
-# --- the ending
+# --- forces
 
 
-class Ending:
-    """A safe ending whose robot is where `here(count)` says after so many commands."""
+def bounded(robot, stance, gains, limits, position, target, lifted=False, count=1):
+    """What is left of a command after so many of them, and the torque that it adds to its feed-forward [Nm]."""
+    force = ForceLimit(limits, robot, stance, gains, PERIOD)
+    command = JointCommand(target, torque=np.ones(12))
+    for _ in range(count):
+        sent = force.bounded(command, at_rest(robot, joint_position=position), lifted)
+    kp = gains[0] if sent.kp is None else sent.kp
+    return sent, kp * (sent.position - position)
 
-    def __init__(self, robot, gains, here, fails=False):
-        self.robot, self.sent, self._here, self._fails = robot, [], here, fails
-        held = SimpleNamespace(step=self._step, push=self._step)
-        self.ending = SafeEnding(held, robot, nominal_stance(robot), gains, PERIOD, lambda: False)
 
-    def _step(self, command):
+def test_torque_beyond_the_feed_forward_is_bounded_by_the_motor_and_by_the_force_at_the_foot(a1, stance, home, gains):
+    """30 % of the motor's, or 60 N; a command within that is not touched."""
+    lever = np.linalg.norm(foot_jacobians(a1, stance.joint_position), axis=1).ravel()
+    strong = replace(a1, effort_limit=np.full(12, 200.0))
+    for robot, most in ((a1, np.minimum(0.3 * a1.effort_limit, 60 * lever)), (strong, 60 * lever)):
+        for side in (1, -1):
+            sent, excess = bounded(robot, stance, gains, Limits(), home, home + side * 0.4)
+            assert excess == pytest.approx(side * most, rel=1e-6)
+            assert (sent.torque == 1).all()
+    command, excess = bounded(a1, stance, gains, Limits(), home, home + 0.9 * most.min() / gains[0])
+    assert command.position == pytest.approx(home + excess / gains[0])
+
+
+def test_a_heavy_robot_may_exert_a_quarter_of_its_weight_at_a_foot(a1, stance, home, gains):
+    heavy = replace(a1, effort_limit=np.full(12, 10.0))  # for its motors
+    lever = np.linalg.norm(foot_jacobians(a1, stance.joint_position), axis=1).ravel()
+    _, excess = bounded(heavy, stance, gains, Limits(), home, home + 0.9)
+    assert excess == pytest.approx(0.25 * a1.mass * GRAVITY * lever, rel=1e-6)
+
+
+def test_the_first_two_lifts_are_at_half_stiffness(a1, stance, home, gains):
+    """It goes there and back by 5 a second."""
+    force, shares = ForceLimit(Limits(), a1, stance, gains, PERIOD), []
+    state, command = at_rest(a1, joint_position=home), JointCommand(home, torque=np.zeros(12))
+    for lifted in np.repeat([False, True, False, True, False, True, False], 100):
+        kp = force.bounded(command, state, bool(lifted)).kp
+        shares.append(1.0 if kp is None else kp[0] / gains[0][0])
+    assert np.array(shares)[[99, 199, 299, 399, 499, 599, 699]] == pytest.approx([1, 0.5, 1, 0.5, 1, 1, 1])
+    assert np.abs(np.diff(shares)).max() == pytest.approx(5 * PERIOD)
+
+
+def test_gains_that_a_command_sets_are_kept_in_the_first_lifts(a1, stance, home, gains):
+    force, state = ForceLimit(Limits(), a1, stance, gains, PERIOD), at_rest(a1, joint_position=home)
+    command = JointCommand(home, torque=np.zeros(12), kp=0.4 * gains[0], kd=gains[1])
+    assert all(force.bounded(command, state, True) is command for _ in range(100))
+
+
+# --- the endings
+
+
+class Robot:
+    """A platform whose joints are at `here(count)` after so many commands; None: where they were sent last."""
+
+    control_period = PERIOD
+
+    def __init__(self, robot, here, fails=lambda count: False, accepts=ACCEPTS_EVERYTHING):
+        self.robot, self.joint_names, self.accepts = robot, robot.joint_names, accepts
+        self.here, self.fails, self.sent, self.received = here, fails, [], lambda: None
+
+    def read(self):
+        count = len(self.sent)
+        position = self.here(count) + 1e-6 * (count % 7)
+        return at_rest(self.robot, count, joint_position=position, joint_torque=None, received=self.received())
+
+    def step(self, command):
         self.sent.append(command)
-        if self._fails:
+        if self.fails(len(self.sent)):
             raise CommunicationError("nothing gets through")
-        return at_rest(self.robot, joint_position=self._here(len(self.sent)))
+        return self.read()
 
-    def put_down(self, last, tilt=0.0, **how):
-        known = Known(at_rest(self.robot, joint_position=self._here(0)), last, last, SimpleNamespace(tilt=tilt), **how)
-        self.ending.put_down(known, None)
-        return self.ending.done
+    def close(self):
+        pass
 
-    def times(self, select):
-        """How long commands of a kind were sent [s]."""
-        return sum(1 for command in self.sent if select(command)) * PERIOD
+    def follow(self, start):
+        """Its joints are where they were sent last, and stay there when they are damped."""
+        stiff = [start]
+
+        def here(count):
+            stiff[:] = [self.sent[-1].position] if self.sent and not self.sent[-1].limp else stiff
+            return stiff[0]
+
+        self.here = here
+        return self
 
 
-def is_limp(command):
-    return command.kp is not None and not command.kp.any()
+def taken_over(platform, robot, sent, planted=None):
+    loop = RobotLoop(platform, robot)
+    loop.tick()
+    loop.known = Known(loop.state, sent, sent, planted or sent, loop._up)
+    return loop
 
 
-def test_a_robot_that_is_well_is_given_its_time(a1, home, gains):
-    ending = Ending(a1, gains, lambda count: home)
-    assert ending.put_down(JointCommand(home)) == ["lying down", "damped"]
-    assert 2.4 < ending.times(lambda command: command.kp is None) < 2.7
-    assert 0.45 < ending.times(lambda command: command.kp is not None and command.kp.any()) < 0.55
-    assert 0.25 < ending.times(is_limp) < 0.35  # it was still
+def put_down(platform, robot, sent, sound=True, planted=None, urgent=False, tilt=None):
+    """The steps of the ending of a robot that was sent somewhere last."""
+    loop = taken_over(platform, robot, sent, planted)
+    if tilt is not None:
+        loop.known.up = SimpleNamespace(tilt=tilt, lean=lambda floor: 0.0, update=lambda sample: None)
+    loop.end(None if sound else FallError("it falls"), urgent, sound)
+    while not loop.over:
+        loop.tick()
+    return loop.ending.done[:-1]
+
+
+def duration(platform, select):
+    """How long commands of a kind were sent [s]."""
+    return sum(1 for command in platform.sent if select(command)) * PERIOD
+
+
+def is_stiff(command):
+    return command.kp is None
+
+
+def test_a_sound_robot_is_given_its_time(a1, home):
+    platform = Robot(a1, None).follow(home)
+    assert put_down(platform, a1, JointCommand(home)) == ["lowered", "damped"]
+    assert 2.4 < duration(platform, is_stiff) < 2.7
+    assert 0.45 < duration(platform, lambda command: not is_stiff(command) and command.kp.any()) < 0.55
+    assert 1.45 < duration(platform, is_damped) < 1.6  # it was still
+
+
+def test_a_robot_is_lowered_at_a_fifth_of_a_metre_a_second(a1, home, monkeypatch):
+    """A tall one takes longer than the usual time."""
+    monkeypatch.setattr(endings, "LIE_DOWN", 0.1)
+    fast = replace(a1, velocity_limit=np.full(12, 1e3))
+    platform = Robot(fast, None).follow(home)
+    put_down(platform, fast, JointCommand(home))
+    height = np.array([foot_positions(a1, command.position)[:, 2].mean() for command in platform.sent])
+    assert 0.17 < np.abs(np.diff(height)).max() / PERIOD < 0.215
 
 
 @pytest.mark.parametrize(
-    ("off", "follows", "centred"),
-    [(0.23, True, False), (0.27, True, True), (-0.27, True, True), (0.27, False, False)],
+    ("speed", "lies", "seconds"),
+    [(0.078, False, 12.1), (0.05, True, 1.5), (0.0, True, 1.5), (0.0, False, 4.05)],
 )
-def test_a_body_far_from_the_middle_of_its_feet_is_brought_back_before_it_is_damped(
-    a1, home, gains, off, follows, centred
-):
-    """If its legs follow; a fault keeps it from lying down."""
-    feet, sent = nominal_stance(a1).feet_in_base.copy(), home
-    for _ in range(9):  # the legs' own CoM goes with the feet
-        feet[:, 0] += Kinematics(a1).com(sent)[0] - feet[:, 0].mean() - off * np.ptp(feet[:, 0]) / 2
-        sent = inverse_kinematics(a1, feet, home)
-    ending = Ending(a1, gains, lambda count: sent + 0.3)
-    if follows:
-        ending = Ending(a1, gains, lambda count: ending.sent[-1].position if count else sent)
-    assert ending.put_down(JointCommand(sent), well=False) == [*["centred"] * centred, "damped"]
-    assert (0.5 < ending.times(lambda command: command.kp is None) < 0.7) == centred
-    if centred:
-        np.testing.assert_allclose([one for one in ending.sent if one.kp is None][-1].position, home, atol=1e-6)
+def test_it_is_damped_until_it_is_at_rest(a1, stance, home, speed, lies, seconds):
+    """By 0.02 rad in 0.3 s, for one and a half seconds at least; one that does not lie for as long as it may take to sink."""
+    there = lying_posture(a1, stance)[0] if lies else home
+    platform = Robot(a1, lambda count: there + speed * min(count, 6000) * PERIOD * (np.arange(12) == KNEE))
+    robot = replace(a1, upper_limit=a1.upper_limit + 10)
+    done = put_down(platform, robot, JointCommand(there), sound=False)
+    assert duration(platform, is_damped) == pytest.approx(seconds, abs=0.12)
+    assert done == ["damped" if speed < 0.06 else f"damping commands were sent; {NOT_CONFIRMED}"]
 
 
-@pytest.mark.parametrize(("speed", "believed", "duration"), [(0.078, True, 4.0), (0.05, True, 0.3), (0.0, False, 4.0)])
-def test_it_is_damped_until_it_is_still(a1, home, gains, speed, believed, duration):
-    """By 0.02 rad in 0.3 s; or for four seconds."""
-    ending = Ending(a1, gains, lambda count: home + speed * count * PERIOD)
-    ending.put_down(JointCommand(home), well=False, believed=believed)
-    assert ending.times(is_limp) == pytest.approx(duration, abs=0.1)
+@pytest.mark.parametrize(("moved", "seconds"), [(0.09, 4.05), (0.13, 1.5)])
+def test_a_stiff_robot_whose_joints_have_not_given_way_is_damped_longer(a1, home, moved, seconds):
+    platform = Robot(a1, lambda count: home + moved * min(count / 300, 1) * (np.arange(12) == THIGH))
+    assert put_down(platform, a1, JointCommand(home), sound=False) == ["damped"]
+    assert duration(platform, is_damped) == pytest.approx(seconds, abs=0.1)
 
 
-def test_a_robot_that_is_not_where_it_was_sent_does_not_lie_down_and_is_not_pulled(a1, home, gains):
-    """With two legs: with more it has sunk."""
-    for away, stages in ((0.28, ["lying down", "damped"]), (0.35, ["damped"])):
-        there = home.copy()
-        there[a1.leg_joints[:2]] += away
-        ending = Ending(a1, gains, lambda count, there=there: there)
-        assert ending.put_down(JointCommand(home)) == stages
-    pull = np.abs([command.position - there for command in ending.sent if not is_limp(command)]).max()
-    assert 0.14 < pull < 0.16
+@pytest.mark.parametrize(("gap", "confirmed"), [(45, True), (60, False)])
+def test_a_robot_that_is_silent_confirms_nothing(a1, stance, gap, confirmed):
+    """No sample for a tenth of a second: the silence begins so many control periods before the damping may end."""
+    lying, _ = lying_posture(a1, stance)
+    begins = round(1.5 / PERIOD) - gap
+    platform = Robot(a1, lambda count: lying, lambda count: count > begins)
+    done = put_down(platform, a1, JointCommand(lying), sound=False)
+    assert done == ["damped" if confirmed else f"damping commands were sent; {NOT_CONFIRMED}"]
+    assert duration(platform, is_damped) == pytest.approx(1.5 if confirmed else 4.05, abs=0.1)
 
 
-@pytest.mark.parametrize(("tilt", "caught"), [(0.75, True), (0.85, False)])
-def test_feet_are_put_down_if_that_is_sensible(a1, home, stance, gains, tilt, caught):
+@pytest.mark.parametrize(("away", "legs", "done"), [
+    (0.27, 4, ["lowered", "damped"]), (0.35, 4, ["damped"]), (0.35, 3, ["damped"]), (0.35, 2, ["lowered", "damped"]),
+])  # fmt: skip
+def test_a_robot_that_has_sunk_meanwhile_is_not_pulled_up_again(a1, home, away, legs, done):
+    """Its joints are far from where they were sent, with three legs at least."""
+    off = np.zeros(12)
+    off[a1.leg_joints[:legs].ravel()] = away
+    platform = Robot(a1, None)
+    platform.here = lambda count: (platform.sent[-1].position if platform.sent else home) + off
+    found = put_down(platform, a1, JointCommand(home))
+    assert found == done or found[0].startswith("lowered, stopped")
+    assert found[0].startswith(done[0])
+    assert any(map(is_stiff, platform.sent)) == (done[0] == "lowered")
+
+
+@pytest.mark.parametrize("urgent", [False, True])
+def test_feet_in_the_air_are_put_down_first(a1, stance, home, urgent):
     feet = stance.feet_in_base + np.array([0.02, 0, 0, 0.02])[:, None] * [0, 0, 1]
     raised = inverse_kinematics(a1, feet, home)
-    ending = Ending(a1, gains, lambda count: raised)
-    assert (ending.put_down(JointCommand(raised), tilt, well=False)[0] == "feet down") == caught
-    stiff = ending.times(lambda command: not is_limp(command))
-    assert stiff == pytest.approx(0.8 if caught else 0.5, abs=0.03)
+    platform = Robot(a1, None).follow(raised)
+    done = put_down(platform, a1, JointCommand(raised), planted=JointCommand(home), urgent=urgent)
+    assert done == ["feet down", *["lowered"] * (not urgent), "damped"]
+    assert np.allclose(platform.sent[149].position, home)
+    if urgent:
+        assert duration(platform, lambda command: not is_damped(command)) == pytest.approx(0.8, abs=0.02)
 
 
-def test_lying_down_keeps_to_half_of_the_joints_speeds(a1, home, gains):
+def test_lowering_keeps_to_half_of_the_joints_speeds(a1, home):
     slow = replace(a1, velocity_limit=np.full(12, 0.4))
-    ending = Ending(slow, gains, lambda count: home)
-    ending.put_down(JointCommand(home), well=True)
-    positions = np.array([command.position for command in ending.sent if command.kp is None])
+    platform = Robot(slow, None).follow(home)
+    put_down(platform, slow, JointCommand(home))
+    positions = np.array([command.position for command in platform.sent if is_stiff(command)])
     assert 0.15 < np.abs(np.diff(positions, axis=0)).max() / PERIOD < 0.21
 
 
-@pytest.mark.parametrize(("slept", "tries"), [(PERIOD, 26), (0.1, 4)])
-def test_feet_that_nothing_reaches_are_given_up_and_damped_all_the_same(a1, home, gains, monkeypatch, slept, tries):
-    """A robot whose state stream is silent may still hear: it sinks for as long as one that answers may take."""
-    clock = Clock()
-    monkeypatch.setattr(
-        safe_ending, "time", SimpleNamespace(monotonic=clock.monotonic, sleep=lambda _: clock.sleep(slept))
-    )
-    feet = nominal_stance(a1).feet_in_base.copy()
-    feet[0, 2] += 0.05
-    raised = inverse_kinematics(a1, feet, home)
-    ending = Ending(a1, gains, lambda count: raised, fails=True)
-    down, damped = ending.put_down(JointCommand(raised), well=False)
-    assert down == "feet down, stopped: nothing gets through"
-    assert damped == "damped, stopped: nothing gets through"
-    assert sum(command.kp is None for command in ending.sent) == tries
-    assert sum(command.kp is not None for command in ending.sent) * slept == pytest.approx(4.05, abs=0.2)
-    assert sum(is_limp(command) for command in ending.sent) * slept == pytest.approx(3.5, abs=0.2)
-
-
-@pytest.mark.parametrize("legs", [4, 3, 2])
-def test_a_robot_that_somebody_else_let_down_is_not_pulled_up_again(a1, stance, gains, legs):
-    """Its joints are far from where they were sent, with three legs at least."""
-    there, _ = lying_posture(a1, stance)
-    there[a1.leg_joints[legs:]] = stance.joint_position[a1.leg_joints[legs:]]
-    ending = Ending(a1, gains, lambda count: there)
-    done = ending.put_down(JointCommand(stance.joint_position), well=False)
-    if legs == 2:
-        assert any(not is_limp(command) for command in ending.sent)
-    else:
-        assert done == ["damped"]
-        assert all(is_limp(command) for command in ending.sent)
-
-
-# --- the watchdog
-
-
-def let_down(robot, monkeypatch, link, legs_up=False):
-    """What the watchdog does, in which time, and how often it connects."""
-    clock, opened = Clock(), []
-    monkeypatch.setattr(watchdog, "time", clock)
-    monkeypatch.setattr("equipoise.drivers.catalog.open_beside", lambda *what: opened.append(what) or link)
-    said = watchdog._Hand("unitree-a1", robot, {}).let_down(legs_up)
-    return said, clock.now - 100.0, len(opened)
-
-
-@pytest.mark.parametrize(("legs_up", "seconds"), [(False, 4.05), (True, 10.1)])
-def test_the_watchdog_damps_until_a_body_has_sunk_or_legs_are_down(a1, stance, monkeypatch, legs_up, seconds):
-    link = MemoryLink(a1)
-    said, took, _ = let_down(a1, monkeypatch, link, legs_up)
-    assert said == f"its joints were damped ({len(link.sent)} commands)"
-    assert took == pytest.approx(seconds, abs=0.1)
-    assert link.sent[0].kd == pytest.approx(a1.gains(stance.hip_height)[1])
-
-
-def test_the_watchdog_remembers_what_it_was_told_of_legs_last(monkeypatch):
-    said = iter([b"md..u", b".", b"..", b"ud.", b"d", b".u.", b""])
-    monkeypatch.setattr(watchdog, "select", SimpleNamespace(select=lambda *_: ([0], [], [])))
-    seen = []
-    monkeypatch.setattr(watchdog, "os", SimpleNamespace(read=lambda pipe, size: seen.append(next(said)) or seen[-1]))
-    assert watchdog._watch(0) == ("the program is gone", True)
-    said = iter([b"mu", b"d", b"...", b""])
-    assert watchdog._watch(0) == ("the program is gone", False)
+@pytest.mark.parametrize(("tilt", "lowered"), [(0.97, True), (1.05, False)])
+def test_a_robot_that_cannot_be_damped_is_lowered_unless_it_has_fallen(a1, home, tilt, lowered):
+    platform = Robot(a1, None, accepts=frozenset()).follow(home)
+    done = put_down(platform, a1, JointCommand(home), sound=False, tilt=tilt)
+    assert done == [*["lowered"] * lowered, "left to its own controller"]
 
 
 def test_a_foot_a_tenth_of_a_leg_above_where_it_lies_is_up(a1, stance):
@@ -486,30 +518,49 @@ def test_a_foot_a_tenth_of_a_leg_above_where_it_lies_is_up(a1, stance):
     assert not legs_are_up(a1, stance, stance.joint_position)
 
 
-def test_the_watchdog_tries_for_fifteen_seconds_and_connects_anew_every_second(a1, monkeypatch):
+# --- the second connection
+
+
+def damp(robot, monkeypatch, link):
+    """What a second connection does, in which time, and how often it connects."""
+    clock, opened = Clock(), []
+    monkeypatch.setattr(second_connection, "time", clock)
+    second = SecondConnection(robot, lambda: opened.append(link) or link)
+    second.open()
+    return second.damp(), clock.now - 100.0, len(opened)
+
+
+class Still(MemoryLink):
+    """A link that answers for so many commands."""
+
+    answers = 10**9
+
+    def receive(self):
+        return super().receive() if len(self.sent) <= self.answers else []
+
+
+@pytest.mark.parametrize(("answers", "seconds"), [(10**9, 1.5), (0, 10.1)])
+def test_the_second_connection_damps_until_the_robot_is_at_rest_or_its_legs_are_down(
+    a1, stance, monkeypatch, answers, seconds
+):
+    link = Still(a1)
+    link.answers = answers
+    done, took, _ = damp(a1, monkeypatch, link)
+    assert took == pytest.approx(seconds, abs=0.1)
+    count = len(link.sent)
+    assert done == (
+        f"{count} damping commands were sent; {NOT_CONFIRMED}" if answers == 0 else f"damped ({count} commands)"
+    )
+    assert all(map(is_damped, link.sent))
+    assert link.sent[0].kd == pytest.approx(a1.gains(stance.hip_height)[1])
+    assert link.released == 1
+
+
+def test_the_second_connection_tries_for_fifteen_seconds_and_connects_again_every_second(a1, monkeypatch):
     def refuse(count):
         raise OSError("no")
 
-    said, took, opened = let_down(a1, monkeypatch, MemoryLink(a1, act=refuse))
-    assert said == "the robot could not be damped: no"
+    done, took, opened = damp(a1, monkeypatch, MemoryLink(a1, act=refuse))
+    assert done == f"the robot could not be damped: no. {NOT_CONFIRMED}"
     assert 14.5 < took < 15.5
     assert 13 <= opened - 1 <= 15
-
-
-def test_the_watchdogs_patience(monkeypatch):
-    waited, ready = [], iter([[0], []])
-
-    def select(reading, writing, failing, timeout):
-        waited.append(timeout)
-        return next(ready), [], []
-
-    monkeypatch.setattr(watchdog, "select", SimpleNamespace(select=select))
-    monkeypatch.setattr(watchdog, "os", SimpleNamespace(read=lambda pipe, size: b"m"))
-    assert watchdog._watch(0) == ("the program gave no sign of life for 2 s", False)
-    assert waited == [2.0, 2.0]
-    ready = iter([[]])
-    dog = object.__new__(watchdog.Watchdog)
-    dog._process = SimpleNamespace(stdout=0, stdin=None)
-    with pytest.raises(CommunicationError, match="did not start within 60 s"):
-        dog.wait()
-    assert waited[-1] == 60.0

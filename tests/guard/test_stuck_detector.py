@@ -13,7 +13,7 @@ def complaint(answer, begin):
     detector = StuckDetector(1, DELAY, WINDOW)
     sent = np.interp(np.arange(3 * WINDOW), [begin, begin + 15], [0.0, 0.18])
     found = [
-        detector.feel(np.array([target]), np.array([position]))
+        detector.update(np.array([target]), np.array([position]))
         for target, position in zip(sent, answer(sent), strict=True)
     ]
     return [each for each in found if each is not None]

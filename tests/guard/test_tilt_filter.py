@@ -21,7 +21,7 @@ def turning(robot, rate, duration, acceleration_factor=1.0):
 def felt(samples, rotation=None):
     up = TiltFilter(np.eye(3) if rotation is None else rotation)
     for sample in samples:
-        up.feel(sample)
+        up.update(sample)
     return up
 
 

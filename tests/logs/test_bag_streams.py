@@ -7,7 +7,8 @@ from mcap.writer import CompressionType, Writer
 
 from equipoise.logs.bag_streams import GatheredTopic
 from equipoise.logs.message_types import JOINT_STATE, known_types
-from equipoise.recording.mcap_reader import message_runs
+from equipoise.logs.rosbag import runs_of
+from equipoise.recording.mcap_reader import MessageReader
 
 TYPES = store()
 
@@ -68,7 +69,7 @@ def test_a_topic_has_more_messages_than_room(batches, monkeypatch):
 
 @pytest.mark.parametrize("chunked", [True, False])
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4])
-def test_runs_of_a_file_hold_its_messages(tmp_path, chunked, compression):
+def test_messages_of_a_file_are_those_that_were_written(tmp_path, chunked, compression):
     path, written = tmp_path / "log.mcap", []
     with open(path, "wb") as file:
         writer = Writer(file, chunk_size=5000, compression=compression, use_chunking=chunked)
@@ -79,15 +80,10 @@ def test_runs_of_a_file_hold_its_messages(tmp_path, chunked, compression):
             channels[topic, kind] = writer.register_channel(topic, "cdr", schema)
         for k in range(2000):
             key = ("/a", "x/msg/A") if k % 3 else ("/b", "x/msg/B")
-            written.append((key, EPOCH + k, bytes([k % 251]) * (k % 40)))
-            writer.add_message(channels[key], EPOCH + k, written[-1][2], EPOCH + k)
+            written.append((*key, EPOCH + k, bytes([k % 251]) * (k % 40)))
+            writer.add_message(channels[key], EPOCH + k, written[-1][3], EPOCH + k)
         writer.finish()
-    read = [
-        ((run.topic, run.type), time, bytes(body))
-        for run in message_runs(path)
-        for time, body in zip(run.received, run.bodies, strict=True)
-    ]
-    assert sorted(read, key=lambda each: each[1]) == written
+    assert MessageReader(path).messages() == written
 
 
 @pytest.mark.parametrize("turn", ["JII", "JJI", "JIJ"])
@@ -105,6 +101,6 @@ def test_messages_of_a_topic_keep_their_order_whatever_their_turns_and_times(tmp
             writer.add_message(channels[topic], EPOCH + k // 50, written[topic][-1], EPOCH + k // 50)
         writer.finish()
     read = {"/J": [], "/I": []}
-    for run in message_runs(path):
-        read[run.topic] += [bytes(body) for body in run.bodies]
+    for topic, _, bodies in runs_of(MessageReader(path).chunks(), dict.fromkeys(read, "x/msg/A")):
+        read[topic] += [bytes(body) for body in bodies]
     assert read == written

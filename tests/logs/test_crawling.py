@@ -180,4 +180,4 @@ def test_a_crawl_is_written_and_read():
     assert trial.duration == 2.0
     assert trial.steps[0].standing == ("FR", "RL", "RR")
     with pytest.raises(RecordingError, match="no leg is called"):
-        read_trial({**trial.to_data(), "steps": [["FL_RR", 0, 1]]})
+        read_trial({**trial.to_data(), "steps": [{"lifted": "FL_RR", "start": 0, "end": 1}]})

@@ -221,7 +221,7 @@ def test_a_walk_is_written_and_read():
     trial = WalkTrial(steps=(TwoFeet("FL_RR", 1.0, 1.2), TwoFeet("FL_RL", 1.3, 1.5)), heading=0.5, found_at=1.0)
     assert read_trial(trial.to_data()) == trial
     with pytest.raises(RecordingError, match="no two feet are called"):
-        read_trial({**trial.to_data(), "steps": [["FL", 0, 1]]})
+        read_trial({**trial.to_data(), "steps": [{"pair": "FL", "start": 0, "end": 1}]})
 
 
 def swaying(bias=(0.0, 0.0, 0.0), seconds=20.0):

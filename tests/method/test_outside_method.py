@@ -74,8 +74,8 @@ def test_a_run_that_was_cut_off_goes_on(run, tmp_path, capsys):
     shutil.copytree(run, cut)
     for name in ("calibration.json", "metadata.yaml"):
         (cut / name).unlink()
-    log = (cut / "recording.mcap").read_bytes()
-    (cut / "recording.mcap").write_bytes(log[: len(log) // 2])
+    log = (cut / "recording_0.mcap").read_bytes()
+    (cut / "recording_0.mcap").write_bytes(log[: len(log) // 2])
     assert main(["calibrate", "--resume", str(cut), "--quiet", "--no-report", "--no-pictures", "--json"]) == 0
     assert (
         json.loads(capsys.readouterr().out)["composite"]

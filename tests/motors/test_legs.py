@@ -24,7 +24,7 @@ HEAVY = {"leg_mass_common": 0.15, "leg_com_common": 4e-3, "cable": 0.0}
 def run(a1, coarse_engine):
     """The recordings of a short run for base, legs and motors, the truth, and the settings."""
     kept = []
-    with simulate(a1, "realistic", seed=4, effects=HEAVY, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
         mass = simulation.truth.composite.mass
         both = Together(Precise(budget=45.0, mass=mass, cable="none", swings=True, sway=False), Motors(motor_time=5.0))
         calibrate(simulation.platform, a1, both, keep=kept.append)
@@ -35,7 +35,7 @@ def run(a1, coarse_engine):
 def on_three_feet(a1, coarse_engine):
     """The recordings of the same robot that swings one leg after the other."""
     kept = []
-    with simulate(a1, "realistic", seed=4, effects=HEAVY, timestep=1e-3) as simulation:
+    with simulate(a1, "realistic", seed=5, effects=HEAVY, timestep=1e-3) as simulation:
         calibrate(simulation.platform, a1, Motors(motor_time=20.0, motor_stance="three-feet"), keep=kept.append)
         return kept
 

@@ -89,50 +89,6 @@ def test_noted_also_without_having_been_entered():
     assert [signal.getsignal(number) for number in ALL] == before
 
 
-@pytest.mark.parametrize("number", ALL)
-@pytest.mark.parametrize("when", ["before", "meanwhile"])
-def test_what_came_while_another_thread_noted_it_is_raised_afterwards(interruptions, number, when):
-    begun, heard, noted = threading.Event(), threading.Event(), []
-
-    def end():
-        with interruptions.noted():
-            begun.set()
-            heard.wait(10.0)
-            noted.append(interruptions.asked)
-
-    thread = threading.Thread(target=end)
-    acts = [thread.start, begun.wait, heard.set, thread.join]
-    acts.insert(0 if when == "before" else 2, lambda: signal.raise_signal(number))
-    done, raised = held(interruptions, *acts)
-    assert done == len(acts)
-    assert issubclass(raised, KeyboardInterrupt)
-    assert noted == [when == "meanwhile"]
-    interruptions.check()
-
-
-def test_another_thread_leaves_alone_what_this_one_installs_meanwhile():
-    before = [signal.getsignal(number) for number in ALL]
-    interruptions, begun, over = Interruptions(), threading.Event(), threading.Event()
-    errors = []
-
-    def end():
-        try:
-            with interruptions.noted():
-                begun.set()
-                over.wait(10.0)
-        except ValueError as error:  # handlers are the main thread's
-            errors.append(error)
-
-    thread = threading.Thread(target=end)
-    thread.start()
-    begun.wait(10.0)
-    with interruptions.noted():
-        over.set()
-        thread.join()
-    assert errors == []
-    assert [signal.getsignal(number) for number in ALL] == before
-
-
 def test_what_waited_when_the_ending_began_is_over_with_it(interruptions):
     held(interruptions, ctrl_c, fail)
     with interruptions.noted():

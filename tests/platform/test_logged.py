@@ -1,6 +1,7 @@
 """A simulated robot that is logged behaves as without, and the log holds what it did."""
 
 import resource
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from logs import bits
 from platform_contract import WITHOUT_DELAY, SimulationContract, interrupt_after, wave
 
 from equipoise import simulate
-from equipoise.errors import OutputError
+from equipoise.errors import FallError, OutputError
 from equipoise.platform.logged import Logged
 from equipoise.platform.platform import JointCommand, MotionInterrupted
 from equipoise.recording.recording import Recording
@@ -33,7 +34,7 @@ class TestLogged(SimulationContract):
 
 @pytest.fixture
 def log(tmp_path):
-    with RunLog(tmp_path / "recording.mcap") as log:
+    with RunLog(tmp_path / "recording_0.mcap") as log:
         yield log
 
 
@@ -45,7 +46,7 @@ def platform(a1, log):
 
 def logged(log):
     """What can be read while the log is open."""
-    return read_log(log.file.path).plays
+    return read_log(log.path).plays
 
 
 def test_every_motion_is_in_the_log_when_it_is_over(platform, log):
@@ -63,6 +64,30 @@ def test_the_part_of_a_motion_before_ctrl_c_is_logged(platform, log, monkeypatch
     (play,) = logged(log)
     assert bits(play.recording) == bits(caught.value.recording)
     assert (play.commands, len(play.recording.joints.time)) == (700, 500)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_what_was_recorded_before_a_guard_ended_a_motion_is_logged(platform, log, monkeypatch, count):
+    """Also the ending, which it recorded by itself."""
+    whole = platform.play(wave(platform, 100))
+    middle = float(whole.joints.time[50])
+    parts = (whole.between(-1, middle), whole.between(middle, 1e6))[:count]
+
+    def fall(trajectory, stop=None):
+        raise FallError("the base leans by 40 deg", parts)
+
+    monkeypatch.setattr(platform._inner, "play", fall)
+    with pytest.raises(FallError):
+        platform.play(replace(wave(platform, 200), trial=3))
+    assert [(play.commands, play.trial) for play in logged(log)] == [(100, None), (200, 3)][: 1 + bool(count)]
+    if count:
+        assert bits(logged(log)[1].recording) == bits(Recording.concatenate(parts))
+
+
+def test_motions_have_the_id_of_their_trial_in_the_log(platform, log):
+    for trial in (None, 1, 1, 2):
+        platform.play(replace(wave(platform, 20), trial=trial))
+    assert [play.trial for play in logged(log)] == [None, 1, 1, 2]
 
 
 def test_ctrl_c_while_the_log_is_written_loses_no_motion(platform, log, monkeypatch):
@@ -96,13 +121,13 @@ def test_steps_are_logged_a_quarter_of_a_second_at_a_time(platform, log):
 
 
 def test_a_full_disk_ends_the_motion_with_an_error_that_says_so(a1, tmp_path):
-    with RunLog(tmp_path / "recording.mcap") as log, Logged(simulate(a1, "ideal").platform, log) as platform:
+    with RunLog(tmp_path / "recording_0.mcap") as log, Logged(simulate(a1, "ideal").platform, log) as platform:
         platform.play(wave(platform, 20))
         limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (log.file.path.stat().st_size + 1000, limits[1]))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (log.path.stat().st_size + 1000, limits[1]))
         try:
-            with pytest.raises(OutputError, match=r"cannot write the recording '.*recording.mcap': File too large"):
+            with pytest.raises(OutputError, match=r"cannot write the recording '.*recording_0.mcap': File too large"):
                 platform.play(wave(platform, 20))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert len(read_log(log.file.path).plays) == 1
+    assert len(read_log(log.path).plays) == 2  # the motion was written once there was room

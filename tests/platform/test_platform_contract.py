@@ -1,5 +1,7 @@
 """Every platform, put through the contract."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from guarded import simulated
@@ -15,8 +17,8 @@ from platform_contract import (
 from robots import load_text
 
 from equipoise import simulate
-from equipoise.errors import MotionError, SettingsError
-from equipoise.guard import footing, safe_ending
+from equipoise.errors import FallError, MotionError, SettingsError
+from equipoise.guard import endings, footing
 from equipoise.guard.guard import Guard
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Trajectory
 
@@ -45,14 +47,22 @@ class TestGuardedRobot(PlatformContract):
     """Its joints may be fast, for the contract's kicks are such as the guard refuses otherwise."""
 
     tolerances = TO_ROUNDING
-    interrupted_method = "_step"
 
     @pytest.fixture(autouse=True)
     def _robot(self, a1, a1_urdf, tmp_path, monkeypatch):
-        monkeypatch.setattr(safe_ending, "LIE_DOWN", 0.1)  # the contract is over by then
+        monkeypatch.setattr(endings, "LIE_DOWN", 0.1)  # the contract is over by then
         monkeypatch.setattr(footing, "_SUNK", 0.1)
         self.robot = a1
         self.fast = load_text(tmp_path, a1_urdf.replace('velocity="21"', 'velocity="100"'))
+
+    @pytest.fixture
+    def another(self):
+        """A robot that the contract has turned so far that it falls while it is lowered is an error of its guard."""
+        made = []
+        yield lambda: made.append(self.make()) or made[-1]
+        for guard in made:
+            with contextlib.suppress(FallError):
+                guard.close()
 
     def make(self):
         guard = Guard(simulated(self.robot)[0], self.fast)
@@ -64,7 +74,7 @@ class TestGuardedRobot(PlatformContract):
         free, interrupted = another(), another()
         motion = wave(free, 20)
         expected = free.play(motion)
-        interrupt_after(monkeypatch, interrupted, "_step", 7)
+        interrupt_after(monkeypatch, interrupted._platform, "step", 7)
         with pytest.raises(MotionInterrupted, match="interrupted") as caught:
             interrupted.play(motion)
         recording = caught.value.recording

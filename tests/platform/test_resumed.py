@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from logs import bits
+from logs import bits, kill
 from platform_contract import TO_ROUNDING, SimulationContract, SteppedRobot
 
 from equipoise import ComSearchSettings, Paper, RunFolder, SwaySettings, calibrate, simulate
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("coarse_engine")
 
 SETTINGS = Paper(com_search=ComSearchSettings(tolerance=0.04), sway=SwaySettings(duration=0.7))
 PAYLOAD = "1,0.03,0.02,0.06"
-NOTHING = LogContent((), (), None, False)
+NOTHING = LogContent((), (), None, False, ())
 
 
 class TestResumedRobotWithNothingToSpare(SimulationContract):
@@ -56,7 +56,7 @@ def keeper(folder):
 
 def die(folder):
     """What a kill leaves of a folder that is written."""
-    folder.log.file._file.close()
+    kill(folder.log)
     folder._log = None
 
 

@@ -36,7 +36,7 @@ from equipoise.simulation.sensors import DrawnErrors
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 
-LOG = "recording.mcap"
+LOG = "recording_0.mcap"
 SETTINGS = Precise(budget=65, mass=14.0, sway=False, turn=True)
 WORLD = {"noise": "realistic", "payload": "1.5,0.05,-0.02,0.06", "seed": 4, "timestep": 1e-3, "effects": {"cable": 0.3}}
 

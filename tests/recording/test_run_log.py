@@ -1,17 +1,20 @@
 """The log of a run: what was kept comes back exactly, whatever it was written in."""
 
+import signal
+import threading
+import time
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from logs import NAMES, bits, piece, trial_event, write_run
+from logs import NAMES, bits, kill, piece, trial_event, whole, write_run
 
 from equipoise.errors import OutputError, RecordingError
 from equipoise.recording.recording import CommandStream, Event, ImuStream, JointStream, Recording
-from equipoise.recording.run_log import RunLog, save_recording
-from equipoise.recording.run_log_reader import read_log
-from equipoise.recording.run_log_resume import resume_log
+from equipoise.recording.run_log import RunLog, resume_log, save_recording
+from equipoise.recording.run_log_reader import log_file, read_log
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False, width=64)
 
@@ -26,10 +29,6 @@ def load_recording(path):
     content = read_log(path)
     (found,) = [*content.recordings, *([] if content.unfinished is None else [content.unfinished])]
     return found
-
-
-def killed(log):
-    log.file._file.close()
 
 
 # --- recordings there and back
@@ -92,6 +91,7 @@ def test_trials_are_the_plays_that_made_them(path, close):
     log = read_log(path)
     assert log.closed is close
     assert [bits(recording) for recording in log.recordings] == [bits(recording) for recording in kept]
+    assert [recording.trial_id for recording in log.recordings] == [0, 1, 2]
     assert [play.trial for play in log.plays] == [None, 0, 0, 1, 1, 2, 2, None]
     assert {play.commands for play in log.plays} == {99}
     assert log.unfinished is None
@@ -102,114 +102,109 @@ def test_trials_are_the_plays_that_made_them(path, close):
 
 def test_what_was_streamed_is_not_written_again_when_it_is_kept(path):
     with RunLog(path) as log:
-        log.begin(10)
+        log.begin(10, 1)
         log.add(piece())
         before = path.stat().st_size
-        log.keep(piece())
+        log.keep(whole(1, piece()))
         assert path.stat().st_size - before < 1000
-        log.keep(piece(1.0))  # this was not
+        log.keep(whole(2, piece(1.0)))  # this was not
         assert path.stat().st_size - before > 2000
     assert [bits(recording) for recording in read_log(path).recordings] == [bits(piece()), bits(piece(1.0))]
 
 
-def test_a_recording_that_is_not_quite_what_was_streamed_is_written_as_it_is(path):
-    streamed, handed = piece(seed=1), piece(seed=2)
+def test_motions_of_equal_samples_are_told_apart_by_their_trials(path):
+    """As of a robot that stands still, whose simulated sensors have no noise."""
+    with RunLog(path) as log:
+        for trial, start in ((None, 0.0), (1, 0.0), (2, 0.0), (2, 0.1)):
+            log.begin(10, trial)
+            log.add(piece(start))
+        log.keep(whole(2, piece(), piece(0.1)))
+    content = read_log(path)
+    assert [play.trial for play in content.plays] == [None, 1, 2, 2]
+    assert len(content.recordings[0].joints.time) == 20
+
+
+def test_a_recording_from_elsewhere_is_written_as_it_is(path):
     with RunLog(path) as log:
         log.begin(10)
-        log.add(streamed)
-        log.keep(handed)
+        log.add(piece(seed=1))
+        log.keep(piece(seed=2))
     content = read_log(path)
-    assert [bits(recording) for recording in content.recordings] == [bits(handed)]
-    assert bits(content.plays[0].recording) == bits(streamed)
+    assert [bits(recording) for recording in content.recordings] == [bits(piece(seed=2))]
+    assert bits(content.plays[0].recording) == bits(piece(seed=1))
 
 
-def test_an_attempt_before_a_trial_belongs_to_it(path):
+def test_an_attempt_before_a_trial_is_a_part_of_no_recording(path):
     with RunLog(path) as log:
-        for start, events in ((0.0, ()), (1.0, [trial_event(1.0)]), (2.0, ()), (3.0, [trial_event(3.0)]), (4.0, ())):
-            log.begin(10)
-            log.add(piece(start, events=events))
-        log.keep(Recording.concatenate([piece(3.0, events=[trial_event(3.0)]), piece(4.0)]))
+        for trial, start in ((None, 0.0), (1, 1.0), (1, 2.0), (2, 3.0), (2, 4.0)):
+            log.begin(10, trial)
+            log.add(piece(start))
+        log.keep(whole(2, piece(3.0), piece(4.0)))
     content = read_log(path)
-    assert [play.trial for play in content.plays] == [None, 0, 0, 0, 0]
-    assert content.recordings[0].joints.time[0] == 3.0
+    assert [play.trial for play in content.plays] == [None, 1, 1, 2, 2]
+    assert [recording.joints.time[0] for recording in content.recordings] == [3.0]
+    assert len(content.complete_plays) == 5
 
 
 def test_a_trial_under_way_is_unfinished(path):
     log = RunLog(path)
     log.keep(piece(events=[trial_event(0.0)]))
-    log.begin(10)
+    log.begin(10, 2)
     log.add(piece(1.0, events=[trial_event(1.0)]))
     log.add(piece(1.1))
-    log.begin(10)
+    log.begin(10, 2)
     log.add(piece(1.2))
-    killed(log)
+    kill(log)
     content = read_log(path)
     assert len(content.recordings) == 1
     expected = Recording.concatenate([piece(1.0, events=[trial_event(1.0)]), piece(1.1), piece(1.2)])
     assert bits(content.unfinished) == bits(expected.broken_off())
     assert content.unfinished.broken
-    assert [play.trial for play in content.plays] == [0, None, None]
+    assert [play.trial for play in content.plays] == [None, 2, 2]
 
 
 def test_what_is_kept_broken_is_not_complete(path):
     broken = piece(1.0, events=[trial_event(1.0)])
     with RunLog(path) as log:
         log.keep(piece(events=[trial_event(0.0)]))
-        log.begin(10)
+        log.begin(10, 2)
         log.add(broken)
-        log.keep(broken.broken_off())
         log.begin(10)
-        log.add(piece(2.0))  # lies down
+        log.add(piece(2.0))  # its guard puts it down
+        log.keep(whole(2, broken.broken_off()))
+        log.begin(10)
+        log.add(piece(3.0))  # lies down
     content = read_log(path)
     assert len(content.recordings) == 1
     assert bits(content.unfinished) == bits(broken.broken_off())
-    assert [play.trial for play in content.plays] == [0, None, None]
+    assert [play.trial for play in content.plays] == [None, 2, None, None]
 
 
-def test_ctrl_c_between_the_chunks_of_a_piece_spoils_nothing_else(path, monkeypatch):
+def test_ctrl_c_in_the_middle_of_a_write_ends_it_whole(path, monkeypatch):
     with RunLog(path) as log:
-        log.begin(10)
+        log.begin(60, 1)
         log.add(piece(events=[trial_event(0.0)]))
-        whole = log.file._write_chunk
-        calls = []
+        add_message, calls = log._writer.add_message, []
 
         def interrupted(*arguments):
-            if calls:
-                raise KeyboardInterrupt
-            calls.append(whole(*arguments))
+            add_message(*arguments)
+            calls.append(arguments)
+            if len(calls) == 20:
+                signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+                time.sleep(0.2)  # so that the caller is interrupted, and tries to write more meanwhile
 
         with monkeypatch.context() as patched:
-            patched.setattr(log.file, "_write_chunk", interrupted)
-            log.begin(300)
-            with pytest.raises(KeyboardInterrupt):
-                log.add(piece(1.0, count=300))
-        log.keep(piece(events=[trial_event(0.0)]))
-        log.begin(10)
-        log.add(piece(9.0, events=[trial_event(9.0)]))
-        log.keep(piece(9.0, events=[trial_event(9.0)]))
-    content = read_log(path)
-    assert content.closed
-    assert [recording.joints.time[0] for recording in content.recordings] == [0.0, 9.0]
-
-
-def test_ctrl_c_when_a_piece_was_written_and_not_noted_writes_the_recording_whole(path, monkeypatch):
-    recording = Recording.concatenate([piece(events=[trial_event(0.0)]), piece(0.1), piece(0.2)])
-    with RunLog(path) as log:
-        log.begin(30)
-        log.add(piece(events=[trial_event(0.0)]))
-        write = log.file.write
-
-        def interrupted(batches):
-            write(batches)
-            raise KeyboardInterrupt
-
-        with monkeypatch.context() as patched:
-            patched.setattr(log.file, "write", interrupted)
+            patched.setattr(log._writer, "add_message", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 log.add(piece(0.1))
-        log.add(piece(0.2))
-        log.keep(recording)
-    assert [bits(one) for one in read_log(path).recordings] == [bits(recording)]
+            assert len(calls) < 26
+            log.add(piece(0.2))
+        log.keep(whole(1, piece(events=[trial_event(0.0)]), piece(0.1), piece(0.2)))
+    content = read_log(path)
+    assert content.closed
+    expected = Recording.concatenate([piece(events=[trial_event(0.0)]), piece(0.1), piece(0.2)])
+    assert [bits(recording) for recording in content.recordings] == [bits(expected)]
+    assert len(content.plays) == 1
 
 
 def test_a_log_that_is_closed_says_so(path):
@@ -220,98 +215,125 @@ def test_a_log_that_is_closed_says_so(path):
         log.add(piece())
 
 
-def test_a_write_that_ctrl_c_cut_short_is_overwritten(path):
-    with RunLog(path) as log:
-        log.keep(piece())
-        log.file._file.write(b"\6 half a chunk")  # what is left where a write does not come to its end
-        log.keep(piece(1.0))
-    content = read_log(path)
+def test_a_file_that_exists_is_not_replaced(path):
+    path.write_text("of another program")
+    with pytest.raises(OutputError, match=r"cannot write the recording '.*recording.mcap': File exists"):
+        RunLog(path)
+    assert path.read_text() == "of another program"
+
+
+# --- resumed
+
+
+def names(folder):
+    return sorted(file.name for file in folder.iterdir())
+
+
+@pytest.mark.parametrize("part", [0.05, 0.3, 0.55, 0.8, 1.0])
+def test_a_run_that_was_killed_and_resumed_twice_is_three_files_and_one_log(tmp_path, part):
+    """What comes behind the last complete recording is played again."""
+    first, second = log_file(tmp_path, 0), log_file(tmp_path, 1)
+    kept = [*write_run(first, close=False)]
+    for number, file in enumerate((first, second), 1):
+        content = file.read_bytes()
+        file.write_bytes(content[: int(part * len(content))])
+        before = read_log(tmp_path)
+        log, found = resume_log(tmp_path, repeats=True)
+        assert [bits(recording) for recording in found.recordings] == [bits(one) for one in before.recordings]
+        now = read_log(tmp_path)  # while it is written
+        assert [bits(play.recording) for play in now.plays] == [bits(play.recording) for play in found.complete_plays]
+        kept = [*kept[: len(found.recordings)], whole(7, piece(9.0 + number, events=[trial_event(9.0 + number)]))]
+        log.begin(10, 7)
+        log.add(piece(9.0 + number, events=[trial_event(9.0 + number)]))
+        log.keep(kept[-1])
+        log.begin(10)
+        log.add(piece(9.5 + number))
+        kill(log) if number == 1 else log.close()
+        assert [bits(one) for one in read_log(tmp_path).recordings] == [bits(one) for one in kept][: number + 9]
+    content = read_log(tmp_path)
     assert content.closed
-    assert len(content.recordings) == 2
+    assert content.recordings[-1].joints.time[0] == 11.0
+    assert names(tmp_path) == [f"recording_{number}.mcap" for number in range(3)]
 
 
-# --- gone on with
-
-
-def test_a_log_is_gone_on_with_behind_its_last_recording(path):
-    kept = write_run(path, close=False)
-    content = path.read_bytes()
-    path.write_bytes(content[: int(0.8 * len(content))])
-    before = read_log(path)
-    assert len(before.recordings) == 2
-    log, found = resume_log(path, repeats=True)
-    assert [bits(recording) for recording in found.recordings] == [bits(recording) for recording in kept[:2]]
-    again = read_log(path)  # while it is written
-    assert [bits(recording) for recording in again.recordings] == [bits(recording) for recording in kept[:2]]
-    assert len(again.plays) == len(before.complete_plays) == 5
-    log.begin(10)
-    log.add(piece(9.0, events=[trial_event(9.0)]))
-    log.keep(piece(9.0, events=[trial_event(9.0)]))
-    log.close()
-    content = read_log(path)
-    assert content.closed
-    assert [play.trial for play in content.plays] == [None, 0, 0, 1, 1, 2]
-    assert [file.name for file in path.parent.iterdir()] == [path.name]
-
-
-def test_a_log_that_was_closed_is_gone_on_with_too(path):
-    kept = write_run(path)
-    log, _ = resume_log(path, repeats=True)
+def test_plays_that_stand_are_those_before_the_end_of_the_last_recording(tmp_path):
+    kept = write_run(log_file(tmp_path, 0))
+    log, _ = resume_log(tmp_path, repeats=True)
     log.keep(piece(9.0))
     log.close()
-    content = read_log(path)
+    content = read_log(tmp_path)
     assert [bits(recording) for recording in content.recordings] == [bits(one) for one in (*kept, piece(9.0))]
-    assert [play.trial for play in content.plays] == [None, 0, 0, 1, 1, 2, 2, 3]  # what was played behind them is not
+    assert [play.trial for play in content.plays] == [None, 0, 0, 1, 1, 2, 2, None]
+    assert content.plays[-1].recording.joints.time[0] == 9.0
 
 
-def test_what_will_not_be_repeated_stays_and_belongs_to_nothing(path):
-    log = RunLog(path)
-    log.keep(piece(events=[trial_event(0.0)]))
-    log.begin(10)
+def test_what_will_not_be_repeated_stays_and_belongs_to_nothing(tmp_path):
+    log = RunLog(log_file(tmp_path, 0))
+    log.keep(whole(1, piece(events=[trial_event(0.0)])))
+    log.begin(10, 2)
     log.add(piece(1.0, events=[trial_event(1.0)]))
-    killed(log)
-    for time in (2.0, 0.5):  # killed twice, before the next trial is complete; the clock began anew
-        log, content = resume_log(path, repeats=False)
-        log.begin(10)
-        log.add(piece(time, events=[trial_event(time)]))
-        killed(log)
+    kill(log)
+    for start in (2.0, 0.5):  # killed twice, before the next trial is complete; the clock began anew
+        log, content = resume_log(tmp_path, repeats=False)
+        log.begin(10, 2)
+        log.add(piece(start, events=[trial_event(start)]))
+        kill(log)
         assert len(content.recordings) == 1
-    log, _ = resume_log(path, repeats=False)
-    log.begin(10)
+    log, _ = resume_log(tmp_path, repeats=False)
+    log.begin(10, 2)
     log.add(piece(4.0, events=[trial_event(4.0)]))
-    log.keep(piece(4.0, events=[trial_event(4.0)]))
+    log.keep(whole(2, piece(4.0, events=[trial_event(4.0)])))
     log.close()
-    content = read_log(path)
+    content = read_log(tmp_path)
     assert [play.recording.joints.time[0] for play in content.plays] == [0.0, 1.0, 2.0, 0.5, 4.0]
-    assert [play.trial for play in content.plays] == [0, None, None, None, 1]
+    assert [play.trial for play in content.plays] == [1, None, None, None, 2]
+    assert [recording.joints.time[0] for recording in content.recordings] == [0.0, 4.0]
     assert content.unfinished is None
 
 
-def test_a_log_that_another_process_writes_is_left_alone(path):
-    with RunLog(path) as log:
+@pytest.mark.parametrize("kept", [0, 4])
+def test_a_resume_that_was_killed_at_once_changes_nothing(tmp_path, kept):
+    write_run(log_file(tmp_path, 0), close=False)
+    before = read_log(tmp_path)
+    log_file(tmp_path, 1).write_bytes(log_file(tmp_path, 0).read_bytes()[:kept])
+    assert [play.trial for play in read_log(tmp_path).plays] == [play.trial for play in before.plays]
+    log, _ = resume_log(tmp_path, repeats=True)
+    log.keep(piece(9.0))
+    log.close()
+    assert len(read_log(tmp_path).recordings) == len(before.recordings) + 1
+    assert names(tmp_path)[-1] == "recording_2.mcap"
+
+
+def test_a_file_that_is_missing_or_was_cut_later_is_noticed(tmp_path):
+    for number in range(3):
+        log = RunLog(log_file(tmp_path, 0)) if number == 0 else resume_log(tmp_path, repeats=True)[0]
+        log.keep(piece(1.0 * number))
+        log.close()
+    middle = log_file(tmp_path, 1).read_bytes()
+    log_file(tmp_path, 1).write_bytes(middle[: len(middle) // 10])
+    with pytest.raises(
+        RecordingError, match=r"recording_2.mcap' is damaged: the files before it hold 1 of 2 motions; copy"
+    ):
+        read_log(tmp_path)
+    log_file(tmp_path, 1).unlink()
+    with pytest.raises(RecordingError, match=r"recording_1.mcap' cannot be read: No such file"):
+        read_log(tmp_path)
+
+
+def test_a_log_that_another_process_writes_is_left_alone(tmp_path):
+    with RunLog(log_file(tmp_path, 0)) as log:
         log.add(piece())
         with pytest.raises(OutputError, match="is being written by another process; end that first"):
-            resume_log(path, repeats=True)
+            resume_log(tmp_path, repeats=True)
         log.keep(piece())
-    assert len(read_log(path).recordings) == 1
-
-
-def test_a_log_that_cannot_be_copied_stays_as_it_is(path, monkeypatch):
-    monkeypatch.setattr(
-        "equipoise.recording.mcap_writer.replaceable", lambda *_: None
-    )  # a device stands for a full disk
-    write_run(path)
-    before = path.read_bytes()
-    path.with_suffix(".partial").symlink_to("/dev/full")
-    with pytest.raises(OutputError, match="No space left on device"):
-        resume_log(path, repeats=True)
-    assert path.read_bytes() == before
+    assert len(read_log(tmp_path).recordings) == 1
+    assert names(tmp_path) == ["recording_0.mcap"]
 
 
 @pytest.mark.parametrize("content", [None, b"other"])
-def test_what_is_no_log_cannot_be_gone_on_with(path, content):
+def test_what_is_no_log_cannot_be_resumed(tmp_path, content):
     if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(RecordingError, match=r"cannot be read: (No such file|it is no MCAP)"):
-        resume_log(path, repeats=True)
-    assert not path.with_suffix(".partial").exists()
+        log_file(tmp_path, 0).write_bytes(content)
+    with pytest.raises(RecordingError, match=r"cannot be read: (No such file|it is not an MCAP)"):
+        resume_log(tmp_path, repeats=True)
+    assert not log_file(tmp_path, 1).exists()

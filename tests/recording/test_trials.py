@@ -16,9 +16,9 @@ from equipoise.recording.trials import (
 )
 from equipoise.robot.posture import BodyPosture
 
-# Events and phases of runs recorded in November 2026, before trials were records, as their recording.mcap holds them.
+# Events and phases of trials as the logs of runs hold them.
 LEANING = {"roll": 0.22, "pitch": -0.22, "yaw": 0.0, "crouch": 0.12, "ahead": 0.0, "aside": 0.0}
-OLD_RUNS = {
+TRIALS = {
     "paper lift": (
         {"kind": "lift", "diagonal": "FL_RR", "offset": -0.03, "lift_height": 0.016, "tilt_threshold": 0.01},
         "replant move settle rest unload lift watch lower",
@@ -37,7 +37,7 @@ OLD_RUNS = {
     ),
     "passive lift": (
         {
-            "kind": "lift", "diagonal": "FL_RR", "side": 0, "turn": None, "posture": LEANING, "offset": 0.0,
+            "kind": "lift", "diagonal": "FL_RR", "side": 0, "posture": LEANING, "offset": 0.0,
             "lift_height": 0.0246, "tilt_threshold": 0.01,
         },
         "move settle rest unload lift watch lower",
@@ -46,17 +46,17 @@ OLD_RUNS = {
         ),
     ),
     "posture": (
-        {"kind": "posture", **LEANING},
+        {"kind": "posture", "posture": LEANING},
         "ready settle before move settle rest",
         PostureTrial(posture=BodyPosture(**LEANING)),
     ),
     "sway": (
-        {"kind": "sway", "axis": "pitch", "amplitude": 0.05, "frequency": 1.97},
+        {"kind": "sway", "amplitude": 0.05, "frequencies": {"pitch": 1.97}},
         "settle ramp sway end",
         SwayTrial(frequencies={"pitch": 1.97}, amplitude=0.05),
     ),
     "sway about all axes": (
-        {"kind": "sway", "axis": "all", "frequencies": {"roll": 2.27, "pitch": 1.88, "yaw": 1.48}},
+        {"kind": "sway", "frequencies": {"roll": 2.27, "pitch": 1.88, "yaw": 1.48}},
         "settle ramp sway end",
         SwayTrial(frequencies={"roll": 2.27, "pitch": 1.88, "yaw": 1.48}),
     ),
@@ -74,13 +74,13 @@ def recorded(data, phases):
                      None, tuple(events))  # fmt: skip
 
 
-@pytest.fixture(params=OLD_RUNS)
-def old(request):
-    return OLD_RUNS[request.param]
+@pytest.fixture(params=TRIALS)
+def logged(request):
+    return TRIALS[request.param]
 
 
-def test_a_trial_is_read_from_an_old_run(old):
-    data, phases, trial = old
+def test_a_trial_is_read_from_its_event(logged):
+    data, phases, trial = logged
     recording = recorded(data, phases.split())
     assert type(recording.trial) is type(trial)
     assert recording.trial == trial
@@ -89,9 +89,9 @@ def test_a_trial_is_read_from_an_old_run(old):
     assert not recording.refused
 
 
-def test_a_trial_is_written_as_an_old_run_has_it(old):
+def test_a_trial_is_written_as_its_event(logged):
     """Word for word: a run that goes on after an interruption compares its events with those recorded."""
-    data, _, trial = old
+    data, _, trial = logged
     assert Event(0.0, TRIAL, trial.to_data()) == Event(0.0, TRIAL, data)
 
 
@@ -114,7 +114,7 @@ def test_a_trial_is_written_as_an_old_run_has_it(old):
     ],
 )
 def test_phases_say_how_far_a_trial_came(kind, phases, state):
-    recording = recorded(OLD_RUNS[kind][0], phases.split())
+    recording = recorded(TRIALS[kind][0], phases.split())
     assert [name for name in ("complete", "interrupted", "refused") if getattr(recording, name)] == [state]
 
 
@@ -143,14 +143,17 @@ def test_what_is_found_in_a_log_is_read_as_it_was_written(trial):
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        ({"kind": "lift"}, "KeyError: 'diagonal'"),
+        ({"kind": "lift"}, "TypeError: LiftTrial.__init__() missing 1 required keyword-only argument: 'diagonal'"),
         ({"kind": "lift", "diagonal": "FL_RL"}, "ValueError: no diagonal is called 'FL_RL'"),
-        ({"kind": "lift", "diagonal": "FL_RR", "offset": 0.0}, "KeyError: 'lift_height'"),
-        ({**OLD_RUNS["paper lift"][0], "offset": "far"}, "ValueError: could not convert string to float: 'far'"),
-        ({**OLD_RUNS["precise lift"][0], "turn": "about"}, "ValueError: no turn is called 'about'"),
-        ({**OLD_RUNS["precise lift"][0], "posture": 3}, "AttributeError: 'int' object has no attribute 'items'"),
-        ({"kind": "sway", "axis": "x", "frequency": 2.0, "amplitude": 0.1}, "ValueError: no axes are called x"),
-        ({"kind": "posture", "roll": None}, "TypeError: "),
+        (
+            {"kind": "lift", "diagonal": "FL_RR", "offset": 0.0},
+            "TypeError: CommandedLift.__init__() missing 2 required",
+        ),
+        ({**TRIALS["paper lift"][0], "offset": "far"}, "ValueError: could not convert string to float: 'far'"),
+        ({**TRIALS["precise lift"][0], "turn": "about"}, "ValueError: no turn is called 'about'"),
+        ({**TRIALS["precise lift"][0], "posture": 3}, "AttributeError: 'int' object has no attribute 'items'"),
+        ({"kind": "sway", "frequencies": {"x": 2.0}, "amplitude": 0.1}, "ValueError: no axes are called x"),
+        ({"kind": "posture", "posture": {"roll": None}}, "TypeError: "),
     ],
 )
 def test_a_damaged_trial_is_told(data, reason):

@@ -201,7 +201,7 @@ def test_a_run_that_is_written_is_seen_piece_by_piece(a1, ideal_motions):
 
 
 def test_logs_that_are_not_ours_show_the_trials_that_are_found_in_them(paper_run, a1):
-    path = paper_run[0] / "recording.mcap"
+    path = paper_run[0] / "recording_0.mcap"
     showing = open_log(path, a1, read_log(path, a1))
     with Viewing(showing) as viewing:
         assert viewing.refresh()
@@ -222,8 +222,8 @@ def test_recordings_without_trials_can_be_looked_at(a1, ideal_motions):
 
 
 def test_a_followed_log_of_a_killed_run_is_not_complete(paper_run, tmp_path):
-    data = (paper_run[0] / "recording.mcap").read_bytes()
-    (cut := tmp_path / "recording.mcap").write_bytes(data[: len(data) // 2])
+    data = (paper_run[0] / "recording_0.mcap").read_bytes()
+    (cut := tmp_path / "recording_0.mcap").write_bytes(data[: len(data) // 2])
     source = FollowedLog(cut)
     assert source.news().recordings
     assert not source.complete

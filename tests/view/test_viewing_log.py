@@ -1,6 +1,7 @@
 """Logs that grow are followed, and the base's motion comes out of them."""
 
 import itertools
+import shutil
 import subprocess
 import sys
 import time
@@ -8,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from logs import kill
 
 from equipoise import Precise, nominal_stance, simulate
 from equipoise.errors import RecordingError
@@ -17,7 +19,7 @@ from equipoise.platform.wrapper import PlatformWrapper
 from equipoise.precise.lift_design import LiftDesign
 from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.recording import Recording
-from equipoise.recording.run_log import RunLog
+from equipoise.recording.run_log import RunLog, resume_log
 from equipoise.recording.run_log_reader import read_log
 from equipoise.robot.inertial import composite_parameters
 from equipoise.robot.posture import BodyPosture
@@ -37,22 +39,23 @@ source, target, seen = map(Path, sys.argv[1:])
 content = read_log(source)
 with RunLog(target) as log:
     for play in content.plays:
-        log.begin(play.commands)
+        log.begin(play.commands, play.trial)
         middle = play.recording.joints.time[len(play.recording.joints.time) // 2]
         for part in (play.recording.between(-1, middle), play.recording.between(middle, 1e6)):
             log.add(part)
             end = time.monotonic() + 20
             while not seen.exists() and time.monotonic() < end:  # however slowly it is read
                 time.sleep(0.002)
-        if play.trial is not None:
-            log.keep(content.recordings[play.trial])
+        for recording in content.recordings:
+            if play.trial == recording.trial_id:
+                log.keep(recording)
 """
 
 
 @pytest.fixture(scope="module")
 def log(ideal_motions, tmp_path_factory):
     """A move and a lift, cut into pieces, kept."""
-    path = tmp_path_factory.mktemp("log") / "recording.mcap"
+    path = tmp_path_factory.mktemp("log") / "recording_0.mcap"
     with RunLog(path) as log:
         for recording in (ideal_motions.move, ideal_motions.lift):
             log.keep(recording)
@@ -98,23 +101,37 @@ def test_a_log_cut_anywhere_gives_what_is_whole_and_later_the_rest(log, tmp_path
     assert source.complete
 
 
-def test_a_log_that_takes_the_place_of_another_is_begun_anew(log, tmp_path):
-    target, other = tmp_path / "recording.mcap", tmp_path / "recording.partial"
-    target.write_bytes(log.read_bytes())
-    source = FollowedLog(target)
-    assert not source.news().anew
-    other.write_bytes(log.read_bytes())
-    other.replace(target)  # as resuming a run does
+def test_a_run_that_is_resumed_is_shown_without_what_is_played_again(log, tmp_path):
+    shutil.copy(log, tmp_path / "recording_0.mcap")
+    lift = read_log(log).recordings[1]
+    source = FollowedLog(tmp_path)
+    assert source.news().pieces
+    assert source.complete
+    first, _ = resume_log(tmp_path, repeats=True)
+    first.begin(10, 1)
+    first.add(lift.between(-1, 1e6))
     news = source.news()
     assert news.anew
-    assert len(news.recordings) == 2
+    assert not source.complete
+    assert (len(news.pieces), len(news.recordings)) == (3, 2)
+    kill(first)
+    second, _ = resume_log(tmp_path, repeats=True)
+    news = source.news()
+    assert news.anew
+    assert (len(news.pieces), len(news.recordings)) == (2, 2)
+    second.keep(lift)
+    second.close()
+    news = source.news()
+    assert not news.anew
+    assert [recording.equals(lift) for recording in news.recordings] == [True]
+    assert source.complete
 
 
 def test_what_is_no_log_is_refused_by_name(tmp_path):
     (path := tmp_path / "x.mcap").write_bytes(b"not at all")
     with pytest.raises(RecordingError) as error:
         FollowedLog(path).news()
-    assert str(error.value) == f"the recording {str(path)!r} cannot be read: it is no MCAP file"
+    assert str(error.value) == f"the recording {str(path)!r} cannot be read: it is not an MCAP file"
 
 
 class Witnessed(PlatformWrapper):

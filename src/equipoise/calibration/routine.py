@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from equipoise.errors import UnconfirmedMassError
 from equipoise.experiments.progress import Progress
+from equipoise.experiments.response import check_base, check_joints
+from equipoise.experiments.response_test import ResponseTest
 from equipoise.experiments.stand import move_to, stand_up
+from equipoise.guard.report import GuardReport
 from equipoise.method.method import Method
 from equipoise.platform.platform import Platform
 from equipoise.precise.method import Precise
 from equipoise.recording.recording import Recording
 from equipoise.result.calibration import Calibration
+from equipoise.result.findings import Check
 from equipoise.result.mass_comparison import MassComparison
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
+
+_BAD_SAMPLES = 0.01  # share of the samples
 
 
 def calibrate(
@@ -25,6 +34,7 @@ def calibrate(
     report: Callable[[Progress], None] | None = None,
     told: Callable[[], bool] | None = None,
     confirm: Callable[[str], bool] | None = None,
+    on_response: Callable[[ResponseTest], None] | None = None,
 ) -> Calibration:
     """Run a calibration on a robot and estimate from what it felt.
 
@@ -39,14 +49,54 @@ def calibrate(
         report: function that is called before every trial, and before the estimate.
         told: function that says whether somebody at the robot has said that what was asked is done, as turning it; it must not
             wait. None: nobody is there.
-        confirm: function that asks the operator to confirm a given mass, from a sentence with both masses, while the robot
-            stands. None: there is no operator, and such a mass raises.
+        confirm: function that asks the operator a question while the robot stands: whether a given mass is right that
+            disagrees with the joint torques, or a measured orientation of the IMU that differs from the model's. None:
+            there is no operator, and either raises.
+        on_response: function that gets the result of the response test, before the first trial. None: no response test,
+            as in simulation.
 
     Raises:
+        ResponseError: joints or gyroscope do not answer as the model predicts; no foot was lifted.
         UnconfirmedMassError: the given mass disagrees with the joint torques of the standing robot, and is not confirmed.
         MotionError: the robot could not do, or did not do, what was asked.
     """
     method = method or Precise()
+    experiment = perform(platform, robot, method, keep, report, told, confirm, on_response)
+    return experiment.estimate(method, report)
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """An experiment that was made.
+
+    Attributes:
+        robot: model of the robot, with the orientation of the IMU that is used.
+        recordings: recordings in order.
+        facts: facts for the result's provenance.
+    """
+
+    robot: RobotModel
+    recordings: list[Recording]
+    facts: dict[str, Any]
+
+    def estimate(self, method: Method, report: Callable[[Progress], None] | None = None) -> Calibration:
+        """Estimate from the recordings; the robot is not needed any more."""
+        if report is not None:
+            report(Progress("estimating", len(self.recordings), len(self.recordings) + 1))
+        return method.estimate(self.robot, self.recordings, nominal_stance(self.robot)).with_provenance(**self.facts)
+
+
+def perform(
+    platform: Platform,
+    robot: RobotModel,
+    method: Method,
+    keep: Callable[[Recording], None] | None = None,
+    report: Callable[[Progress], None] | None = None,
+    told: Callable[[], bool] | None = None,
+    confirm: Callable[[str], bool] | None = None,
+    on_response: Callable[[ResponseTest], None] | None = None,
+) -> Experiment:
+    """Run the experiments of a calibration. Arguments and errors are those of `calibrate`."""
     stance = nominal_stance(robot)
     recordings: list[Recording] = []
 
@@ -56,9 +106,16 @@ def calibrate(
             keep(recording)
 
     method.check(robot, stance)
+    joints = 0 if on_response is None else check_joints(platform, robot, stance)
     planted, feet_at_end = stand_up(platform, robot, stance)
     planted.keep, planted.told = store, told
+    facts: dict[str, Any] = {}
     try:
+        if on_response is not None:
+            response = check_base(planted, stance, joints, confirm)
+            robot = planted.robot  # methods put robots of other masses there later
+            on_response(response)
+            facts["response_test"] = response.to_dict()
         _confirm_mass(method.mass_in_doubt(planted, stance), confirm)
         method.run(planted, stance, recordings, report)
         move_to(planted, feet_at_end)
@@ -67,13 +124,29 @@ def calibrate(
         if unfinished is not None and keep is not None:
             keep(unfinished.broken_off())
         raise
-    if report is not None:
-        report(Progress("estimating", len(recordings), len(recordings) + 1))
-    return method.estimate(robot, recordings, stance)
+    return Experiment(robot, recordings, facts)
+
+
+def with_guard_report(result: Calibration, report: GuardReport) -> Calibration:
+    """Return a result with what the guard of a real robot reports, and a check of the samples that arrived."""
+    counts = report.samples
+    bad = counts.rejected + counts.repeated + counts.out_of_order
+    share = bad / max(counts.fresh + bad, 1)
+    message = (
+        f"{bad} of {counts.fresh + bad} samples ({share:.1%}) were left out: {counts.rejected} with a wrong checksum, length "
+        f"or sender, {counts.repeated} repeated, {counts.out_of_order} out of order"
+    )
+    if report.unchecked:
+        message += "; their checksums were not checked, as the platform's settings ask"
+    if share > _BAD_SAMPLES:
+        message += f". More than {_BAD_SAMPLES:.0%} is suspect: check the cable, and what else sends to this computer"
+    checks = sorted([*result.checks, Check("samples", share <= _BAD_SAMPLES, message)], key=lambda check: check.passed)
+    return dataclasses.replace(result, checks=tuple(checks)).with_provenance(guard=dataclasses.asdict(report))
 
 
 def _confirm_mass(doubt: MassComparison | None, confirm: Callable[[str], bool] | None) -> None:
-    if doubt is not None and not (confirm is not None and confirm(doubt.sentence)):
+    question = "Mass in doubt: {}. Mass and inertia scale with the given mass. Is it right?"
+    if doubt is not None and not (confirm is not None and confirm(question.format(doubt.sentence))):
         raise UnconfirmedMassError(
             f"{doubt.sentence}; no foot was lifted. Weigh the robot again, or give no mass; if the mass is "
             "right (torque constants may be off by so much), confirm it: --confirm-mass (in Python confirm_mass=True)",

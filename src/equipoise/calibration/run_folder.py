@@ -2,9 +2,9 @@
 
 run.json            robot, settings, provenance
 model.xml           the robot model as it was read (URDF or MJCF, cleaned)
-recording.mcap      everything that was sensed and sent, written as it happens
-unrecorded.json     what was sensed and sent that makes no recording, as it was: only if there is such
-metadata.yaml       what rosbag2 wants to know of that, once the run is over
+recording_0.mcap    everything that was sensed and sent, written while it happens; recording_1.mcap once it was resumed, ...
+ending.txt          how a real robot was put down
+metadata.yaml       rosbag2's metadata of these, once the run is over
 truth.json          simulation only
 calibration.json    the result
 posterior.json      what the next run of this robot may know, of a method that keeps such
@@ -25,6 +25,8 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
 from equipoise.calibration.routine import estimate
 from equipoise.errors import (
     EquipoiseError,
@@ -33,16 +35,15 @@ from equipoise.errors import (
     RecordingError,
     ResumeError,
     SettingsError,
-    UnrecordedError,
 )
+from equipoise.experiments.response_test import ResponseTest
 from equipoise.method.method import Method
-from equipoise.method.table import method_from_dict, method_named
+from equipoise.method.table import method_from_dict
 from equipoise.recording.mcap_reader import was_closed
 from equipoise.recording.recording import Recording
 from equipoise.recording.rosbag2 import METADATA, write_metadata
-from equipoise.recording.run_log import RunLog
-from equipoise.recording.run_log_reader import LogContent, read_log
-from equipoise.recording.run_log_resume import resume_log
+from equipoise.recording.run_log import RunLog, resume_log
+from equipoise.recording.run_log_reader import LogContent, log_file, log_files, read_log
 from equipoise.result.body import inertia_from_dict, inertia_to_dict
 from equipoise.result.calibration import Calibration, PartsTruth
 from equipoise.robot.description import RobotDescription
@@ -54,12 +55,10 @@ from equipoise.user_file import json_value, kind_of, read_text, typed, write_fil
 SCHEMA = "equipoise.run/3"
 RESULT = "calibration.json"
 POSTERIOR = "posterior.json"
-LOG = "recording.mcap"
 HEADER = "run.json"
-UNRECORDED = "unrecorded.json"
 _MODEL, _TRUTH = "model.xml", "truth.json"
+_RESPONSE = "response_test"  # of the provenance
 _REMEDY = "copy it again from where it is whole"
-_READ = ("equipoise.run/2",)  # whose settings are those of all methods
 
 
 class RunFolder:
@@ -73,7 +72,7 @@ class RunFolder:
 
     def __init__(self, path: Path, header: Mapping[str, Any], log: RunLog | None = None) -> None:
         self.path = path
-        self._header = header
+        self._header: Mapping[str, Any] = header
         self._log = log
         self._known = deque[Recording]()  # recordings that the routine comes to again before it goes on
 
@@ -112,7 +111,7 @@ class RunFolder:
             write_file(path / _MODEL, robot.source.xml)
             for name, table in method.attachments().items():
                 write_file(path / f"{name}.json", json.dumps(table) + "\n")
-            log = RunLog(path / LOG)
+            log = RunLog(log_file(path, 0))
             write_file(path / HEADER, json.dumps(header, indent=2) + "\n")  # whoever finds a header finds the rest
         except OutputError:
             raise
@@ -138,7 +137,7 @@ class RunFolder:
         header = _read_json(path / HEADER, f"{str(path)!r} is not a run folder of a calibration")
         if (schema := header.get("schema")) is None:
             raise _damaged(path, f"its {HEADER} lacks 'schema'")
-        if schema not in (SCHEMA, *_READ):
+        if schema != SCHEMA:
             raise RecordingError(
                 f"the run {str(path)!r} is {schema!r}; this version reads {SCHEMA!r}: estimate it with the version of "
                 "equipoise that made it, or calibrate again"
@@ -162,7 +161,7 @@ class RunFolder:
             OutputError: it cannot be written, or another process writes it.
         """
         folder = cls.open(path)
-        folder._log, content = resume_log(folder.path / LOG, repeats)
+        folder._log, content = resume_log(folder.path, repeats)
         (folder.path / METADATA).unlink(missing_ok=True)  # of what is about to change
         folder._known = deque(content.recordings)
         return folder, content
@@ -186,12 +185,27 @@ class RunFolder:
 
     @property
     def _ends_early(self) -> bool:
-        return self._log is None and not was_closed(self.path / LOG)
+        return self._log is None and not was_closed(log_files(self.path)[-1])
 
     @property
     def provenance(self) -> Mapping[str, Any]:
         """When, on what and how the run was made."""
         return self._header["provenance"]
+
+    def save_response(self, found: ResponseTest) -> None:
+        """Keep the result of the response test, with the IMU's orientation of this run; a resumed run keeps its first one.
+
+        Raises:
+            ResumeError: the orientation is not that of the recorded trials.
+        """
+        if found.uses_measurement and self._known:
+            raise ResumeError(
+                f"{found.orientation}, {np.degrees(found.angle):.1f} deg from the orientation of the trials that the run "
+                f"{str(self.path)!r} has: was the IMU moved? Begin a new run"
+            )
+        if found.uses_measurement or _RESPONSE not in self.provenance:
+            self._header = {**self._header, "provenance": {**self.provenance, _RESPONSE: found.to_dict()}}
+            write_file(self.path / HEADER, json.dumps(self._header, indent=2) + "\n")
 
     def keep(self, recording: Recording) -> None:
         """Keep the next recording: of motions that the log has, or, where it has not, as it is.
@@ -215,7 +229,7 @@ class RunFolder:
 
     def read(self) -> LogContent:
         """All that was logged."""
-        return read_log(self.path / LOG)
+        return read_log(self.path)
 
     def _told_of_end(self) -> str:
         """What is said of a log that was not closed."""
@@ -223,7 +237,7 @@ class RunFolder:
         if self.cut:
             return (
                 f"{ends}: it was cut, and may lack motions that the run's {RESULT} was made of, which stays as it is; copy "
-                f"{LOG} again from where it is whole"
+                f"{log_files(self.path)[-1].name} again from where it is whole"
             )
         return (
             f"{ends}: the run was killed, or is not over; go on with: equipoise calibrate --resume {typed(self.path)}"
@@ -235,20 +249,21 @@ class RunFolder:
             return
         log, self._log = self._log, None
         log.close()
-        write_metadata(self.path, log.file)
+        write_metadata(self.path, [file for file in log_files(self.path) if file.exists()])
 
     def __enter__(self) -> RunFolder:
         return self
 
     def __exit__(self, *exception: object) -> None:
         with suppress(OutputError) if exception[0] else nullcontext():  # the first error says why
-            if isinstance(exception[1], UnrecordedError):
-                write_file(self.path / UNRECORDED, json.dumps(exception[1].steps) + "\n")
             self.close()
 
     def robot(self) -> RobotModel:
         """The robot as it was read for the run. What was repaired then is not said again."""
-        model, description = self._header["model"], self._header["description"]
+        model = self._header["model"]
+        description: dict[str, Any] = dict(self._header["description"])
+        if (response := self.provenance.get(_RESPONSE)) and response["uses_measurement"]:
+            description["imu_rpy"] = response["measured_rpy"]
         try:
             xml = read_text(self.path / _MODEL)
             if _sha256(xml) != model["xml_sha256"]:
@@ -274,9 +289,8 @@ class RunFolder:
 
     def method(self) -> Method:
         """The method of the run with its settings; raises PluginError if the package that brings it cannot be used."""
-        table = {**self._header["settings"], **self._attached()}
         try:
-            return method_from_dict(_settings_before_3(table) if self._header["schema"] in _READ else table)
+            return method_from_dict({**self._header["settings"], **self._attached()})
         except (AttributeError, TypeError, SettingsError) as error:
             raise RecordingError(
                 f"the settings of run {str(self.path)!r} are damaged: {_told(error)}; they stand in its {HEADER}: {_REMEDY}; "
@@ -344,14 +358,6 @@ class RunFolder:
         kept = None if calibration.evidence is None else calibration.evidence.keepsake(calibration.settings)
         if kept is not None:
             write_file(self.path / POSTERIOR, json.dumps(kept) + "\n")
-
-
-def _settings_before_3(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of one method from a table that held those of all: under the method's name, or beside it."""
-    name = str(table["method"])
-    known = {field.name for field in dataclasses.fields(method_named(name))}
-    own = table.get(name, table)
-    return {"method": name, **{key: value for key, value in own.items() if key in known}}
 
 
 def _told(error: Exception) -> str:

@@ -141,8 +141,7 @@ def interruption_told(folder: Any) -> Generator[None]:
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.drivers.catalog import SIMULATED, find_platform, given_settings
-    from equipoise.guard.connection import open_platform
+    from equipoise.drivers.catalog import SIMULATED, find_platform, given_settings, open_platform
 
     find_platform(platform)
     given = given_settings(pairs, settings)

@@ -1,71 +1,110 @@
-"""The operator at the terminal: names the IMU's frame, confirms a given mass, turns the robot while a calibration goes on."""
+"""The operator at the terminal: names the IMU's frame, answers yes or no, turns the robot while a calibration goes on."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import os
+import queue
 import select
 import sys
+import threading
+import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from equipoise.alive import alive
 from equipoise.errors import MotionError, SettingsError
 
 if TYPE_CHECKING:
     from equipoise.robot.model import RobotModel
 
 _ORIGIN = "origin"
-_WAIT = 0.1  # [s] between signs of life
+_KEYS = 0.02  # [s] between looks at the keyboard
 
 _ASKED = """
 The robot lies limp. Turn it by 180 deg (150 to 210 will do) where it lies, on its belly again, its legs folded; leave the
 cable's other end where it is. Then keep clear and press Enter: it stands up. Ctrl-C ends the run."""
 
 
-class EnterPressed:
-    """Whether Enter was pressed since it was asked for, at the first call.
+class Keyboard:
+    """The operator's keyboard while a robot is moved: the space bar stops the robot, lines answer questions.
 
-    It is called in the control loop, which holds the robot meanwhile: it never waits.
-    """
-
-    def __init__(self) -> None:
-        self._asked = False
-
-    def __call__(self) -> bool:
-        if not self._asked:
-            self._asked = True
-            _forget_what_was_typed()
-            print(_ASKED, file=sys.stderr, flush=True)
-        if not select.select([sys.stdin], [], [], 0)[0]:
-            return False
-        if not sys.stdin.readline():
-            raise MotionError(
-                "nobody can say that the robot was turned: the standard input is closed. Run it at a terminal"
-            )
-        return True
-
-
-def mass_confirmed(sentence: str) -> bool:
-    """Ask the operator whether a given mass is right, while the robot stands.
+    Use it as a context manager; at a terminal it reads keys as they are pressed.
 
     Args:
-        sentence: given mass and mass that the joint torques carry.
+        stop: function that puts the robot down, as `RemoteRobot.stop`; None: the space bar does nothing.
     """
-    _forget_what_was_typed()
-    print(
-        f"\nMass in doubt: {sentence}.\nMass and inertia scale with the given mass. Type yes if it is right and the run is to "
-        "go on; anything else ends it:",
-        file=sys.stderr, flush=True,
-    )  # fmt: skip
-    while not select.select([sys.stdin], [], [], _WAIT)[0]:
-        alive()
-    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
+    def __init__(self, stop: Callable[[str], None] | None = None) -> None:
+        self._stop, self._over = stop, threading.Event()
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._asked = False
 
-def _forget_what_was_typed() -> None:
-    if sys.stdin.isatty():
+    def __enter__(self) -> Keyboard:
+        if self._stop is not None and sys.stdin.isatty():
+            self._thread = threading.Thread(target=self._read_keys, name="keyboard", daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def turned(self) -> bool:
+        """Return whether Enter was pressed since the first call, which asks for the robot to be turned. It never waits."""
+        if not self._asked:
+            self._asked = True
+            self._ask(_ASKED)
+        return self._line() is not None
+
+    def confirmed(self, question: str) -> bool:
+        """Ask the operator a question while the robot stands; anything but yes is a no."""
+        self._ask(f"\n{question}\nType yes to go on; anything else ends the run:")
+        while (line := self._line()) is None:
+            time.sleep(_KEYS)
+        return line.strip().lower() in ("y", "yes")
+
+    def _ask(self, question: str) -> None:
+        while self._thread is not None and self._line() is not None:  # typed before it was asked
+            pass
+        print(question, file=sys.stderr, flush=True)
+
+    def _line(self) -> str | None:
+        """Return a line that was typed, or None; raise MotionError if nothing can be typed."""
+        if self._thread is not None:
+            with contextlib.suppress(queue.Empty):
+                return self._lines.get_nowait()
+            return None
+        if not select.select([sys.stdin], [], [], 0)[0]:
+            return None
+        if not (line := sys.stdin.readline()):
+            raise MotionError("the operator cannot answer: the standard input is closed. Run it at a terminal")
+        return line
+
+    def _read_keys(self) -> None:
         import termios
 
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        descriptor = sys.stdin.fileno()
+        before, keys = termios.tcgetattr(descriptor), termios.tcgetattr(descriptor)
+        keys[3] &= ~termios.ICANON
+        termios.tcsetattr(descriptor, termios.TCSANOW, keys)
+        typed = ""
+        try:
+            while not self._over.is_set():
+                if not select.select([descriptor], [], [], _KEYS)[0]:
+                    continue
+                for key in os.read(descriptor, 64).decode(errors="ignore"):
+                    if key == " " and self._stop is not None:
+                        self._stop("damp")
+                    elif key in "\r\n":
+                        self._lines.put(typed)
+                        typed = ""
+                    else:
+                        typed += key
+        finally:
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
 def with_known_imu(model: RobotModel, simulated: bool = False) -> RobotModel:

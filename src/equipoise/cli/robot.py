@@ -33,7 +33,6 @@ from equipoise.user_file import made_folder, typed
 if TYPE_CHECKING:
     from equipoise.recording.run_log import RunLog
 
-_PIECES_HELD = 40  # in memory, by a log that does not know yet what they belong to
 _SIMULATED_TIME = 10.0  # [s]: nobody waits for a robot that is not there, and disks fill
 
 
@@ -44,6 +43,7 @@ def doctor(
     set: SettingsGiven = (),
     settings: File = None,
     duration: Duration = None,
+    hanging: bool = False,
     description: Described = RobotFlags(),  # noqa: B008
     output: Output = Output(),  # noqa: B008
 ) -> int:
@@ -59,11 +59,16 @@ def doctor(
         set: A setting of the platform, as KEY=VALUE; may be given again.
         settings: TOML file with settings of the platform.
         duration: How long to look; default 5 s.
+        hanging: The robot hangs with its legs free: measure what its motor boards do when commands stop. Its own controller
+            lets go of the motors, and they are damped; you are asked for the robot's name first.
     """
-    from equipoise.drivers.catalog import SIMULATED
+    from equipoise.cli.hanging import examine_hanging
+    from equipoise.drivers.catalog import SIMULATED, given_settings
     from equipoise.drivers.checkup import examine, foretold, joint_table
     from equipoise.terminal.platform import print_checkup
 
+    if hanging:
+        return examine_hanging(platform, load(robot, description), given_settings(set, settings), output.json)
     model = with_known_imu(load(robot, description), platform in SIMULATED)
     with connected(platform, model, set, settings) as connection:
         findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
@@ -116,11 +121,9 @@ def record(
         interruptions.noted(),
         RecordingProgress(output.silent, out, lasting) as progress,
     ):
-        for number, piece in enumerate(watch(connection, model, lasting), 1):
+        for piece in watch(connection, model, lasting):
             log.add(piece)
             samples += len(piece.joints.time)
-            if number % _PIECES_HELD == 0:
-                log.set_aside()
             progress.update(piece)
             if interruptions.asked:
                 break

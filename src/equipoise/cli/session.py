@@ -10,11 +10,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from equipoise.cli.operator_prompt import EnterPressed, mass_confirmed
+from equipoise.cli.operator_prompt import Keyboard
 from equipoise.errors import MotionError, ResumeError, SettingsError
 
 if TYPE_CHECKING:
     from equipoise.calibration.run_folder import RunFolder
+    from equipoise.guard.report import GuardReport
     from equipoise.method.method import Method
     from equipoise.platform.platform import Platform
     from equipoise.recording.run_log_reader import LogContent
@@ -114,8 +115,11 @@ class Session:
     """
 
     def __init__(self, place: Place, robot: RobotModel) -> None:
-        self.place, self.robot = place, robot
+        from equipoise.drivers.catalog import for_platform
+
+        self.place, self.robot = place, for_platform(place.platform, robot)
         self._simulation: Simulation | None = None
+        self._report: GuardReport | None = None  # of a real robot, once it was put down
         if place.simulated:
             from equipoise.simulation.simulation import simulate
 
@@ -144,48 +148,52 @@ class Session:
         Args:
             content: content of the folder's log, if the run is gone on with.
         """
-        from equipoise.calibration.routine import calibrate
+        from equipoise.calibration.routine import perform, with_guard_report
         from equipoise.terminal.calibration import TrialProgress
 
         with folder:
             if self._simulation is not None:
                 folder.save_truth(self._simulation.truth, self._simulation.truth_of_parts)
                 _question_scale(method, self._simulation.truth.composite.mass)
-            with self._platform(folder, content) as (platform, ending), TrialProgress(quiet) as progress:
-                told = EnterPressed() if self._simulation is None else None
-                confirm = mass_confirmed if sys.stdin.isatty() else None
-                if content is not None and content.recordings:  # confirmed when the run began
-                    confirm = _went_on
-                result = calibrate(platform, self.robot, method, folder.keep, progress.update, told, confirm)
-        result = result.with_provenance(**folder.provenance, **ending)
+            with TrialProgress(quiet) as progress:
+                with self._platform(folder, content) as (platform, keyboard):
+                    confirm = keyboard.confirmed if sys.stdin.isatty() else None
+                    if content is not None and content.recordings:  # confirmed when the run began
+                        confirm = _went_on
+                    real = self._simulation is None
+                    told, on_response = (keyboard.turned, folder.save_response) if real else (None, None)
+                    experiment = perform(
+                        platform, self.robot, method, folder.keep, progress.update, told, confirm, on_response
+                    )
+                result = experiment.estimate(method, progress.update)
+        result = result.with_provenance(**folder.provenance)
         if self._simulation is None:
-            return result
+            return result if self._report is None else with_guard_report(result, self._report)
         return result.with_truth(self._simulation.truth).with_truth_of_parts(self._simulation.truth_of_parts)
 
     @contextmanager
-    def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, dict[str, Any]]]:
-        """The platform that the routine moves, and a table for what is known of the run only when it is over."""
+    def _platform(self, folder: RunFolder, content: LogContent | None) -> Generator[tuple[Platform, Keyboard]]:
+        """The platform that the routine moves, and the operator's keyboard."""
         from equipoise.platform.logged import Logged
         from equipoise.platform.resumed import RepeatedSimulation, ResumedRobot
 
         if self._simulation is not None:
             bare = self._simulation.platform
             logged = Logged(bare, folder.log)
-            yield (logged if content is None else RepeatedSimulation(logged, bare, content)), {}
+            yield (logged if content is None else RepeatedSimulation(logged, bare, content)), Keyboard()
             return
-        from equipoise.guard.connection import open_guarded
+        from equipoise.guard.remote_robot import RemoteRobot
 
-        ending: dict[str, Any] = {}
-        folder.log.write_beside()
-        guard = open_guarded(
-            self.place.platform, self.robot, self.place.given, folder.log, folder.path / "watchdog.log"
-        )
+        remote = RemoteRobot(self.place.platform, self.robot, self.place.given, folder.log, folder.path / "ending.txt")
+        for line in (f"robot process: {remote.realtime}", remote.warning):
+            if line:
+                print(line, file=sys.stderr)
         try:
-            with guard:
-                yield (guard if content is None else ResumedRobot(guard, content)), ending
+            with remote, Keyboard(remote.stop) as keyboard:
+                yield (remote if content is None else ResumedRobot(remote, content)), keyboard
         finally:
-            ending["guard"] = dataclasses.asdict(guard.report())
-            _tell_ending(guard.report())
+            self._report = remote.report()
+            _tell_ending(self._report)
 
 
 def _went_on(sentence: str) -> bool:
@@ -204,10 +212,11 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
     if place.simulated:
         return
     from equipoise.calibration.rehearsal import rehearse
+    from equipoise.drivers.catalog import for_platform, open_platform
     from equipoise.drivers.checkup import examine
-    from equipoise.guard.connection import open_platform
     from equipoise.terminal.platform import rehearsal_lines
 
+    robot = for_platform(place.platform, robot)
     with open_platform(place.platform, robot, place.given) as connection:
         wrong = [finding for finding in examine(connection, robot, _LOOK_TIME) if finding.fine is False]
     for line in rehearsal_lines(rehearse(robot, method), place.platform):
@@ -221,7 +230,8 @@ def confirm(place: Place, robot: RobotModel, method: Method, yes: bool) -> None:
     if yes:
         return
     print(
-        "Keep clear of the robot, and a hand on its emergency stop. Ctrl-C lets it down at any time.\n"
+        "Keep clear of the robot, and a hand on its emergency stop. Ctrl-C lowers it at any time; the space bar "
+        "damps it at once: it sinks.\n"
         f"Type {robot.name} to begin: ",
         end="", file=sys.stderr, flush=True,
     )  # fmt: skip
@@ -245,4 +255,4 @@ def _tell_ending(report: Any) -> None:
         words.append(f"hottest motor {report.hottest_motor:.0f} deg C")
     print(f"{', '.join(words)}; at the end: {', '.join(report.ending) or 'nothing was moved'}", file=sys.stderr)
     if report.trouble:
-        print(f"guard: it was ended while nothing moved: {report.trouble}", file=sys.stderr)
+        print(f"guard: {report.trouble}", file=sys.stderr)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from equipoise.plugins import Table, import_users, resolve
 from equipoise.user_file import read_text, toml_table
 
 if TYPE_CHECKING:
-    from equipoise.drivers.hardware import Link
+    from equipoise.drivers.hardware import HardwarePlatform, RobotConnection
     from equipoise.platform.stepped import SteppedPlatform
     from equipoise.robot.model import RobotModel
 
@@ -33,10 +34,12 @@ class Driver:
         what: robot or bus that it is for, in a line.
         start: posture in which the robot starts, in a line or two.
         page: page of the documents, or an address.
-        module: module with `open_link(robot, settings)`, which gives a `Link`, and perhaps `open_beside` (see `open_beside`).
+        module: module with `open_connection(robot, settings)`, which returns a `RobotConnection`, and perhaps with
+            `open_beside` (see `open_second`).
         settings: dataclass of its settings, as "my_package.settings:MySettings"; each has a default.
         preset: settings that belong to the name.
         makers_gains: stiffness [Nm/rad] and damping [Nm s/rad] with which the maker's own example stands; None: not known.
+        motor_speeds: largest speeds of each leg's hip, thigh and calf motor, from the maker's URDF [rad/s]; None: not known.
         needs: module that raises MissingDependencyError when it is imported where the driver cannot be used; empty: none.
     """
 
@@ -49,6 +52,7 @@ class Driver:
     preset: Mapping[str, Any] = dataclasses.field(default_factory=dict[str, Any])
     needs: str = ""
     makers_gains: tuple[float, float] | None = None
+    motor_speeds: tuple[float, float, float] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,11 +75,13 @@ DRIVERS: dict[str, Driver] = {
             "robot lies, cable in, --set interface=eth0; its sport mode is released before the first command",
             "docs/unitree-go2.md", "equipoise.drivers.unitree.dds",
             "equipoise.drivers.unitree.dds_settings:UnitreeDdsSettings", needs=_DDS, makers_gains=(60.0, 5.0),
+            motor_speeds=(30.1, 30.1, 20.07),
         ),
         Driver(
             "unitree-b2", "Unitree B2, by the same messages as the Go2",
             "as unitree-go2", "docs/unitree-go2.md", "equipoise.drivers.unitree.dds",
             "equipoise.drivers.unitree.dds_settings:UnitreeB2Settings", needs=_DDS, makers_gains=(1000.0, 10.0),
+            motor_speeds=(23.0, 23.0, 14.0),
         ),
         Driver(
             "ros2", "Gazebo and ros2_control robots: JointState and Imu in, positions or impedance out; no ROS needed here",
@@ -87,12 +93,14 @@ DRIVERS: dict[str, Driver] = {
             "robot lies in low-level mode, this computer in its network 192.168.123.x",
             "docs/unitree-udp.md", "equipoise.drivers.unitree.udp",
             "equipoise.drivers.unitree.udp_settings:UnitreeUdpSettings", {"protocol": "a1"},
+            motor_speeds=(21.0, 21.0, 21.0),
         ),
         Driver(
             "unitree-go1", "Unitree Go1 over UDP (beta: never tried on a robot)",
             "robot lies in low-level mode, this computer in its network 192.168.123.x",
             "docs/unitree-udp.md", "equipoise.drivers.unitree.udp",
             "equipoise.drivers.unitree.udp_settings:UnitreeUdpSettings", {"protocol": "go1"},
+            motor_speeds=(30.1, 30.1, 30.1),
         ),
     )
 }  # fmt: skip
@@ -125,26 +133,68 @@ def find_platform(name: str) -> Driver | Engine | type[Any]:
     return _checked(name, row) if isinstance(row, type) else row
 
 
-def open_link(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
-    """The link of a driver alone; raises SettingsError, MissingDependencyError and CommunicationError."""
-    return _opened("open_link", name, robot, given)
+def for_platform(name: str, robot: RobotModel) -> RobotModel:
+    """Return a robot model with what is known of the motors of a platform's robot, where the model has none.
 
-
-def open_beside(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
-    """A watchdog's link, beside that of another process, which commands the robot and may hang; raises as `open_link`.
-
-    A driver's module may have an `open_beside(robot, settings)` for it. That takes nothing over and disturbs nothing until it
-    sends, and its `send` raises CommunicationError while nobody hears it.
+    The maker's gains are used unless the description has kp or kd. Joints without a speed limit, as an MJCF's, get that of
+    their motors.
     """
-    return _opened("open_beside", name, robot, given)
+    driver = find_platform(name)
+    if not isinstance(driver, Driver):
+        return robot
+    description, speeds = robot.description, robot.velocity_limit.copy()
+    if driver.makers_gains is not None and description.kp is None and description.kd is None:
+        kp, kd = driver.makers_gains
+        description = dataclasses.replace(description, kp=kp, kd=kd)
+    if driver.motor_speeds is not None and robot.leg_joints.shape[1] == len(driver.motor_speeds):
+        motors = dict(zip(robot.leg_joints.ravel().tolist(), 4 * driver.motor_speeds, strict=True))
+        for joint, speed in motors.items():
+            speeds[joint] = speed if math.isinf(speeds[joint]) else speeds[joint]
+    return dataclasses.replace(robot, description=description, velocity_limit=speeds)
 
 
-def open_class(name: str, robot: RobotModel, given: Mapping[str, Any]) -> SteppedPlatform | None:
-    """A platform that is a class, as `open_home_built` says; None if a driver has the name."""
-    from equipoise.drivers.home_built import open_home_built  # noqa: PLC0415 - lists need no NumPy
+def open_connection(name: str, robot: RobotModel, given: Mapping[str, Any]) -> RobotConnection:
+    """Return the connection of a driver; raise SettingsError, MissingDependencyError or CommunicationError."""
+    return _opened("open_connection", name, robot, given)
+
+
+def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> HardwarePlatform | SteppedPlatform:
+    """Connect to a robot, without a guard: to observe it, or for the robot process.
+
+    Nothing is sent before the first command, but over UDP, where a robot only answers: packets without torque.
+
+    Args:
+        name: name of a driver, or of a platform that is a class, as "my_robot:MyRobot".
+        robot: model of the robot.
+        given: settings by name; text is read as what the setting is.
+
+    Raises:
+        SettingsError: no such platform or setting, or a value that it cannot have.
+        MissingDependencyError: the driver's package is not installed.
+        PluginError: a class of another package fails.
+        CommunicationError: the network cannot be used.
+    """
+    from equipoise.drivers.hardware import HardwarePlatform  # noqa: PLC0415 - lists need no NumPy
+    from equipoise.drivers.home_built import open_home_built  # noqa: PLC0415
 
     row = find_platform(name)
-    return open_home_built(name, row, robot, given) if isinstance(row, type) else None
+    if isinstance(row, type):
+        return open_home_built(name, row, robot, given)
+    return HardwarePlatform(open_connection(name, robot, given))
+
+
+def open_second(name: str, robot: RobotModel, given: Mapping[str, Any]) -> RobotConnection | None:
+    """Return the second connection to a robot that the robot process commands; None: the platform has none.
+
+    It takes nothing over and disturbs nothing until it sends, and its `send` raises CommunicationError while nobody receives.
+    A driver's module may have an `open_beside(robot, settings)` for it, a class a class method `second(robot, **settings)`.
+    """
+    from equipoise.drivers.home_built import open_second_of_class  # noqa: PLC0415 - lists need no NumPy
+
+    row = find_platform(name)
+    if isinstance(row, type):
+        return open_second_of_class(name, row, robot, given)
+    return _opened("open_beside", name, robot, given)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -219,14 +269,14 @@ def given_settings(pairs: Sequence[str], path: Path | None) -> dict[str, Any]:
     return table
 
 
-def _opened(function: str, name: str, robot: RobotModel, given: Mapping[str, Any]) -> Link:
+def _opened(function: str, name: str, robot: RobotModel, given: Mapping[str, Any]) -> RobotConnection:
     driver = find_platform(name)
     if not isinstance(driver, Driver):
         raise SettingsError(f"platform {name!r} has no driver: it is a class or a simulator")
     module = _imported(driver, driver.module)
     settings = read_settings(_imported(driver, driver.settings), {**driver.preset, **given}, name)
     try:
-        link: Link = getattr(module, function, module.open_link)(robot, settings)
+        link: RobotConnection = getattr(module, function, module.open_connection)(robot, settings)
     except EquipoiseError:
         raise
     except OSError as error:

@@ -15,6 +15,7 @@ from equipoise.platform.platform import JointCommand, Platform, RobotState
 from equipoise.platform.stepping import recording_of
 from equipoise.recording.recording import Recording
 from equipoise.robot.floor import floor_normals_by_fit
+from equipoise.robot.imu import upright_flag
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import lies, nominal_stance
@@ -92,7 +93,7 @@ def watch(
     """
     begin = platform.read()
     hold = JointCommand(begin.joint_position)
-    states, last = [begin], None
+    states, before = [begin], (-np.inf, -np.inf)
     end = np.inf if duration is None else begin.time + duration
     piece_end = begin.time + _PIECE_TIME
     moved = time.monotonic()
@@ -102,8 +103,9 @@ def watch(
         else:
             time.sleep(platform.control_period)
             state = platform.read()
-        if arrived is not None and state is not states[-1]:
-            arrived += [sample.received for sample in (*state.earlier, state) if sample.received is not None]
+        new: list[RobotState] = getattr(platform, "arrived", [state])
+        if arrived is not None:
+            arrived += [sample.received for sample in new if sample.received is not None]
         if state.time > states[-1].time:
             moved = time.monotonic()
         elif time.monotonic() - moved > _PATIENCE:
@@ -111,19 +113,13 @@ def watch(
                 f"the robot's time has been {state.time:.6g} s for {_PATIENCE:g} s: its clock stands still, or nothing comes. "
                 "Is the robot on? A driver that has the setting tick takes samples' times of arrival with tick=0"
             )
-        states.append(state)
+        states += new
         if state.time >= min(piece_end, end):
-            yield _piece(robot, states, last)
-            last, states = states[-1], [states[-1]]
+            targets = np.array([each.joint_position for each in states])
+            sensed = recording_of(robot.joint_names, states, targets, (), np.arange(len(states), dtype=float), before)
+            yield Recording(sensed.joint_names, sensed.joints, sensed.imu)  # nothing was sent
+            before, states = (float(sensed.joints.time[-1]), float(sensed.imu.time[-1])), states[-1:]
             piece_end += _PIECE_TIME
-
-
-def _piece(robot: RobotModel, states: list[RobotState], before: RobotState | None) -> Recording:
-    """Nothing was sent: a recording without commands."""
-    new = states[1:] if before is not None else states
-    targets = np.array([state.joint_position for state in new])
-    sensed = recording_of(robot.joint_names, new, targets, (), np.arange(len(new), dtype=float), before)
-    return Recording(sensed.joint_names, sensed.joints, sensed.imu)
 
 
 def examine(platform: Platform, robot: RobotModel, duration: float = 5.0) -> list[CheckupFinding]:
@@ -233,20 +229,18 @@ def _floor(robot: RobotModel, position: FloatArray, acceleration_in_imu: FloatAr
     """Up by the accelerometer against the normal of the floor that the feet stand on."""
     feet = foot_positions(robot, position)
     normal = floor_normals_by_fit(feet[None])[0][0]
-    up = (
-        np.array(robot.imu_in_base.rotation)
-        @ acceleration_in_imu
-        / max(float(np.linalg.norm(acceleration_in_imu)), 1e-9)
-    )
+    rotation = np.array(robot.imu_in_base.rotation)
+    up = rotation @ acceleration_in_imu / max(float(np.linalg.norm(acceleration_in_imu)), 1e-9)
     angle = float(np.arccos(np.clip(up @ normal, -1, 1)))
     value = (
         f"{np.degrees(angle):.1f} deg between up and the feet's floor; up is ({up[0]:+.2f}, {up[1]:+.2f}, {up[2]:+.2f})"
     )
+    turned = f"is the IMU mounted turned ({upright_flag(rotation, acceleration_in_imu, normal)})"
     if lies(robot, nominal_stance(robot), position):
         fine = None if bool(angle < _ASKEW) else False
-        advice = "is the IMU mounted turned (imu_rpy), does the robot lie level?"
+        advice = "does the robot lie level?" if fine is None else f"{turned}, does the robot lie level?"
         return CheckupFinding("gravity against the stance", value + " (the robot lies)", fine, advice, serious=True)
-    advice = "is the IMU mounted turned (imu_rpy), is the joint map right, does the floor slope?"
+    advice = f"{turned}, is the joint map right, does the floor slope?"
     fine = bool(angle < _LEAN)
     return CheckupFinding("gravity against the stance", value, fine, "" if fine else advice, serious=True)
 

@@ -1,11 +1,10 @@
-"""A real robot as a platform: one deadline loop over whatever link carries its samples and commands."""
+"""A real robot as a platform: a deadline loop over the connection that carries its samples and commands."""
 
 from __future__ import annotations
 
-import sys
 import time
-from dataclasses import replace
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,27 +16,22 @@ from equipoise.platform.platform import JointCommand, RobotState, TiltLimit, Tra
 from equipoise.platform.stepping import play_by_stepping
 from equipoise.recording.recording import Recording
 
-# [s], and least and most of a control period, before a deadline: there `step` hands the state over, so that its caller can
-# think, and a thread that holds the robot gets Python's lock in time, several times, from one that computes.
-_LEAD, _LEAD_SHARES = 1.2e-3, (0.1, 0.6)
+_LEAD, _LEAD_SHARES = 0.8e-3, (0.1, 0.4)  # [s] before a deadline at which samples are taken; least and most of a period
 _SPIN = 0.15e-3  # [s] of waiting that is not left to the scheduler
 _ON_TIME = 1e-3  # [s] after its deadline at which a command still counts as on time
 _LOST = 5  # control periods behind after which the deadlines begin anew
-_KEPT_TIME = 0.25  # [s] of samples kept while nobody reads
-_TURN = 0.05e-3  # [s] that another thread may compute before it must let the loop go on
-_ASLEEP = 0.25  # [s] without a command after which the robot may have sunk: nothing is sent as if it had not
+_ASLEEP = 0.25  # [s] after its deadline at which a command is not sent any more: the robot may have sunk
 
 
-class Link(Protocol):
-    """What a driver is: samples in, commands out, all joint vectors in the order of `joint_names`.
-
-    One thread at a time calls it, not always the same one.
+class RobotConnection(Protocol):
+    """A driver: samples in, commands out, all joint vectors in the order of `joint_names`. One thread uses it.
 
     Attributes:
         name: name in messages, as in "unitree-go2 on eth0".
-        joint_names: names of the robot model's leg joints, in its order; the driver knows which motor each is.
-        accepts: kinds of feed-forward and gains that it heeds, as a platform's.
+        joint_names: names of the robot model's leg joints, in its order; the driver maps them to motors.
+        accepts: kinds of feed-forward and gains that it sends, as a platform's.
         control_period: time between commands [s].
+        rejected: number of samples that arrived and were left out: wrong checksum, length or sender.
     """
 
     @property
@@ -52,20 +46,25 @@ class Link(Protocol):
     @property
     def control_period(self) -> float: ...
 
-    def receive(self) -> list[RobotState]:
-        """Samples that arrived since the last call, in order of arrival, each with `received`; never waits.
+    @property
+    def rejected(self) -> int: ...
 
-        What arrived damaged (a wrong checksum, a cut packet) is left out. What arrived twice or late is not: the guard looks.
+    def receive(self) -> list[RobotState]:
+        """Return the samples that arrived since the last call, in order of arrival, each with `received`; never wait.
+
+        A damaged sample (a wrong checksum, a cut packet) is left out and counted. A repeated or late one is returned: the
+        guard checks for those.
 
         Raises:
-            CommunicationError: the link is gone.
+            CommunicationError: the robot is gone.
+            OtherCommanderError: another program commands the robot.
         """
         ...
 
     def send(self, command: JointCommand) -> None:
-        """Send a command; what the robot does not accept is left aside. Gains that are None are the robot's own.
+        """Send a command without what the robot does not accept. Gains that are None are the robot's own.
 
-        The first may take seconds: a controller on board has to let go of the motors before.
+        The first may take seconds: a controller on board has to release the motors first.
         """
         ...
 
@@ -74,125 +73,139 @@ class Link(Protocol):
         ...
 
     def close(self) -> None:
-        """Give the connection back. May be called twice."""
+        """Close the connection. May be called twice."""
         ...
 
 
 class LoopTiming:
-    """How late commands were sent, after the deadlines that a control loop sets itself.
+    """How late commands left after their deadlines.
 
     Attributes:
         lateness: (n,) lateness of every command so far [s].
         overruns: number of commands more than a millisecond late.
-        lost: number of deadlines that passed without a command; they are skipped, not caught up with.
-        paused: whether the robot is only held, while this computer has other things to do: such commands are counted apart.
-        held, held_late: numbers of commands that held the robot, and of those more than a millisecond late.
+        lost: number of deadlines that passed without a command; they are skipped, not made up for.
+        work: (n,) processor time of every control period, without waiting [s].
     """
 
     def __init__(self) -> None:
-        self._lateness = np.zeros(4096)
+        self._table = np.zeros((2, 4096))
         self._count = 0
         self.overruns = 0
         self.lost = 0
-        self.held = self.held_late = 0
-        self.paused = False
 
     @property
     def lateness(self) -> FloatArray:
-        return self._lateness[: self._count]
+        return self._table[0, : self._count]
 
-    def add(self, late: float, lost: int) -> None:
-        """Note one command, and how often deadlines passed without one before."""
-        if self.paused:
-            self.held += 1
-            self.held_late += late > _ON_TIME
-            return
+    @property
+    def work(self) -> FloatArray:
+        return self._table[1, : self._count]
+
+    def add(self, late: float, work: float, lost: int) -> None:
+        """Note one command, and the deadlines that passed without one before it."""
         self.lost += lost
-        if self._count == len(self._lateness):
-            self._lateness = np.concatenate([self._lateness, np.zeros(len(self._lateness))])
-        self._lateness[self._count] = late
+        if self._count == self._table.shape[1]:
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)], axis=1)
+        self._table[:, self._count] = late, work
         self._count += 1
         self.overruns += late > _ON_TIME
 
 
 class HardwarePlatform:
-    """A robot behind a link. Never use it bare: the guard is what makes it safe, and holds the robot while nobody steps.
+    """A robot behind a connection. The guard makes it safe to move.
 
-    Commands leave at absolute deadlines, a control period apart from when the first one left. As long as the platform is open,
-    Python's threads take turns more often.
+    Commands leave at absolute deadlines, one control period apart from when the first one left.
 
     Args:
-        link: link to the robot.
+        connection: connection to the robot.
         patience: longest time to wait for the first sample [s].
 
     Attributes:
-        timing: timing of the control loop.
+        timing: timing of the commands.
         commanded: whether a command was sent.
+        arrived: samples that arrived since the state before, oldest first.
+        sent_at: time at which the last command left, by the monotonic clock [s].
     """
 
-    def __init__(self, link: Link, patience: float = 5.0) -> None:
-        self._link = link
-        self._patience = patience
+    def __init__(self, connection: RobotConnection, patience: float = 5.0) -> None:
+        self._connection, self._patience = connection, patience
         self._newest: RobotState | None = None
+        self.arrived: list[RobotState] = []
         self.commanded = False
-        self._deadline = 0.0
-        least, most = (share * link.control_period for share in _LEAD_SHARES)
+        self._deadline = self.sent_at = time.monotonic()
+        self._worked = 0.0
+        least, most = (share * connection.control_period for share in _LEAD_SHARES)
         self._lead = min(max(_LEAD, least), most)
-        self._stepped = time.monotonic()
         self._closed = False
-        self._turn = sys.getswitchinterval()
-        sys.setswitchinterval(_TURN)
         self.timing = LoopTiming()
 
     @property
     def name(self) -> str:
-        return self._link.name
+        return self._connection.name
 
     @property
     def control_period(self) -> float:
-        return self._link.control_period
+        return self._connection.control_period
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        return self._link.joint_names
+        return self._connection.joint_names
 
     @property
     def accepts(self) -> frozenset[str]:
-        return self._link.accepts
+        return self._connection.accepts
+
+    @property
+    def rejected(self) -> int:
+        return self._connection.rejected
+
+    @property
+    def unchecked(self) -> bool:
+        """Whether samples are accepted whatever their checksum."""
+        return getattr(self._connection, "unchecked", False)
 
     def read(self) -> RobotState:
         return self._sense(self._patience if self._newest is None else 2 * self.control_period)
 
+    def learn(self) -> Mapping[str, Any]:
+        """Return the settings that the connection found out, for a second one; wait for the robot's answer if need be."""
+        learn = getattr(self._connection, "learn", None)
+        return {} if learn is None else translated(self.name, "learn", learn)
+
     def foretell(self) -> list[CheckupFinding]:
-        """What the link knows of what its first command will meet; commands nothing."""
-        return foretold(self._link)
+        """Return what the connection knows of what its first command will meet; command nothing."""
+        return foretold(self._connection)
 
     def step(self, command: JointCommand) -> RobotState:
-        """Send a command at its deadline, wait for the next one, and sense shortly before.
+        """Send a command at its deadline, wait for the next one, and sense shortly before it.
 
         Raises:
-            CommunicationError: the link is gone, or not a single sample has arrived.
+            CommunicationError: the robot is gone, or not a single sample has arrived.
             OverrunError: this program was stopped before the command could leave.
             MotionError: the platform is closed.
         """
+        work = time.thread_time() - self._worked if self.commanded else 0.0
         now, lost = time.monotonic(), 0
         if now - self._deadline > _LOST * self.control_period:
-            lost += self._deadline > self._stepped
+            lost += self._deadline > self.sent_at
             self._deadline = now
         _wait_until(self._deadline)
         if (late := time.monotonic() - self._deadline) > _ASLEEP:
-            raise OverrunError(f"this program stood still for {late * 1000:.0f} ms while the robot moved")
+            raise OverrunError(f"no command was sent for {late * 1000:.0f} ms: this program was stopped")
         first = not self.commanded
+        began = time.thread_time()
         self._send(command)
-        self._stepped = time.monotonic()
+        self.sent_at = time.monotonic()
+        work += time.thread_time() - began
         if first:
-            self._deadline = self._stepped
-        late = self._stepped - self._deadline
+            self._deadline = self.sent_at
+        late = self.sent_at - self._deadline
         missed = int(late / self.control_period)  # deadlines that are skipped: commands in a burst would be a jerk
-        self.timing.add(late, lost + (missed > 0))
+        self.timing.add(late, work, lost + (missed > 0))
         self._deadline += (1 + missed) * self.control_period
         _wait_until(self._deadline - self._lead)
-        return replace(self._sense(0.0), commanded=self._stepped)
+        self._worked = time.thread_time()
+        return self._sense(0.0)
 
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         return play_by_stepping(self, trajectory, stop)
@@ -202,11 +215,10 @@ class HardwarePlatform:
             return
         self._closed = True
         try:
-            if self.commanded:  # who only looked has nothing to give back
-                translated(self.name, "release", self._link.release)
+            if self.commanded:  # a robot that was only observed has nothing to release
+                translated(self.name, "release", self._connection.release)
         finally:
-            sys.setswitchinterval(self._turn)
-            translated(self.name, "close", self._link.close)
+            translated(self.name, "close", self._connection.close)
 
     def __enter__(self) -> HardwarePlatform:
         return self
@@ -217,30 +229,20 @@ class HardwarePlatform:
     def _send(self, command: JointCommand) -> None:
         if self._closed:
             raise MotionError(f"{self.name} is closed; open it again to move it")
-        translated(self.name, "send", lambda: self._link.send(command))
+        translated(self.name, "send", lambda: self._connection.send(command))
         self.commanded = True
 
-    def _receive(self) -> list[RobotState]:
-        return translated(self.name, "receive", self._link.receive)
-
     def _sense(self, patience: float) -> RobotState:
-        """The newest sample, the others that arrived in `earlier`; waits for one if none has arrived.
-
-        The newest is the one that was taken last: a sample that others overtook on the way is no news.
-        """
-        arrived = self._receive()
+        """Return the sample that was taken last, not one that it overtook on the way; wait for one if none has arrived."""
+        arrived = translated(self.name, "receive", self._connection.receive)
         until = time.monotonic() + patience
         while not arrived and time.monotonic() < until:
             time.sleep(0.5e-3)
-            arrived = self._receive()
+            arrived = translated(self.name, "receive", self._connection.receive)
+        self.arrived = arrived
         if arrived:
-            known = () if self._newest is None else (self._newest,)
-            newest = max((*reversed(arrived), *known), key=lambda sample: sample.time)
-            since = (arrived[-1].received or 0.0) - _KEPT_TIME
-            kept = tuple(sample for sample in arrived if sample is not newest and (sample.received or 0.0) >= since)
-            self._newest = replace(newest, earlier=kept) if kept or newest.earlier else newest
-        elif self._newest is not None and self._newest.earlier:
-            self._newest = replace(self._newest, earlier=())
+            newest = max(reversed(arrived), key=lambda sample: sample.time)
+            self._newest = newest if self._newest is None or newest.time >= self._newest.time else self._newest
         if self._newest is None:
             raise CommunicationError(
                 f"{self.name} sent nothing for {self._patience:g} s: is the robot on, is the cable in, is this the right "

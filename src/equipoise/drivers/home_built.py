@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from equipoise.errors import CommunicationError, EquipoiseError, PluginError, Se
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.platform.stepped import SteppedPlatform
 from equipoise.robot.model import RobotModel
+
+if TYPE_CHECKING:
+    from equipoise.drivers.hardware import RobotConnection
 
 
 def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mapping[str, Any]) -> HomeBuilt:
@@ -39,6 +42,16 @@ def open_home_built(name: str, kind: type[Any], robot: RobotModel, given: Mappin
             f"{kind.__name__}(robot, **settings), with the RobotModel and what --set says"
         ) from error
     return HomeBuilt(name, made, robot)
+
+
+def open_second_of_class(
+    name: str, kind: type[Any], robot: RobotModel, given: Mapping[str, Any]
+) -> RobotConnection | None:
+    """Return a class's second connection, made by its class method `second(robot, **settings)`; None if it has none."""
+    make = getattr(kind, "second", None)
+    if make is None:
+        return None
+    return translated(name, "second", lambda: make(robot, **read_values(settings_of_constructor(kind), given, name)))
 
 
 class HomeBuilt(SteppedPlatform):

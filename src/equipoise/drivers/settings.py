@@ -57,6 +57,13 @@ def settings_of_constructor(kind: type[Any]) -> dict[str, PlatformSetting]:
     return settings
 
 
+def check_range(settings: Any, name: str, least: float, most: float) -> None:
+    """Raise SettingsError if a setting is outside a range; None is inside."""
+    value = getattr(settings, name)
+    if value is not None and not least <= value <= most:
+        raise SettingsError(f"{name} is {value}; it must be from {least:g} to {most:g}")
+
+
 def read_settings(kind: type[Any], given: Mapping[str, Any], name: str) -> Any:
     """A settings object from values by name; text is read as what the setting is."""
     return kind(**read_values(settings_of_class(kind), given, name))

@@ -8,7 +8,6 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.clearance.clearance import Clearance
 from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.conventions import FloatArray
@@ -32,6 +31,8 @@ _STEPS = 250  # in which links are looked for that meet: as near to each other a
 _DEEPER = 0.04  # of the leg length: by so much a foot on its way up may push the lying body up
 _ORDERS = ((LEG_NAMES,), (("RL", "RR"), ("FL", "FR")), (("FL", "FR"), ("RL", "RR")))
 """Which legs turn up together, and after which: all, unless front and hind legs would meet on their way."""
+_CALVES_LAST = (True, False)
+"""Whether calves turn up after thighs: if they turn together, feet press on the floor, and jam there on the way back."""
 _FOLDED = 0.9  # of the distance from hip to foot when it lies: no leg is folded further
 
 
@@ -83,21 +84,22 @@ def legs_up(robot: RobotModel, stance: Stance) -> LegsUp:
 
 def _free_way(robot: RobotModel, folded: FloatArray, up: FloatArray) -> tuple[FloatArray, ...] | None:
     """Postures to go through on which no links meet; None: they meet, whichever legs turn up first."""
-    for order in _ORDERS:
-        way = _in_order(robot, folded, up, order)
+    for calves_last, order in product(_CALVES_LAST, _ORDERS):
+        way = _in_order(robot, folded, up, order, calves_last)
         if Clearance(robot, folded).first_contact(_steps(folded, way)) is None:
             return way
     return None
 
 
 def _in_order(
-    robot: RobotModel, folded: FloatArray, up: FloatArray, order: tuple[tuple[str, ...], ...]
+    robot: RobotModel, folded: FloatArray, up: FloatArray, order: tuple[tuple[str, ...], ...], calves_last: bool
 ) -> tuple[FloatArray, ...]:
     way, here = list[FloatArray](), np.array(folded)
     for legs in order:
-        joints = [joint for leg in legs for joint in robot.legs[leg].joints]
-        here[joints] = up[joints]
-        way.append(here.copy())
+        joints = np.array([robot.legs[leg].joints for leg in legs])
+        for moved in (joints[:, :-1], joints[:, -1:]) if calves_last else (joints,):
+            here[moved] = up[moved]
+            way.append(here.copy())
     return tuple(way)
 
 
@@ -115,7 +117,6 @@ def _with_leg_up(
     clearance = LegsInTheAir(robot, stance, _CLEAR * stance.scale.length, (leg,))
     corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
     for angles in nearest_first(robot, joints, before[joints], swing):
-        alive()
         postures = np.repeat(before[None], len(corners), axis=0)
         postures[:, joints] = angles + corners
         if all(map(clearance.kept, postures)) and _way_is_free(robot, leg, before, postures):

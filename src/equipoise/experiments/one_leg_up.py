@@ -8,7 +8,6 @@ from itertools import product
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.clearance.in_the_air import LegsInTheAir
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
@@ -111,7 +110,6 @@ def _with_room(robot: RobotModel, stance: Stance, leg: str, planted: FloatArray)
         swing = OVERSHOOT * share * most
         corners = np.array([(0.0,) * len(joints), *product((-1.0, 1.0), repeat=len(joints))]) * swing
         for angles in nearest_first(robot, joints, planted[joints], swing):
-            alive()
             postures = np.repeat(planted[None], len(corners), axis=0)
             postures[:, joints] = angles + corners
             if all(map(clearance.kept, postures)):

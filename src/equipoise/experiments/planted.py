@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from equipoise.conventions import FloatArray
 from equipoise.errors import MotionError, ReachError
 from equipoise.experiments.motion import Motion, Target
 from equipoise.platform.platform import MotionInterrupted, Platform, TiltLimit, Trajectory
+from equipoise.recording.event import TRIAL
 from equipoise.recording.recording import Recording
 from equipoise.robot.kinematics import foot_positions
 from equipoise.robot.model import RobotModel
@@ -34,6 +36,8 @@ class PlantedRobot:
         self.keep: Callable[[Recording], None] = lambda recording: None
         self.told: Callable[[], bool] | None = None
         self._recorded: list[Recording] = []
+        self._trials = 0  # begun so far; the number of each is its id
+        self._trial: int | None = None  # the present one, from its beginning until its recording is made
         self._clearance = Clearance(robot, target.joint_position)
 
     def start_from(self, target: Target) -> None:
@@ -61,8 +65,11 @@ class PlantedRobot:
         """
         trajectory = motion.build()
         self._check_clear(trajectory)
+        if self._trial is None and any(event.name == TRIAL for event in trajectory.events):
+            self._trials += 1
+            self._trial = self._trials
         try:
-            recording = self.platform.play(trajectory, stop)
+            recording = self.platform.play(replace(trajectory, trial=self._trial), stop)
         except MotionInterrupted as interruption:
             if interruption.recording is not None:
                 self._recorded.append(interruption.recording)
@@ -85,12 +92,16 @@ class PlantedRobot:
 
     def finish(self) -> Recording:
         """Keep what was recorded since the last call as one recording, and return it."""
-        recording = Recording.concatenate(self._recorded)
+        recording = self._whole()
         self.keep(recording)
-        self._recorded = []
+        self._recorded, self._trial = [], None
         return recording
 
     def take(self) -> Recording | None:
-        """What was recorded since the last call, as one recording."""
-        parts, self._recorded = self._recorded, []
-        return Recording.concatenate(parts) if parts else None
+        """Return what was recorded since the last call as one recording; None if that is nothing."""
+        whole = self._whole() if self._recorded else None
+        self._recorded, self._trial = [], None
+        return whole
+
+    def _whole(self) -> Recording:
+        return replace(Recording.concatenate(self._recorded), trial_id=self._trial)

@@ -34,22 +34,31 @@ def stand_up(platform: Platform, robot: RobotModel, stance: Stance) -> tuple[Pla
         SettingsError: the platform's joints are not the robot's.
         ReachError: the way is out of the legs' reach.
     """
+    planted = take_over(platform, robot, stance)
+    if not planted.target.legs:
+        down = rise(planted, stance)
+        planted.take()
+        return planted, down
+    feet = planted.target.feet_in_base
+    move_to(planted, stance.feet_in_base)
+    elsewhere = np.linalg.norm(feet - stance.feet_in_base, axis=1).max() > _ELSEWHERE_RATIO * robot.leg_length
+    return planted, feet if elsewhere else stance.feet_in_base
+
+
+def take_over(platform: Platform, robot: RobotModel, stance: Stance) -> PlantedRobot:
+    """Return the robot as it stands or lies, its present joint positions as its targets; nothing is sent.
+
+    Raises:
+        SettingsError: the platform's joints are not the robot's.
+    """
     if platform.joint_names != robot.joint_names:
         raise SettingsError(
             f"the platform's joints {', '.join(platform.joint_names)} are not the leg joints of {robot.name!r}: "
             f"{', '.join(robot.joint_names)}"
         )
     here = before_stops(robot, platform.read().joint_position)
-    feet = foot_positions(robot, here)
-    if lies(robot, stance, here):
-        planted = PlantedRobot(platform, robot, Target.lying(robot, here), stance.feet_in_base)
-        down = rise(planted, stance)
-        planted.take()
-        return planted, down
-    planted = PlantedRobot(platform, robot, Target.standing(robot, here), stance.feet_in_base)
-    move_to(planted, stance.feet_in_base)
-    elsewhere = np.linalg.norm(feet - stance.feet_in_base, axis=1).max() > _ELSEWHERE_RATIO * robot.leg_length
-    return planted, feet if elsewhere else stance.feet_in_base
+    target = Target.lying(robot, here) if lies(robot, stance, here) else Target.standing(robot, here)
+    return PlantedRobot(platform, robot, target, stance.feet_in_base)
 
 
 def before_stops(robot: RobotModel, joint_position: FloatArray) -> FloatArray:

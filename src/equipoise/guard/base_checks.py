@@ -10,6 +10,7 @@ from equipoise.guard.footing import floor_on_three_feet, look_at_feet
 from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand
+from equipoise.robot.imu import upright_flag
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance, lies
 
@@ -41,22 +42,22 @@ class BaseChecks:
 
     def _check_upright(self, command: JointCommand, known: Known) -> None:
         if known.up.tilt > self._limits.lean:
+            rotation = np.array(self._robot.imu_in_base.rotation)
             raise FallError(
                 f"the base leans by {np.degrees(known.up.tilt):.0f} deg before anything has moved: the robot has fallen, or "
-                "the IMU is mounted turned (give its pose under imu_rpy in a robot description)"
+                f"the IMU is mounted turned: {upright_flag(rotation, known.state.acceleration_in_imu, _LEVEL)}"
             )
 
     def _check_lean(self, command: JointCommand, known: Known) -> None:
         state = known.state
-        for sample in (*state.earlier, state):
-            known.up.feel(sample)
         if command.limp:  # somebody may lift and turn the robot
             return
         lifted, floor = look_at_feet(self._robot, self._stance, command.position)
+        known.lifted = lifted
         if not lifted:
             known.planted = command
         elif lies(self._robot, self._stance, command.position):  # legs in the air say nothing of the floor
-            self._lifted, floor = state.time, _LEVEL
+            self._lifted, floor, known.lifted = state.time, _LEVEL, False
         elif on_three := floor_on_three_feet(
             self._robot, self._stance, command.position, known.planted.position
         ):  # who stands on three feet is not meant to tip

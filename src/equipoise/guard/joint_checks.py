@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import LimitError, TrackingError
+from equipoise.errors import HealthError, LimitError, TrackingError
 from equipoise.guard.known import Check, Known
 from equipoise.guard.limits import Limits
 from equipoise.platform.platform import JointCommand, RobotState
@@ -31,10 +31,10 @@ class JointChecks:
         knows_gains: whether the motors run the gains that commands ask for, so that their torques can be foretold.
 
     Attributes:
-        at_rest: checks before a robot is moved; they raise LimitError.
-        in_motion: checks of a sample against the limits and what was sent; they raise LimitError, and TrackingError if a joint
-            does not go where it is sent, or its motor does not do what it is told.
-        held: checks of a robot that held still while nobody looked; they raise TrackingError if it is not where it was sent.
+        at_rest: checks before a robot is moved; they raise LimitError and HealthError.
+        in_motion: checks of a sample against the limits and the command; they raise LimitError, and TrackingError if a joint
+            does not follow its target, or its motor does not give the torque of the command.
+        health: checks of temperatures, battery and faults; they raise HealthError.
     """
 
     def __init__(
@@ -59,9 +59,8 @@ class JointChecks:
             self._check_following,
             self._check_stuck,
             self._check_torque,
-            self._check_health,
         )
-        self.held: tuple[Check, ...] = (self._check_held,)
+        self.health: tuple[Check, ...] = (self._check_health,)
 
     def _check_position(self, command: JointCommand, known: Known) -> None:
         robot, position = self._robot, known.state.joint_position
@@ -99,7 +98,7 @@ class JointChecks:
     def _check_stuck(self, command: JointCommand, known: Known) -> None:
         if command.limp:
             return
-        if (stuck := self._stuck.feel(command.position, known.state.joint_position)) is not None:
+        if (stuck := self._stuck.update(command.position, known.state.joint_position)) is not None:
             joint, sent, moved = stuck
             raise TrackingError(
                 f"joint {self._robot.joint_names[joint]!r} was sent through {sent:.2f} rad and moved by {moved:.2f} rad: "
@@ -112,7 +111,7 @@ class JointChecks:
         if state.joint_torque is not None and state.time > self._newest:
             self._check_strength(state.joint_torque)
             if self._knows_gains:
-                self._check_obedience(state, state.joint_torque, command)
+                self._check_obedience(state, state.joint_torque, known.bounded)
         self._newest = state.time
 
     def _check_strength(self, torque: FloatArray) -> None:
@@ -142,23 +141,18 @@ class JointChecks:
         if health is None:
             return
         if health.fault is not None:
-            raise LimitError(f"the robot says: {health.fault}")
+            raise HealthError(f"the robot reports a fault: {health.fault}")
+        if health.battery_charge is not None and health.battery_charge < self._limits.battery:
+            raise HealthError(
+                f"the battery is at {health.battery_charge:.0%}; at least {self._limits.battery:.0%} is needed. Charge it"
+            )
         temperature = health.motor_temperature
         if temperature is None:
             return
         if (joint := self._lasting(self._too_hot, temperature > self._limits.temperature)) is not None:
-            raise LimitError(
+            raise HealthError(
                 f"the motor of joint {self._robot.joint_names[joint]!r} has {temperature[joint]:.0f} deg C; "
                 f"{self._limits.temperature:.0f} are allowed. Let it cool down"
-            )
-
-    def _check_held(self, command: JointCommand, known: Known) -> None:
-        away = np.abs(known.state.joint_position - command.position)
-        joint = int(np.argmax(away))
-        if away[joint] > self._limits.following and not command.limp:
-            raise TrackingError(
-                f"joint {self._robot.joint_names[joint]!r} is {away[joint]:.2f} rad from where it was sent to hold: has "
-                "somebody moved the robot, has it sunk?"
             )
 
     def _lasting(self, since: FloatArray, now: NDArray[np.bool_]) -> int | None:
@@ -191,7 +185,7 @@ class StuckDetector:
         self._least, self._most = np.zeros((2, 2, joints))
         self._before: tuple[FloatArray, FloatArray] | None = None  # least and most of the window before
 
-    def feel(self, target: FloatArray, position: FloatArray) -> tuple[int, float, float] | None:
+    def update(self, target: FloatArray, position: FloatArray) -> tuple[int, float, float] | None:
         """Take (nj,) targets and positions in; the joint that is stuck, what it was sent through, what it did [rad]."""
         self._sent.append(target)
         now = self._now

@@ -1,4 +1,4 @@
-"""What is known of a guarded robot, and what a check is: something that looks at it and raises."""
+"""What the checks of a guarded robot go by."""
 
 from __future__ import annotations
 
@@ -11,30 +11,28 @@ from equipoise.platform.platform import JointCommand, RobotState
 
 @dataclass(eq=False)
 class Known:
-    """What is known of a robot that is moved: what checks go by, and at last the safe ending.
+    """State of a robot that is moved.
 
     Attributes:
-        state: newest state that is believed.
-        sent: the last command.
+        state: newest accepted state.
+        sent: the last command, before its force was bounded.
+        bounded: the last command as it was sent.
         planted: the last command with all feet on the floor.
-        up: filter that says which way is up.
-        well: whether nothing is wrong with the robot itself.
-        heard: whether the link lives.
-        believed: whether sensors can be believed.
+        up: filter of the vertical direction.
+        lifted: whether the last command holds feet above the floor that the others stand on; not of a robot that lies.
     """
 
     state: RobotState
     sent: JointCommand
+    bounded: JointCommand
     planted: JointCommand
     up: TiltFilter
-    well: bool = True
-    heard: bool = True
-    believed: bool = True
+    lifted: bool = False
 
 
 Check = Callable[[JointCommand, Known], None]
-"""Looks at a command and at what is known; raises a MotionError, or a SettingsError, that says what is wrong.
+"""Checks a command against what is known; raises a MotionError, or a SettingsError, that says what is wrong.
 
-Before a command is sent, `Known.sent` is the one before it, and `Known.state` where it meets the robot; afterwards
-`Known.sent` is the command itself, and `Known.state` what came of it.
+Before a command is sent, `Known.sent` is the one before it, and `Known.state` the state in which it meets the robot;
+afterwards `Known.sent` is the command itself, and `Known.state` the state after it.
 """

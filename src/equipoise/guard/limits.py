@@ -25,11 +25,16 @@ class Limits:
             (0.15).
         lean_in_lift: the same angle while two feet are up, or coming down [rad] (0.34).
         following: distance of a joint from its target [rad] (0.26); twice as far, not for a moment.
+        excess_torque: torque beyond the feed-forward torque of a command, over the model's limit; see `ForceLimit`.
+        excess_force: force at a foot beyond that of the feed-forward torque [N].
+        excess_weight: the same force over the robot's weight, if it allows more than the two before: that is for heavy robots.
+        battery: least charge of the battery, from 0 to 1.
         missing_torque: torque that a motor may lack of what it was sent, on a robot with an A1's m g h [Nm]
             (0.7).
         patience: longest time for which a speed, a torque, a temperature or a following error may last [s].
         silence: the longest time without a fresh sample [s].
-        stall: the longest time without a command while the robot moves [s].
+        stall: the longest time without a command, and without a sign of life of the calibration process [s].
+        idle: the longest time to hold the robot without a motion [s].
     """
 
     position_margin: float = 0.15
@@ -40,10 +45,15 @@ class Limits:
     lean: float = 0.35
     lean_in_lift: float = 0.6
     following: float = 0.5
+    excess_torque: float = 0.3
+    excess_force: float = 60.0
+    excess_weight: float = 0.25
+    battery: float = 0.1
     missing_torque: float = 4.0
     patience: float = 0.15
     silence: float = 0.1
     stall: float = 0.2
+    idle: float = 600.0
 
     def __post_init__(self) -> None:
         for field in fields(self):

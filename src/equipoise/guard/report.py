@@ -20,23 +20,30 @@ class GuardReport:
         commands: number of commands that were sent.
         overruns: number of commands more than a millisecond late; None in simulation.
         stalls: number of deadlines that passed without a command; None in simulation.
+        latest: largest lateness of a command [s]; None in simulation.
         late_999: lateness that 99.9 % of the commands stayed below [s]; None in simulation.
         largest_tilt: largest angle of the base from upright [rad].
         hottest_motor: highest motor temperature [deg C]; None if motors do not say.
         lowest_voltage: lowest voltage of the battery [V]; None if it does not say.
-        ending: steps of the safe ending, in order; the last is "released" if the platform let go of the robot.
-        trouble: error that ended the run while nobody moved the robot; or empty. A result may have come of it all the
-            same.
+        work: median processor time of a control period [s]; None in simulation.
+        unchecked: whether samples were accepted whatever their checksum.
+        realtime: what the system granted the robot process, in words; empty in simulation.
+        ending: steps of the ending, in order; the last is "released" if the platform released the robot.
+        trouble: error that ended the run, or empty.
     """
 
     samples: SampleCounts = field(default_factory=SampleCounts)
     commands: int = 0
     overruns: int | None = None
     stalls: int | None = None
+    latest: float | None = None
     late_999: float | None = None
     largest_tilt: float = 0.0
     hottest_motor: float | None = None
     lowest_voltage: float | None = None
+    work: float | None = None
+    unchecked: bool = False
+    realtime: str = ""
     ending: tuple[str, ...] = ()
     trouble: str = ""
 
@@ -50,10 +57,13 @@ class GuardReport:
         if state.health.battery_voltage is not None:
             self.lowest_voltage = min(self.lowest_voltage or np.inf, state.health.battery_voltage)
 
-    def with_end(self, timing: LoopTiming | None, largest_tilt: float, ending: tuple[str, ...]) -> GuardReport:
-        """A copy with what others know; `timing` is None in simulation."""
-        report = replace(self, samples=replace(self.samples), largest_tilt=largest_tilt, ending=ending)
+    def with_end(
+        self, timing: LoopTiming | None, largest_tilt: float, ending: tuple[str, ...], trouble: str
+    ) -> GuardReport:
+        """Return a copy with how the run ended; `timing` is None in simulation."""
+        report = replace(self, samples=replace(self.samples), largest_tilt=largest_tilt, ending=ending, trouble=trouble)
         if timing is not None and len(timing.lateness):
-            report.late_999 = float(np.quantile(timing.lateness, 0.999))
+            report.late_999, report.work = float(np.quantile(timing.lateness, 0.999)), float(np.median(timing.work))
+            report.latest = float(timing.lateness.max())
             report.overruns, report.stalls = timing.overruns, timing.lost
         return report

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,12 +21,13 @@ _JUMP, _JUMP_SPEED, _FASTEST = 0.05, 2.0, 50.0  # [rad], times the joint's limit
 
 @dataclass
 class SampleCounts:
-    """What arrived, and what was wrong with it."""
+    """Counts of the samples that arrived; `rejected` ones had a wrong checksum, length or sender."""
 
     fresh: int = 0
     repeated: int = 0
     out_of_order: int = 0
     missing: int = 0
+    rejected: int = 0
     longest_silence: float = 0.0
 
 
@@ -45,7 +47,6 @@ class SampleFilter:
         self._names, self._period, self._silence = robot.joint_names, control_period, silence
         self._fastest = np.minimum(_JUMP_SPEED * robot.velocity_limit, _FASTEST)
         self._last: RobotState | None = None
-        self._newest: RobotState | None = None
         self._handed: FloatArray | None = None  # what was looked at last: the same object again is no new sample
         self._counting = True
         self._joints = self._imu = -np.inf  # times of the newest samples [s]
@@ -59,45 +60,39 @@ class SampleFilter:
         self._moved = 0.0
         self.counts = SampleCounts()
 
-    def forgive(self) -> None:
-        """Begin anew after a pause in which nobody looked."""
-        self._joints_without = self._imu_without = self._imu_since = 0.0
-        self._since[:] = 0.0
-
-    def accept(self, state: RobotState, target: FloatArray | None) -> RobotState:
-        """Look at a state and those that arrived before it.
+    def accept(
+        self, arrived: Sequence[RobotState], target: FloatArray | None, tolerant: bool = False
+    ) -> list[RobotState]:
+        """Return the fresh samples of those that arrived in a control period, in order, without repeated and late ones.
 
         Args:
             target: (nj,) position targets at the time [rad], or None if nothing was sent.
-
-        Returns:
-            the newest fresh sample, with those between it and the last one in `earlier`; what came again or late is left
-            out.
+            tolerant: whether to leave out what is not plausible instead of raising.
 
         Raises:
             SensorError: not a number, frozen, jumping, or no sample in order for too long.
             CommunicationError: silence.
         """
         joints, imu = self._joints, self._imu
-        self._counting = target is not None  # who only reads may find what is there already
-        fresh = tuple(sample for sample in (*state.earlier, state) if self._look(sample))
+        self._counting = target is not None  # a robot that is only read may give the same sample again
+        try:
+            fresh = [sample for sample in arrived if self._look(sample)]
+        except SensorError:
+            if not tolerant:
+                raise
+            return []
+        if not arrived and self._counting:
+            self._why, self.counts.missing = "missing", self.counts.missing + 1
         passed = self._period if self._counting else 0.0
         self._joints_without = 0.0 if self._joints != joints else self._joints_without + passed
         self._imu_without = 0.0 if self._imu != imu else self._imu_without + passed
         self.counts.longest_silence = max(self.counts.longest_silence, self._joints_without, self._imu_without)
-        if max(self._joints_without, self._imu_without) > self._silence:
-            self._complain()
-        if target is not None:
-            self._check_frozen(target)
-        if fresh:
-            self._newest = (
-                fresh[0] if len(fresh) == 1 and not fresh[0].earlier else replace(fresh[-1], earlier=fresh[:-1])
-            )
-        elif self._newest is None or self._newest.earlier:
-            self._newest = replace(self._newest or state, earlier=())
-        if self._newest.commanded != state.commanded:  # a command left, whether its sample says something new or not
-            self._newest = replace(self._newest, commanded=state.commanded)
-        return self._newest
+        if not tolerant:
+            if max(self._joints_without, self._imu_without) > self._silence:
+                self._complain()
+            if target is not None:
+                self._check_frozen(target)
+        return fresh
 
     def _look(self, sample: RobotState) -> bool:
         """Whether a sample says something new; counts it."""

@@ -11,7 +11,7 @@ from equipoise.platform.platform import RobotState
 Vector = tuple[float, float, float]
 
 _TIME = 0.5  # [s] with which the accelerometer corrects the gyroscope
-_BELIEVED = 2.5  # [m/s2]; an accelerometer that reads something else feels a push, not gravity
+_BELIEVED = 2.5  # [m/s2]; an accelerometer that reads else measures a push, not gravity
 
 
 class TiltFilter:
@@ -21,7 +21,7 @@ class TiltFilter:
         rotation_imu_to_base: (3, 3) rotation matrix from IMU axes to base axes.
 
     Attributes:
-        tilt: angle of the base's z axis from up [rad]; 0 before anything was felt.
+        tilt: angle of the base's z axis from up [rad]; 0 before the first sample.
         largest: largest tilt so far [rad].
     """
 
@@ -31,8 +31,8 @@ class TiltFilter:
         self._time = 0.0
         self.tilt = self.largest = 0.0
 
-    def feel(self, sample: RobotState) -> float:
-        """Take a sample in; returns the tilt [rad]."""
+    def update(self, sample: RobotState) -> float:
+        """Take a sample; return the tilt [rad]."""
         ax, ay, az = sample.acceleration_in_imu.tolist()
         size = math.hypot(ax, ay, az)
         believed = abs(size - GRAVITY) < _BELIEVED

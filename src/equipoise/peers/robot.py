@@ -11,7 +11,18 @@ from typing import Annotated, Literal, Protocol, TextIO
 import numpy as np
 from tyro.conf import arg
 
+from equipoise.conventions import FloatArray
+from equipoise.peers.faults import (
+    ActiveFaults,
+    CrossedWiring,
+    FaultLines,
+    FaultyBody,
+    Wiring,
+    WiringOf,
+    lifted,
+)
 from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.platform.realtime import claim_priority
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
 from equipoise.simulation.effects import Noise, read_effects, read_names
@@ -19,7 +30,8 @@ from equipoise.simulation.simulation import Simulation, simulate
 
 _SILENCE = 0.1  # [s] without a command after which the motor boards damp
 _DAMPING = 1.0  # of the model's own kd, when they do
-_LOST = 10  # control periods behind after which real time begins anew
+_LOST = 10  # control periods behind after which real time starts again
+_TRACE = 0.1  # [s] between lines of the trace
 
 Mode = Literal["own stance", "commanded", "damped", "released", "silence"]
 
@@ -31,8 +43,8 @@ class Wire(Protocol):
         """Commands that arrived since the last call, in order, joint vectors in the model's order; never waits."""
         ...
 
-    def publish(self, state: RobotState, sequence: int) -> None:
-        """Send a sample; `sequence` counts them from zero."""
+    def publish(self, state: RobotState, faults: ActiveFaults) -> None:
+        """Send a sample, with the faults of the remote control and of the wire."""
         ...
 
     def close(self) -> None: ...
@@ -50,7 +62,10 @@ class PeerSettings:
         seed: seed of everything drawn.
         start: state at the start, "standing" (it holds its own stance until the first command comes) or "lying" (it is
             limp until then).
-        duration: time after which it ends by itself [s].
+        duration: time after which it ends [s].
+        wiring: wiring error, which acts from the start.
+        wiring_of: part that the wiring error is in.
+        trace: whether to log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
     """
 
     noise: Noise = "realistic"
@@ -60,12 +75,17 @@ class PeerSettings:
     seed: int = 0
     start: Literal["standing", "lying"] = "standing"
     duration: float = 3600.0
+    wiring: Wiring = "right"
+    wiring_of: WiringOf = "both"
+    trace: bool = False
 
 
 class PeerRobot:
-    """The simulated robot, and what it saw: one JSON object a line, as {"time": 1.204, "mode": "damped"}.
+    """The simulated robot and its log: one JSON object a line, as {"time": 1.204, "mode": "damped"}.
 
-    With a mode it says how many commands it got until then that were stiff, and how many that were not.
+    A mode comes with the number of stiff and of limp commands until then and the true motion: "tilt" of the base [deg],
+    "height" of the CoM above the floor [m], and since the last such line its fastest vertical "speed", upward [m/s], and the
+    largest joint "torque" [Nm] with its "joint".
     """
 
     def __init__(self, robot: RobotModel, settings: PeerSettings, log: TextIO = sys.stdout) -> None:
@@ -77,40 +97,57 @@ class PeerRobot:
         )  # fmt: skip
         self._platform = self._simulation.platform
         stance = nominal_stance(robot)
-        self._kd = np.full(len(robot.joint_names), robot.gains(stance.hip_height)[1])
+        gains = robot.gains(stance.hip_height)
+        self._kd = np.full(len(robot.joint_names), gains[1])
         self._state = self._platform.read()
-        self._hold = stance.joint_position  # not what it sagged to: it would sag again
+        self._hold = stance.joint_position  # not where its legs have sagged to: they would sag again
         self._command: JointCommand | None = None
+        self._commanded_since: float | None = None
         self._heard = -np.inf
         self._mode: Mode | None = None
         self._stiff = self._limp = 0
+        self._lines, self._body = FaultLines(robot, self.say), FaultyBody(robot, gains)
+        self._wiring = CrossedWiring(robot, settings.wiring, settings.wiring_of)
+        seen = self._simulation.witness.look()
+        self._com_height, self._speed, self._tilt = float(seen.com[2]), 0.0, float(np.degrees(seen.tilt))
+        self._largest: FloatArray = np.zeros(len(robot.joint_names))
+        self._traced = -np.inf
 
     @property
     def control_period(self) -> float:
         return self._platform.control_period
 
     def hear(self, command: JointCommand) -> None:
-        """A command that arrived."""
+        """Take a command that arrived."""
         limp = command.kp is not None and not command.kp.any()
         self._stiff, self._limp = self._stiff + (not limp), self._limp + limp
-        self._command, self._heard = command, self._state.time
+        self._command, self._heard = self._wiring.commanded(command), self._state.time
+        if self._commanded_since is None:
+            self._commanded_since = self._state.time
 
     def step(self) -> RobotState:
-        """One control period."""
-        self._state = self._platform.step(self._in_force())
-        return self._state
+        """Let one control period pass; return the sample that leaves the robot."""
+        faults = self._lines.active
+        if self._simulation.disturbance is not None:
+            self._simulation.disturbance.push(np.array(faults.push))
+        self._state = self._platform.step(self._body.moved(self._in_force(), faults, self._state))
+        sensed = self._body.sensed(self._state, faults)
+        self._look(sensed)
+        return self._wiring.sensed(sensed)
 
     def serve(self, wire: Wire) -> None:
-        """Run in real time until the settings' duration is over or Ctrl-C; says {"ready": true} when it listens."""
+        """Run in real time until the settings' duration is over or Ctrl-C; log {"ready": true} when it listens."""
+        claim_priority()  # a robot keeps its time, whatever else this computer does
         self.say(ready=True)
         begin = deadline = time.monotonic()
-        sequence = 0
         try:
             while time.monotonic() - begin < self.settings.duration:
-                for command in wire.commands():
+                commands, cut = wire.commands(), self._lines.active.cut
+                for command in [] if cut else commands:
                     self.hear(command)
-                wire.publish(self.step(), sequence)
-                sequence += 1
+                state = self.step()
+                if not cut:
+                    wire.publish(state, self._lines.active)
                 deadline += self.control_period
                 left = deadline - time.monotonic()
                 if left > 0:
@@ -126,12 +163,38 @@ class PeerRobot:
             self._platform.close()
 
     def say(self, **what: object) -> None:
-        """Append to the log, at one go: Ctrl-C must not part a line from its end."""
+        """Append a line to the log in one write: Ctrl-C must not separate a line from its end."""
         self._log.write(json.dumps({"time": round(self._state.time, 4), **what}) + "\n")
         self._log.flush()
 
+    def _look(self, sensed: RobotState) -> None:
+        """Note how the robot really moves, and begin the faults that are due."""
+        seen, before = self._simulation.witness.look(), self._com_height
+        self._com_height, self._tilt = float(seen.com[2]), float(np.degrees(seen.tilt))
+        self._speed = max(self._speed, (self._com_height - before) / self.control_period, key=abs)
+        if sensed.joint_torque is not None:
+            self._largest = np.maximum(self._largest, np.abs(sensed.joint_torque))
+        now = self._state.time
+        if self.settings.trace and now - self._traced >= _TRACE:
+            self._traced = now
+            self.say(**self._motion())
+        since = -np.inf if self._commanded_since is None else now - self._commanded_since
+        self._lines.update(now, since, lifted(seen.clearance))
+
+    def _motion(self) -> dict[str, object]:
+        """Return the motion since the last call."""
+        joint, largest, speed = int(np.argmax(self._largest)), self._largest, self._speed
+        self._largest, self._speed = np.zeros_like(largest), 0.0
+        return {
+            "tilt": round(self._tilt, 2),
+            "height": round(self._com_height, 4),
+            "speed": round(speed, 4),
+            "torque": round(float(largest[joint]), 2),
+            "joint": self.robot.joint_names[joint],
+        }
+
     def _in_force(self) -> JointCommand:
-        """What the motor boards do now."""
+        """Return what the motor boards do now."""
         zeros = np.zeros_like(self._hold)
         limp = JointCommand(self._hold, kp=zeros, kd=_DAMPING * self._kd)
         command, mode = self._command, "commanded"
@@ -148,4 +211,4 @@ class PeerRobot:
     def _enter(self, mode: Mode) -> None:
         if mode != self._mode:
             self._mode = mode
-            self.say(mode=mode, stiff=self._stiff, limp=self._limp)
+            self.say(mode=mode, stiff=self._stiff, limp=self._limp, **self._motion())

@@ -33,6 +33,7 @@ from equipoise.drivers.ros2.messages import (
     dds_topic,
 )
 from equipoise.errors import SettingsError
+from equipoise.peers.faults import ActiveFaults
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
@@ -258,8 +259,8 @@ class Ros2Wire:
             self._target = self._interpolation.at(self._state.time)
         return [] if self._target is None else [self._towards(self._target)]
 
-    def publish(self, state: RobotState, sequence: int) -> None:
-        del sequence
+    def publish(self, state: RobotState, faults: ActiveFaults) -> None:
+        del faults  # messages have neither keys nor checksums
         before, self._state = (-1.0 if self._state is None else self._state.time), state
         if _due(before, state.time, self._controllers.joint_rate):
             self._joint_box.send(self._joint_state(state))

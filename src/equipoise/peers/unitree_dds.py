@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from tyro.conf import OmitArgPrefixes
 
 from equipoise.drivers.dds.domain import LOOPBACK, DdsDomain, raw
-from equipoise.drivers.unitree.dds import COMMAND_TOPIC, STATE_TOPIC
+from equipoise.drivers.unitree.dds import COMMAND_TOPIC, CONTROL_PERIOD, STATE_TOPIC
 from equipoise.drivers.unitree.messages import LowCmd, LowState, Request, Response, ResponseHeader, ResponseStatus
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
+from equipoise.drivers.unitree.remote_control import KEYS_AT, keys_of
 from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.sport import CHECK_MODE, RELEASE_MODE, REQUESTS, RESPONSES
-from equipoise.errors import SettingsError
+from equipoise.peers.faults import ActiveFaults, FaultySamples
 from equipoise.peers.robot import PeerRobot, PeerSettings
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
@@ -36,8 +37,8 @@ _SPORT_MODE = "normal"
 _LETS_GO = 0.3  # [s] after which the robot's own controller has ended
 _NO_SUCH_FUNCTION = 3203  # status code
 _ANOTHER_GAIN = 0.1  # change that is worth a line
-_IMU_TEMPERATURE, _MOTOR_TEMPERATURE = 60, 40  # [deg C]
-_CHARGE, _VOLTAGE, _CURRENT = 80, 29.4, 2.1  # [%], [V], [A]
+_IMU_TEMPERATURE = 60  # [deg C]
+_VOLTAGE, _CURRENT = 29.4, 2.1  # [V], [A]
 
 
 @dataclass(frozen=True)
@@ -50,18 +51,12 @@ class WireSettings:
         first_tick: first count of its clock [ms]; it begins anew at 2^32.
         bare: whether tick and checksum stay zero, as in the public simulator; there is no motion_switcher service
             either.
-        damage: share of the samples that are damaged on their way.
     """
 
     domain: int = 1
     sport_mode: bool = True
     first_tick: int = 1_000_000
     bare: bool = False
-    damage: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.damage <= 1:
-            raise SettingsError(f"damage is {self.damage}; it is a share, from 0 to 1")
 
 
 class UnitreeDdsWire:
@@ -77,7 +72,7 @@ class UnitreeDdsWire:
         self._settings, self._say = settings, say
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
-        self._message = Message(STATE)
+        self._message, self._faulty = Message(STATE), FaultySamples(CONTROL_PERIOD)
         self._mode = _SPORT_MODE if settings.sport_mode and not settings.bare else ""
         self._lets_go: float | None = None
         self._now = 0.0
@@ -96,8 +91,8 @@ class UnitreeDdsWire:
         """As a wire's; a limp command when the robot's own controller has let go."""
         commands = [] if self._settings.bare else self._serve()
         for _, sample in self._commands.take():
-            record = read_message(COMMAND, sample.data)
-            if record is None or not (self._settings.bare or record["crc"]):
+            record = read_message(COMMAND, sample.data, check=not self._settings.bare)
+            if record is None:
                 self._note("damaged")
             elif self._mode:
                 self._note("fought")
@@ -106,15 +101,14 @@ class UnitreeDdsWire:
                 commands.append(self._for_joints(record["motor_cmd"]))
         return commands
 
-    def publish(self, state: RobotState, sequence: int) -> None:
+    def publish(self, state: RobotState, faults: ActiveFaults) -> None:
         self._now, self._position = state.time, state.joint_position
-        self._fill(state)
+        self._fill(state, faults)
         data = self._message.encoded()
         if self._settings.bare:
             data = data[:-4] + bytes(4)
-        elif int((sequence + 1) * self._settings.damage) > int(sequence * self._settings.damage):
-            data = data[:-1] + bytes([data[-1] ^ 1])
-        self._states.send(self._state_type(data))
+        for sample in self._faulty.sent(data, faults):
+            self._states.send(self._state_type(sample))
 
     def close(self) -> None:
         self._say(received=self.received, damaged=self.damaged, fought=self.fought)
@@ -150,7 +144,7 @@ class UnitreeDdsWire:
         gains = float(kp.mean()), float(kd.mean())
         if not np.allclose(gains, self._gains, rtol=_ANOTHER_GAIN, atol=0):
             self._gains = gains
-            self._say(kp=round(gains[0], 3), kd=round(gains[1], 3))
+            self._say(kp=round(gains[0], 3), kd=round(gains[1], 3), motor_mode=int(motors["mode"][0]))
         return JointCommand(
             np.where(holds, position, self._position),
             np.where(brakes, velocity, 0.0),
@@ -159,18 +153,23 @@ class UnitreeDdsWire:
             np.where(brakes, kd, 0.0),
         )
 
-    def _fill(self, state: RobotState) -> None:
+    def _fill(self, state: RobotState, faults: ActiveFaults) -> None:
         record, order = self._message.record, self._joint_of_motor
         motors, imu = record["motor_state"], record["imu_state"]
         motors["q"][:MOTORS] = state.joint_position[order]
         for name, values in (("dq", state.joint_velocity), ("tau_est", state.joint_torque)):
             if values is not None:
                 motors[name][:MOTORS] = values[order]
-        motors["temperature"][:MOTORS] = _MOTOR_TEMPERATURE
+        motors["temperature"][:MOTORS] = round(faults.temperature)
         imu["quaternion"] = (1.0, 0.0, 0.0, 0.0)  # a real robot's filter knows better
         imu["gyroscope"], imu["accelerometer"] = state.angular_velocity_in_imu, state.acceleration_in_imu
         imu["temperature"] = _IMU_TEMPERATURE
-        record["power_v"], record["power_a"], record["bms_state"]["soc"] = _VOLTAGE, _CURRENT, _CHARGE
+        record["power_v"], record["power_a"], record["bms_state"]["soc"] = (
+            _VOLTAGE,
+            _CURRENT,
+            round(100 * faults.charge),
+        )
+        record["wireless_remote"][KEYS_AT] = tuple(keys_of(faults.press).to_bytes(2, "little"))
         if not self._settings.bare:
             record["tick"] = (self._settings.first_tick + round(state.time * 1000)) % 2**32
 

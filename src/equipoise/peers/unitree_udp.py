@@ -26,19 +26,20 @@ from equipoise.drivers.unitree.packets import (
     Damage,
     MotorCommands,
     SensorReadings,
-    StatePacket,
-    read_command,
 )
+from equipoise.drivers.unitree.remote_control import keys_of
+from equipoise.drivers.unitree.udp import CONTROL_PERIOD
 from equipoise.drivers.unitree.udp_settings import Protocol
 from equipoise.drivers.unitree.udp_socket import Address
 from equipoise.errors import SettingsError
+from equipoise.peers.faults import ActiveFaults, FaultySamples
 from equipoise.peers.robot import PeerRobot, PeerSettings
+from equipoise.peers.udp_packets import StatePacket, read_command
 from equipoise.platform.platform import JointCommand, RobotState
 from equipoise.robot.catalog import load_robot
 from equipoise.robot.model import RobotModel
 
-_TEMPERATURE = 40.0  # [deg C] of every motor
-_CHARGE, _VOLTAGE = 0.8, 24.96  # of a Go1's battery
+_VOLTAGE = 24.96  # [V] of a Go1's battery
 _LARGEST = 2048  # [bytes] of a datagram
 _LATEST = 4  # packets that may overtake another
 _RAMP_STEP = 0.25  # [s] between lines about gains
@@ -116,7 +117,7 @@ class UnitreeUdpWire:
     ) -> None:
         self._joint_of_motor = joints_of_motors(robot, "the protocol")
         self._motor_of_joint = np.argsort(self._joint_of_motor)
-        self._packets, self._packet = packets, StatePacket(packets)
+        self._packets, self._packet, self._faulty = packets, StatePacket(packets), FaultySamples(CONTROL_PERIOD)
         self._inward, self._outward = FaultyNetwork(faults, 0), FaultyNetwork(faults, 1)
         (self._first_tick, self._tick), self._say = clock, say
         self._client: Address | None = None
@@ -141,15 +142,15 @@ class UnitreeUdpWire:
                 commands.append(self._for_joints(read))
         return commands
 
-    def publish(self, state: RobotState, sequence: int) -> None:
-        del sequence
+    def publish(self, state: RobotState, faults: ActiveFaults) -> None:
         self._position = state.joint_position
         if self._client is None:
             return
-        packet = bytes(self._packet.write(self._from_joints(state)))
-        for data in self._outward.carry(packet):
-            self._socket.sendto(data, self._client)
-            self.sent += 1
+        packet = bytes(self._packet.write(self._from_joints(state, faults)))
+        for sample in self._faulty.sent(packet, faults):
+            for data in self._outward.carry(sample):
+                self._socket.sendto(data, self._client)
+                self.sent += 1
 
     def close(self) -> None:
         self._say(received=self.received, damaged=self.damaged, sent=self.sent)
@@ -191,7 +192,7 @@ class UnitreeUdpWire:
             self._say(kp=gains[0], kd=gains[1])
             self._gains = gains
 
-    def _from_joints(self, state: RobotState) -> SensorReadings:
+    def _from_joints(self, state: RobotState, faults: ActiveFaults) -> SensorReadings:
         order = self._joint_of_motor
         velocity, torque = state.joint_velocity, state.joint_torque
         if velocity is None or torque is None:
@@ -200,12 +201,13 @@ class UnitreeUdpWire:
             state.joint_position[order],
             velocity[order],
             torque[order],
-            np.full(MOTORS, _TEMPERATURE),
+            np.full(MOTORS, faults.temperature),
             state.angular_velocity_in_imu,
             state.acceleration_in_imu,
             self._first_tick + (round(state.time / self._tick) if self._tick else 0),
-            _CHARGE,
+            faults.charge,
             _VOLTAGE,
+            keys_of(faults.press),
         )
 
 

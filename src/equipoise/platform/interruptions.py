@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import threading
 from collections.abc import Generator
@@ -29,13 +28,12 @@ class Interruptions:
     """What signals do while a robot is under command.
 
     As a rule they raise: KeyboardInterrupt, or `Terminated`. Within `held`, a motion, the first one waits until `check` is
-    called, between two control periods: an exception in the middle of one would leave locks and lists half done. Within
-    `noted`, the ending, they interrupt nothing; if another thread does that, the main thread, which knows nothing of it, hears
-    of them afterwards. Python runs handlers in the main thread; in other threads none is changed. Signals that the process
-    ignores (`nohup`) stay ignored.
+    called: an exception in the middle of it would leave lists half done. Within `noted`, the ending, they interrupt nothing.
+    Python runs handlers in the main thread; in other threads none is changed. Signals that the process ignores (`nohup`) stay
+    ignored.
 
     Attributes:
-        asked: whether somebody asked again while the robot was put down.
+        asked: whether a signal came while the robot was put down.
     """
 
     def __init__(self) -> None:
@@ -73,10 +71,9 @@ class Interruptions:
 
     @contextmanager
     def noted(self) -> Generator[None]:
-        """Nothing is interrupted; `asked` says whether somebody tried."""
+        """Nothing is interrupted; `asked` states whether a signal came."""
         self._noting = True  # before handlers are installed, if they are not yet: this one store cannot be interrupted
-        main = threading.current_thread() is threading.main_thread()
-        installed = main and not self._before
+        installed = not self._before
         try:
             if installed:
                 self.__enter__()
@@ -84,9 +81,7 @@ class Interruptions:
         finally:
             if installed:
                 self.__exit__()
-            waiting, self._noting, self._waiting = self._waiting, False, None
-            if waiting is not None and not main:
-                os.kill(os.getpid(), waiting)  # which wakes the main thread, too, if it sleeps
+            self._noting, self._waiting = False, None
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
         if self._noting:

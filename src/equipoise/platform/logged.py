@@ -1,10 +1,11 @@
-"""A simulated robot whose motions are written to a log as soon as they were played."""
+"""A robot without a process of its own, simulated as a rule, whose motions are logged as soon as they were played."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
+from equipoise.errors import MotionError
 from equipoise.platform.platform import JointCommand, MotionInterrupted, Platform, RobotState, TiltLimit, Trajectory
 from equipoise.platform.stepping import recording_of
 from equipoise.platform.wrapper import PlatformWrapper
@@ -15,9 +16,7 @@ _STEPS_TIME = 0.25  # [s] of steps that are written at once
 
 
 class Logged(PlatformWrapper):
-    """Writes every motion to a log when it is over; steps of a feedback loop, a quarter of a second at a time.
-
-    Motions of a real robot are written while they are played: that is the guard's work.
+    """Writes every motion to a log when it is over, also one that the robot's guard ended; steps, a quarter second at once.
 
     Raises:
         OutputError: the log cannot be written.
@@ -32,12 +31,14 @@ class Logged(PlatformWrapper):
     def play(self, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
         self._write_steps()
         self._state = None
-        self._log.begin(len(trajectory.position))
+        self._log.begin(len(trajectory.position), trajectory.trial)
         try:
             recording = self._inner.play(trajectory, stop)
-        except MotionInterrupted as interruption:
-            if interruption.recording is not None:
-                self._log.add(interruption.recording)
+        except (MotionInterrupted, MotionError) as stopped:
+            parts = (stopped.recording,) if isinstance(stopped, MotionInterrupted) else stopped.recordings
+            for part in parts:
+                if part is not None:
+                    self._log.add(part)
             raise
         try:
             self._log.add(recording)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -33,8 +33,12 @@ class JointCommand:
 
     @property
     def limp(self) -> bool:
-        """Whether the joints are to resist being moved, and no more."""
+        """Whether the joints only resist being moved."""
         return self.kp is not None and not self.kp.any()
+
+    def held(self) -> JointCommand:
+        """Return the command that stays where this one leads."""
+        return self if self.velocity is None else replace(self, velocity=None)
 
 
 ACCEPTS_EVERYTHING = frozenset({"velocity", "torque", "gains"})
@@ -75,8 +79,7 @@ class RobotState:
         imu_time: time of gyroscope and accelerometer, where it is not `time` [s].
         received: time of arrival by this computer's monotonic clock [s]; None in simulation, where nothing is late.
         health: temperatures, battery and faults, as far as the robot reports them.
-        earlier: samples that arrived since the last one that was handed out, oldest first; a robot's clock is not ours.
-        commanded: time at which the last command left, by this computer's monotonic clock [s]; None: it was not noted.
+        request: request of the robot's remote control: "" none, "damp" or "lie down".
     """
 
     time: float
@@ -88,8 +91,7 @@ class RobotState:
     imu_time: float | None = None
     received: float | None = None
     health: Health | None = None
-    earlier: tuple[RobotState, ...] = ()
-    commanded: float | None = None
+    request: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +106,7 @@ class Trajectory:
         limp: whether the joints are only to resist being moved, where gains can be sent.
         kp: (nj,) position gains all through the motion [Nm/rad], or None: the platform's own.
         kd: (nj,) velocity gains all through the motion [Nm s/rad], or None: the platform's own.
+        trial: id of the trial that the motion is a part of, for its log; None: it is a part of none.
     """
 
     position: FloatArray
@@ -113,6 +116,7 @@ class Trajectory:
     limp: bool = False
     kp: FloatArray | None = None
     kd: FloatArray | None = None
+    trial: int | None = None
 
     def __post_init__(self) -> None:
         if self.position.ndim != 2 or len(self.position) == 0 or not np.isfinite(self.position).all():
@@ -125,6 +129,12 @@ class Trajectory:
             gains = getattr(self, name)
             if gains is not None and (gains.shape != self.position.shape[1:] or not (gains >= 0).all()):
                 raise SettingsError(f"trajectory {name} must be {self.position.shape[1]} numbers of zero or more")
+
+    @classmethod
+    def of(cls, command: JointCommand) -> Trajectory:
+        """Return a motion of one control period."""
+        velocity, torque = (None if each is None else each[None] for each in (command.velocity, command.torque))
+        return cls(command.position[None], velocity, torque, kp=command.kp, kd=command.kd)
 
     def command(self, index: int) -> JointCommand:
         """The command of one control period."""

@@ -119,9 +119,9 @@ def _check_commands(content: LogContent, stored: Play, trajectory: Trajectory) -
 
 
 def _described(content: LogContent, play: Play) -> str:
-    """A play in words."""
+    """Return a play in words."""
     if play.trial is None:
         return "standing up"
-    trial = content.recordings[play.trial].trial
+    trial = next(begun.recording.trial for begun in content.plays if begun.trial == play.trial)
     what = "motion" if trial is None else f"{trial.kind} {trial.about}".strip()
-    return f"trial {play.trial + 1} ({what})"
+    return f"trial {play.trial} ({what})"

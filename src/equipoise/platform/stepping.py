@@ -1,173 +1,148 @@
-"""Motions of platforms that only step: what is sensed and sent, step by step, until it is made a recording."""
+"""From steps to recordings: what was sensed and sent in each control period, joined for a motion."""
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
 import math
 import time
-from collections.abc import Callable, Sequence
-from typing import Any
-from weakref import WeakKeyDictionary
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.errors import RecordingError, UnrecordedError
-from equipoise.platform.platform import Health, MotionInterrupted, Platform, RobotState, Trajectory
+from equipoise.platform.platform import MotionInterrupted, Platform, RobotState, Trajectory
 from equipoise.platform.tilt_limit import TiltLimit, TiltTest
 from equipoise.recording.recording import CommandStream, Event, ImuStream, JointStream, Recording
 
-_LAG_SHARE = 0.02  # of a new sample, in how far the robot's clock is from ours
+_LAG_SHARE = 0.02  # of a new sample, in the estimated offset between the robot's clock and ours
 _LEAST_STEP = 1e-6  # [s] between two commands
 _GRID = 1e-9  # [s] on which times are recorded
-_played: WeakKeyDictionary[Platform, StepLog] = WeakKeyDictionary()
-"""The last motion of every platform that `play_by_stepping` moved."""
+_PAUSE = 0.25  # [s] between two motions whose samples are recorded with the second one
 
 
-def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
-    """`play` for platforms that have only `read` and `step`.
+class Recorder:
+    """The samples and commands of a platform, joined to one recording a motion.
 
-    A sample that the platform hands out again, within a motion or where two meet, is recorded once; a step that brings no new
-    one, none. The motion before is known by the platform itself, which is to be hashable by identity, as objects are.
-
-    Raises:
-        MotionInterrupted: Ctrl-C; carries the recording so far.
-        UnrecordedError: what was sensed makes no recording; carries it as it is.
-    """
-    previous: StepLog | None = None
-    with contextlib.suppress(TypeError):  # a platform that cannot be a key has no motion before
-        previous = _played.get(platform)
-    steps = StepLog(platform, following(platform.read(), previous), previous)
-    with contextlib.suppress(TypeError):
-        _played[platform] = steps
-    test = TiltTest(stop, platform.control_period)
-    try:
-        for index in range(len(trajectory.position)):
-            command = trajectory.command(index)
-            state = steps.add(command.position, lambda command=command: platform.step(command))
-            if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
-                break
-    except KeyboardInterrupt:
-        raise MotionInterrupted(steps.recording(trajectory.events) if steps.count else None) from None
-    return steps.recording(trajectory.events)
-
-
-def following(state: RobotState, previous: StepLog | None) -> RobotState:
-    """The present state; with it the last one of the motion before, which no recording has yet.
-
-    A simulated robot waits: if it is later there, somebody else stepped it, who has that state.
-    """
-    last = None if previous is None else previous.state
-    if last is None or last.time >= state.time or state.received is None:
-        return state
-    return dataclasses.replace(state, earlier=(dataclasses.replace(last, earlier=()), *state.earlier))
-
-
-class StepLog:
-    """What is sensed and sent, step by step, until it is made a recording.
+    A recording has one row per command: the samples that arrived before it, and the command. So the samples after the last
+    command belong to the next motion.
 
     Args:
-        platform: platform that is stepped.
-        start: state before the first step.
-        previous: the steps before these, which no time of these may come before.
+        joint_names: names of the platform's joints.
+        period: control period [s].
 
     Attributes:
-        state: the newest state.
-        count: number of steps.
+        count: number of commands in the present motion.
     """
 
-    def __init__(self, platform: Platform, start: RobotState, previous: StepLog | None = None) -> None:
-        self.state = start
-        self._joint_names, self._period = platform.joint_names, platform.control_period
-        self._states: list[RobotState] = []
+    def __init__(self, joint_names: tuple[str, ...], period: float) -> None:
+        self._joint_names, self._period = joint_names, period
+        self._waiting: list[RobotState] = []
+        self._rows: list[list[RobotState]] = []
         self._targets: list[FloatArray] = []
         self._sent: list[float] = []
-        self._lag = None if previous is None else previous._lag
-        self._sent_last = -np.inf if previous is None else previous._sent_last
-        self._before: RobotState | None = None
-        if previous is not None:
-            self._before = previous._states[-1] if previous._states else previous._before
+        self._lag: float | None = None
+        self._last = -math.inf  # when the last command of all was sent, by the robot's clock [s]
+        self._recorded = (-math.inf, -math.inf)  # times of the last joint and IMU samples of the motions before [s]
 
     @property
     def count(self) -> int:
         return len(self._sent)
 
-    def add(self, target: FloatArray, step: Callable[[], RobotState]) -> RobotState:
-        """Do one step, which sends (nj,) joint targets [rad], and note it once it is done."""
-        begun = time.monotonic()
-        before, self.state = self.state, step()
-        sent = begun if self.state.commanded is None else self.state.commanded  # a step waits for its deadline first
-        self._states.append(before)
+    def observe(self, samples: Iterable[RobotState]) -> None:
+        """Take samples of a robot that no motion moves; those of a short pause are recorded with the next motion."""
+        self._waiting += samples
+        if len(self._waiting) > 1 and self._waiting[0].time < self._waiting[-1].time - _PAUSE:
+            self._waiting = [s for s in self._waiting if s.time >= self._waiting[-1].time - _PAUSE]
+
+    def restart(self) -> None:
+        """Forget all samples but the newest one."""
+        self._waiting = self._waiting[-1:]
+
+    def begin(self) -> None:
+        """Begin a motion; samples of a longer pause before it are left out, but for the newest one."""
+        if (last := next((row for row in reversed(self._rows) if row), None)) is not None:
+            self._recorded = max(sample.time for sample in last), max(map(_imu_time, last))
+        if self._waiting and self._waiting[-1].time - self._recorded[0] > _PAUSE:
+            self._waiting = self._waiting[-1:]
+        self._rows, self._targets, self._sent = [], [], []
+
+    def add(self, target: FloatArray, sent: float | None, samples: Iterable[RobotState]) -> None:
+        """Note a command and the samples that arrived after it.
+
+        Args:
+            target: (nj,) joint position targets [rad].
+            sent: time at which it was sent, by this computer's monotonic clock [s]; None in simulation.
+        """
+        self._sent.append(self._by_robot_clock(sent))
+        self._rows.append(self._waiting)
         self._targets.append(target)
-        self._sent.append(self._by_robot_clock(sent, before))
-        return self.state
+        self._waiting = list(samples)
 
-    def recording(self, events: tuple[Event, ...] = (), first: int = 0, last: int | None = None) -> Recording:
-        """The steps from one on, up to another, with the events of that time; events count from the first step of all [s].
+    def recording(self, events: tuple[Event, ...] = (), first: int = 0) -> Recording:
+        """Return the commands from one on, and their samples; times of events count from the motion's begin [s]."""
+        samples = [sample for row in self._rows[first:] for sample in row]
+        begin = next((sample.time for row in self._rows for sample in row), 0.0)
+        end = samples[-1].time if samples else begin
+        latest, happened = self._recorded, started_events(events, begin, end)
+        if (before := next((row for row in reversed(self._rows[:first]) if row), None)) is not None:
+            latest = max(sample.time for sample in before), max(map(_imu_time, before))
+            happened = tuple(event for event in happened if event.time > before[-1].time + _GRID)
+        targets, sent = np.array(self._targets[first:]), np.array(self._sent[first:])
+        return recording_of(self._joint_names, samples, targets, happened, sent, latest)
 
-        Raises:
-            UnrecordedError: they make no recording.
-        """
-        last = self.count if last is None else last  # a step that was interrupted may be noted by half
-        states = self._states[first:last]
-        before = self._states[first - 1] if first else None
-        happened = started_events(events, self._states[0].time, states[-1].time)
-        try:
-            return recording_of(
-                self._joint_names,
-                states,
-                np.array(self._targets[first:last]),
-                happened if before is None else tuple(event for event in happened if event.time > before.time + 1e-9),
-                np.array(self._sent[first:last]),
-                before or self._before,
-            )
-        except (RecordingError, ValueError) as error:
-            raise UnrecordedError(str(error), self._as_measured(first, last)) from error
-
-    def _as_measured(self, first: int, last: int) -> dict[str, Any]:
-        """The same as JSON values."""
-        rows = zip(self._states[first:last], self._sent[first:last], self._targets[first:last], strict=True)
-        steps = [{"sensed": _plain(state), "time": sent, "sent": _plain(target)} for state, sent, target in rows]
-        return {"joint_names": list(self._joint_names), "steps": steps}
-
-    def _by_robot_clock(self, sent: float, state: RobotState) -> float:
-        """When a command was sent [s]. In simulation: with the sample before it.
-
-        A sample that came again, or late, was followed by a command all the same: times of commands always increase.
-        """
-        if state.received is None:
-            at, least = state.time, self._period
+    def _by_robot_clock(self, sent: float | None) -> float:
+        """Return when a command was sent by the robot's clock [s]; times of commands always increase."""
+        before = self._waiting[-1] if self._waiting else None
+        if sent is None or before is None or before.received is None:
+            at, least = (self._last + self._period if before is None else before.time), self._period
         else:
-            lag = state.time - state.received
-            if math.isfinite(lag):
-                self._lag = lag if self._lag is None else self._lag + _LAG_SHARE * (lag - self._lag)
-            at, least = sent + (self._lag or 0.0), _LEAST_STEP
-        later = self._sent_last + least if math.isfinite(self._sent_last) else 0.0
-        self._sent_last = at if self._sent_last + _GRID <= at < math.inf else later
-        return self._sent_last
+            lag = before.time - before.received
+            self._lag = lag if self._lag is None else self._lag + _LAG_SHARE * (lag - self._lag)
+            at, least = sent + self._lag, _LEAST_STEP
+        self._last = at if self._last + _GRID <= at < math.inf else self._last + least
+        return self._last
+
+
+def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit | None = None) -> Recording:
+    """Play a motion on a platform that has only `read` and `step`; its samples are those that these return.
+
+    Raises:
+        MotionInterrupted: Ctrl-C; carries the recording so far.
+    """
+    recorder = Recorder(platform.joint_names, platform.control_period)
+    recorder.observe([platform.read()])
+    test = TiltTest(stop, platform.control_period)
+    try:
+        for index in range(len(trajectory.position)):
+            command = trajectory.command(index)
+            sent = time.monotonic()
+            state = platform.step(command)
+            recorder.add(command.position, None if state.received is None else sent, [state])
+            if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
+                break
+    except KeyboardInterrupt:
+        raise MotionInterrupted(recorder.recording(trajectory.events) if recorder.count else None) from None
+    return recorder.recording(trajectory.events)
 
 
 def recording_of(
     joint_names: tuple[str, ...],
-    states: Sequence[RobotState],
+    samples: Sequence[RobotState],
     targets: FloatArray,
     events: tuple[Event, ...],
     sent: FloatArray | None = None,
-    before: RobotState | None = None,
+    before: tuple[float, float] = (-math.inf, -math.inf),
 ) -> Recording:
-    """What was sensed, samples that arrived in between included, each once; and the joint targets that were sent.
+    """Return samples, each once, and the joint targets that were sent, as a recording.
 
     Args:
-        targets: (n, nj) position targets, one row a state [rad].
-        sent: (n,) times at which they were sent, by the robot's clock [s]; default: the states' times.
-        before: the last sample before these: what is not younger came twice.
+        targets: (n, nj) position targets [rad].
+        sent: (n,) times at which they were sent, by the robot's clock [s]; None: one for each sample, at its time.
+        before: times of the last joint and IMU samples before these [s]: what is not younger came twice.
     """
-    samples = [sample for state in states for sample in (*state.earlier, state)]
-    joints = _each_once(samples, _joint_time, before)
-    imu = _each_once(samples, _imu_time, before)
-    velocities = [sample.joint_velocity for sample in joints if sample.joint_velocity is not None]
+    joints = _each_once(samples, lambda sample: sample.time, before[0])
+    imu = _each_once(samples, _imu_time, before[1])
     width = len(joint_names)
+    velocities = [sample.joint_velocity for sample in joints if sample.joint_velocity is not None]
     torques = [sample.joint_torque for sample in joints if sample.joint_torque is not None]
     return Recording(
         joint_names,
@@ -182,13 +157,9 @@ def recording_of(
             np.array([sample.angular_velocity_in_imu for sample in imu]).reshape(-1, 3),
             np.array([sample.acceleration_in_imu for sample in imu]).reshape(-1, 3),
         ),
-        CommandStream(np.array([state.time for state in states]) if sent is None else sent, targets),
+        CommandStream(np.array([sample.time for sample in samples]) if sent is None else sent, targets),
         events,
     )
-
-
-def _joint_time(sample: RobotState) -> float:
-    return sample.time
 
 
 def _imu_time(sample: RobotState) -> float:
@@ -196,11 +167,10 @@ def _imu_time(sample: RobotState) -> float:
 
 
 def _each_once(
-    samples: Sequence[RobotState], time_of: Callable[[RobotState], float], before: RobotState | None
+    samples: Sequence[RobotState], time_of: Callable[[RobotState], float], latest: float
 ) -> list[RobotState]:
-    """Samples without those that came again, or too late, or do not say when they were taken."""
+    """Return the samples that are younger than those before them."""
     kept: list[RobotState] = []
-    latest = -np.inf if before is None or not math.isfinite(time_of(before)) else time_of(before)
     for sample in samples:
         if latest + _GRID <= time_of(sample) < math.inf:
             kept.append(sample)
@@ -208,16 +178,7 @@ def _each_once(
     return kept
 
 
-def _plain(value: Any) -> Any:
-    """Records and arrays as JSON values."""
-    if isinstance(value, (RobotState, Health)):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, (tuple, list)):
-        return [_plain(part) for part in value]  # pyright: ignore[reportUnknownVariableType]
-    return np.asarray(value, dtype=float).tolist() if isinstance(value, np.ndarray) else value
-
-
 def started_events(events: tuple[Event, ...], start: float, last: float) -> tuple[Event, ...]:
-    """A trajectory's events with absolute times, those after the last sample dropped."""
+    """Return a trajectory's events with absolute times, without those after the last sample."""
     moved = (Event(start + event.time, event.name, event.data) for event in events)
-    return tuple(event for event in moved if event.time <= last + 1e-9)
+    return tuple(event for event in moved if event.time <= last + _GRID)

@@ -10,7 +10,6 @@ from typing import Protocol
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 
@@ -136,7 +135,6 @@ def _descend(problem: Problem, x: FloatArray, near: float) -> tuple[FloatArray, 
     """
     here, damping, size = problem.normal_equations(x), 0.0, np.inf
     for _ in range(_ITERATIONS):
-        alive()
         size = here.largest_step()
         lower = _lower(problem, x, here, damping)
         if lower is None:

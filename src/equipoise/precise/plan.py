@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError
 from equipoise.precise.findings.link_findings import link_findings
@@ -218,7 +217,6 @@ def make_plan(
         other = candidates.turned()
         parts.append(_Part(other, Steps(other, covariance, weights), left / 2, ()))
     while True:
-        alive()
         best, part = max(((part.best(), part) for part in parts), key=lambda choice: choice[0][0])
         if best[1] is None:
             break

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from equipoise.alive import alive
 from equipoise.conventions import ACCELERATION_AT_REST, AT_REST_IN_UNITS_OF_G, GRAVITY, FloatArray
 from equipoise.errors import ImuMountingError, RecordingError
 from equipoise.precise.measurements.leg_motion import LegChains
@@ -81,7 +80,6 @@ def screen(robot: RobotModel, recordings: Sequence[Recording]) -> None:
     _check_gravity(acceleration)
     _check_radians(robot, position)
     for recording in recordings:
-        alive()
         _check_frozen(recording)
     _check_velocity(recordings)
     _check_gyroscope(recordings)
@@ -200,7 +198,6 @@ def _check_gyroscope(recordings: Sequence[Recording]) -> None:
     def disagreement(factor: FloatArray) -> float:
         angles: list[float] = []
         for move, (before, after) in zip(moves, rests, strict=True):
-            alive()
             imu = move.between(before.time[0], after.time[0]).imu
             path = attitudes(imu.time, (imu.angular_velocity_in_imu - bias) * factor)
             up, then = before.acceleration_in_imu.mean(axis=0), after.acceleration_in_imu.mean(axis=0)

@@ -31,39 +31,34 @@ class Layout:
     template: bytes
     fields: np.dtype[np.void]
 
-    def rows(self, count: int) -> NDArray[Any]:
-        """(count,) messages, their numbers zero."""
-        return np.frombuffer(bytearray(self.template * count), self.fields)
-
     def stamped(self, time: NDArray[np.int64]) -> NDArray[Any]:
-        """(n,) messages with the times of their headers [ns]."""
-        rows = self.rows(len(time))
+        """Return (n,) messages with the times of their headers [ns], their other numbers zero."""
+        rows = np.frombuffer(bytearray(self.template * len(time)), self.fields)
         rows["sec"], rows["nanosec"] = np.divmod(time, 10**9)
         return rows
 
     def read(self, bodies: Sequence[bytes]) -> NDArray[Any]:
-        """(n,) messages; raises RecordingError if one of them is of another layout."""
+        """Return (n,) messages; raises RecordingError if one of them is of another layout."""
         size = len(self.template)
         for body in bodies:
             if len(body) != size:
                 raise RecordingError(f"a message of {len(body)} bytes is among messages of {size}")
         data = b"".join(bodies)
-        constant = np.ones(size, dtype=bool)
-        for number, offset in ((field[0], field[1]) for field in (self.fields.fields or {}).values()):
-            constant[offset : offset + number.itemsize] = False
-        found = np.frombuffer(data, np.uint8).reshape(-1, size)[:, constant]
-        if not (found == np.frombuffer(self.template, np.uint8)[constant]).all():
+        constant = np.frombuffer(bytearray(data), self.fields)
+        for name in self.fields.names or ():
+            constant[name] = 0
+        if constant.tobytes() != self.template * len(bodies):
             raise RecordingError("messages of one stream name other joints, or are of another type")
         return np.frombuffer(data, self.fields)
 
 
 def stamps(rows: NDArray[Any]) -> NDArray[np.int64]:
-    """(n,) times of the headers [ns]."""
+    """Return (n,) times of the headers [ns]."""
     return rows["sec"].astype(np.int64) * 10**9 + rows["nanosec"].astype(np.int64)
 
 
 def bodies(rows: NDArray[Any]) -> list[bytes]:
-    """The messages one by one."""
+    """Return the messages one by one."""
     data, size = rows.tobytes(), rows.dtype.itemsize
     return [data[begin : begin + size] for begin in range(0, len(data), size)]
 
@@ -75,44 +70,38 @@ class LayoutBuilder:
         self._template = bytearray(_LITTLE_ENDIAN)
         self._numbers: dict[str, tuple[Any, int]] = {}
 
-    def number(self, name: str, kind: str) -> LayoutBuilder:
-        """A number that differs between messages."""
-        return self._number(name, np.dtype(kind), np.dtype(kind).itemsize)
-
-    def doubles(self, name: str, count: int) -> LayoutBuilder:
-        """An array of doubles that differ between messages."""
-        return self._number(name, np.dtype(("<f8", (count,))), 8 if count else 1)
-
-    def constant(self, value: float, kind: str) -> LayoutBuilder:
-        """A number that is the same in all messages."""
-        encoded = np.array(value, dtype=kind).tobytes()
-        self._align(len(encoded))
-        self._template += encoded
+    def number(self, name: str, kind: str, count: int | None = None) -> LayoutBuilder:
+        """Add a number that differs between messages, or an array of several."""
+        of_one = np.dtype(kind)
+        field = of_one if count is None else np.dtype((kind, (count,)))
+        self._align(of_one.itemsize if field.itemsize else 1)
+        self._numbers[name] = (field, len(self._template))
+        self._template += bytes(field.itemsize)
         return self
 
-    def constants(self, values: Sequence[float]) -> LayoutBuilder:
-        """Doubles that are the same in all messages."""
-        for value in values:
-            self.constant(value, "<f8")
+    def constant(self, value: float | Sequence[float], kind: str) -> LayoutBuilder:
+        """Add a number, or an array of several, that is the same in all messages."""
+        self._align(np.dtype(kind).itemsize)
+        self._template += np.array(value, dtype=kind).tobytes()
         return self
 
     def text(self, text: str) -> LayoutBuilder:
-        """A string that is the same in all messages."""
+        """Add a string that is the same in all messages."""
         encoded = text.encode() + b"\0"
         self.constant(len(encoded), "<u4")
         self._template += encoded
         return self
 
     def header(self, frame: str) -> LayoutBuilder:
-        """std_msgs/Header."""
+        """Add a std_msgs/Header."""
         return self.number("sec", "<i4").number("nanosec", "<u4").text(frame)
 
     def sequence(self, name: str, count: int) -> LayoutBuilder:
-        """A sequence of doubles that differ between messages; an empty one is only its length."""
-        return self.constant(count, "<u4").doubles(name, count)
+        """Add a sequence of doubles that differ between messages; an empty one is only its length."""
+        return self.constant(count, "<u4").number(name, "<f8", count)
 
     def build(self) -> Layout:
-        """The layout."""
+        """Return the layout."""
         fields = np.dtype(
             {
                 "names": list(self._numbers),
@@ -122,12 +111,6 @@ class LayoutBuilder:
             }
         )
         return Layout(bytes(self._template), fields)
-
-    def _number(self, name: str, kind: Any, alignment: int) -> LayoutBuilder:
-        self._align(alignment)
-        self._numbers[name] = (kind, len(self._template))
-        self._template += bytes(kind.itemsize)
-        return self
 
     def _align(self, size: int) -> None:
         self._template += bytes((len(_LITTLE_ENDIAN) - len(self._template)) % size)

@@ -73,9 +73,9 @@ def joint_state(joint_names: tuple[str, ...], velocity: bool, effort: bool) -> L
 @lru_cache(maxsize=1)
 def imu() -> Layout:
     """sensor_msgs/Imu that knows no orientation."""
-    builder = LayoutBuilder().header("imu").constants((0, 0, 0, 1)).constants(_NO_ORIENTATION)
-    builder.doubles("angular_velocity", 3).constants(_UNKNOWN_COVARIANCE)
-    return builder.doubles("acceleration", 3).constants(_UNKNOWN_COVARIANCE).build()
+    builder = LayoutBuilder().header("imu").constant((0, 0, 0, 1, *_NO_ORIENTATION), "<f8")
+    builder.number("angular_velocity", "<f8", 3).constant(_UNKNOWN_COVARIANCE, "<f8")
+    return builder.number("acceleration", "<f8", 3).constant(_UNKNOWN_COVARIANCE, "<f8").build()
 
 
 def joint_messages(joint_names: tuple[str, ...], joints: JointStream) -> list[bytes]:
@@ -108,12 +108,8 @@ def text_message(text: str) -> bytes:
 def read_joints(messages: list[bytes], joint_names: tuple[str, ...], velocity: bool, torque: bool) -> JointStream:
     """The joint stream in JointState messages; raises RecordingError if they are others."""
     rows = joint_state(joint_names, velocity, torque).read(messages)
-    return JointStream(
-        seconds(stamps(rows)),
-        rows["position"],
-        rows["velocity"] if velocity else None,
-        rows["effort"] if torque else None,
-    )
+    rates, efforts = rows["velocity"] if velocity else None, rows["effort"] if torque else None
+    return JointStream(seconds(stamps(rows)), rows["position"], rates, efforts)
 
 
 def read_imu(messages: list[bytes]) -> ImuStream:

@@ -7,9 +7,9 @@ that a recording is the same on disk and in memory.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -87,6 +87,9 @@ class CommandStream:
         _validate(self, "command", "position", (count, _columns(self.position)), required=True)
 
 
+_Stream = TypeVar("_Stream", JointStream, ImuStream, CommandStream)
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What was sensed and commanded during one motion.
@@ -97,6 +100,7 @@ class Recording:
         imu: inertial sensors.
         commands: commands that were sent, or None (a log from elsewhere).
         events: events in order of time.
+        trial_id: id of the trial in its run, by which the log finds its motions; None of recordings from elsewhere.
     """
 
     joint_names: tuple[str, ...]
@@ -104,6 +108,7 @@ class Recording:
     imu: ImuStream
     commands: CommandStream | None = None
     events: tuple[Event, ...] = ()
+    trial_id: int | None = None
 
     def __post_init__(self) -> None:
         columns = self.joints.position.shape[1]
@@ -128,18 +133,18 @@ class Recording:
         return self if self.broken else replace(self, events=(*self.events, Event(end, BROKEN)))
 
     def equals(self, other: Recording) -> bool:
-        """Whether another recording holds the same numbers, names and events."""
+        """Return whether another recording holds the same numbers, names and events, whatever its trial's id."""
+        own, others = self._arrays(), other._arrays()
         return (
             self.joint_names == other.joint_names
             and self.events == other.events
-            and all(_same(*arrays) for arrays in zip(self._arrays(), other._arrays(), strict=True))
+            and len(own) == len(others)
+            and all(_same(*arrays) for arrays in zip(own, others, strict=True))
         )
 
-    def _arrays(self) -> Iterator[FloatArray | None]:
-        joints, imu, commands = self.joints, self.imu, self.commands
-        yield from (joints.time, joints.position, joints.velocity, joints.torque)
-        yield from (imu.time, imu.angular_velocity_in_imu, imu.acceleration_in_imu)
-        yield from (None, None) if commands is None else (commands.time, commands.position)
+    def _arrays(self) -> list[FloatArray | None]:
+        streams = [vars(stream) for stream in (self.joints, self.imu, self.commands) if stream is not None]
+        return [array for stream in streams for array in stream.values()]
 
     def event(self, name: str) -> Event:
         """The first event of that name; raises RecordingError if there is none."""
@@ -155,10 +160,7 @@ class Recording:
         Raises:
             RecordingError: what it says is damaged.
         """
-        for event in self.events:
-            if event.name == TRIAL:
-                return read_trial(event.data)
-        return None
+        return next((read_trial(event.data) for event in self.events if event.name == TRIAL), None)
 
     @property
     def complete(self) -> bool:
@@ -207,18 +209,11 @@ class Recording:
     def between(self, start: float, end: float) -> Recording:
         """Samples and events with start <= time < end [s]; the bounds are rounded to nanoseconds as times are."""
         start, end = (float(rounded(np.asarray(bound))) if abs(bound) < LONGEST else bound for bound in (start, end))
-        joints, imu, commands = self.joints, self.imu, self.commands
-        j = _slice(joints.time, start, end)
-        i = _slice(imu.time, start, end)
-        cut_commands = None
-        if commands is not None:
-            c = _slice(commands.time, start, end)
-            cut_commands = CommandStream(commands.time[c], commands.position[c])
         return Recording(
             self.joint_names,
-            JointStream(joints.time[j], joints.position[j], _cut(joints.velocity, j), _cut(joints.torque, j)),
-            ImuStream(imu.time[i], imu.angular_velocity_in_imu[i], imu.acceleration_in_imu[i]),
-            cut_commands,
+            _part(self.joints, start, end),
+            _part(self.imu, start, end),
+            None if self.commands is None else _part(self.commands, start, end),
             tuple(event for event in self.events if start <= event.time < end),
         )
 
@@ -233,27 +228,12 @@ class Recording:
                     f"recordings of different joints cannot be one: {', '.join(parts[0].joint_names)}, and "
                     f"{', '.join(part.joint_names)}"
                 )
-        joints = [part.joints for part in parts]
-        commands = [part.commands for part in parts]
+        commands = [part.commands for part in parts if part.commands is not None]
         return cls(
             parts[0].joint_names,
-            JointStream(
-                np.concatenate([stream.time for stream in joints]),
-                read_only(np.concatenate([stream.position for stream in joints])),
-                _joined([stream.velocity for stream in joints]),
-                _joined([stream.torque for stream in joints]),
-            ),
-            ImuStream(
-                np.concatenate([part.imu.time for part in parts]),
-                read_only(np.concatenate([part.imu.angular_velocity_in_imu for part in parts])),
-                read_only(np.concatenate([part.imu.acceleration_in_imu for part in parts])),
-            ),
-            None
-            if any(stream is None for stream in commands)
-            else CommandStream(
-                np.concatenate([stream.time for stream in commands if stream is not None]),
-                read_only(np.concatenate([stream.position for stream in commands if stream is not None])),
-            ),
+            _joined([part.joints for part in parts]),
+            _joined([part.imu for part in parts]),
+            _joined(commands) if len(commands) == len(parts) else None,
             tuple(event for part in parts for event in part.events),
         )
 
@@ -311,19 +291,21 @@ def read_only(array: FloatArray) -> FloatArray:
     return array
 
 
-def _slice(time: FloatArray, start: float, end: float) -> slice:
-    first, last = np.searchsorted(time, [start, end])
-    return slice(int(first), int(last))
-
-
 def _same(one: FloatArray | None, other: FloatArray | None) -> bool:
     return one is other if one is None or other is None else np.array_equal(one, other)
 
 
-def _cut(array: FloatArray | None, part: slice) -> FloatArray | None:
-    return None if array is None else array[part]
+def _part(stream: _Stream, start: float, end: float) -> _Stream:
+    """Return the samples of a stream with start <= time < end [s]."""
+    part = slice(*np.searchsorted(stream.time, [start, end]))
+    cut: dict[str, Any] = {name: None if array is None else array[part] for name, array in vars(stream).items()}
+    return type(stream)(**cut)
 
 
-def _joined(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
-    present = [array for array in arrays if array is not None]
-    return read_only(np.concatenate(present)) if len(present) == len(arrays) else None
+def _joined(streams: Sequence[_Stream]) -> _Stream:
+    """Return consecutive streams as one; an array that one of them lacks is missing in the whole."""
+    joined: dict[str, Any] = {}
+    for name in vars(streams[0]):
+        parts = [getattr(stream, name) for stream in streams]
+        joined[name] = None if any(part is None for part in parts) else read_only(np.concatenate(parts))
+    return type(streams[0])(**joined)

@@ -1,124 +1,164 @@
-"""The log of a run: everything that was played, written as it happens, and which parts of it are recordings.
+"""The log of a run: everything that was played, written while it happens, and which parts of it are recordings.
 
-What it holds is said in `log_messages`.
+`log_messages` describes its content. A run's log is a folder with a file for each time that the run was begun or resumed.
 """
 
 from __future__ import annotations
 
+import fcntl
+import json
 import secrets
-import threading
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-import numpy as np
+from mcap.writer import Writer
 
+from equipoise._version import __version__
 from equipoise.errors import OutputError
-from equipoise.recording.clock import nanoseconds
-from equipoise.recording.event import TRIAL
-from equipoise.recording.log_messages import LOG, TOPICS, Entries, write_messages
-from equipoise.recording.mcap_writer import McapWriter
+from equipoise.recording.log_messages import FORMAT, LOG, TYPES, messages_of, piece_entry
+from equipoise.recording.mcap_reader import finish, opened
+from equipoise.recording.messages import DEFINITIONS, text_message
 from equipoise.recording.recording import Recording
-from equipoise.recording.writer_process import WriterProcess
+from equipoise.recording.run_log_reader import LogContent, log_file, log_files, read_log
+from equipoise.user_file import replaceable
+
+_ROOM = 1 << 24  # bytes that wait in memory while the disk is full; they are written first once it is not
 
 
-class RunLog:
-    """Writes the log of a run. Use it as a context manager, or close it.
+class RunLog(AbstractContextManager["RunLog"]):
+    """Writes one file of a log. Use it as a context manager, or close it.
 
-    A motion is announced by `begin` and written by `add`, whole or piece by piece; `keep` says that the motions since the last
-    call are a recording. What `add` has returned from outlives the process. It is held in memory too until `keep` or
-    `set_aside` says what it is. This process encodes, compresses and writes, or, after `write_beside`, another one.
+    A motion is announced by `begin` and written by `add`, whole or piece by piece; `keep` makes a recording of the motions of
+    its trial. What `add` or `keep` has returned from outlives the process.
+
+    Ctrl-C never ends a write halfway, behind which the library could not continue: it interrupts the main thread alone, and
+    a thread of the log's own writes while the caller waits.
+
+    Attributes:
+        path: path of the file.
+        empty: whether no motion of the run was written yet, to this file or to one before it.
 
     Raises:
-        OutputError: the file cannot be written; also by every method. What was written before can be read.
+        OutputError: the file exists or cannot be written; also by every method. Files before it are still readable.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.file = McapWriter(path, TOPICS)
-        self._beside: WriterProcess | None = None
-        self._turn = threading.Lock()  # of the file: who closes it waits for a thread that still writes
-        self._number = -1  # of the present play
-        self._begun: int | None = None  # commands of the present play, while no piece of it is written
-        self._open: list[tuple[int, list[Recording]]] = []  # plays since a recording was kept
+    def __init__(self, path: Path, resumed: int | None = None) -> None:
+        """Open a new file.
 
-    @property
-    def empty(self) -> bool:
-        """Whether no motion was written yet."""
-        return self.file.message_counts[LOG] == 0
-
-    def write_beside(self) -> None:
-        """From now on a process of its own encodes, compresses and writes: here that would hold up who moves a robot.
-
-        It waits until that is ready, a second; before the robot moves.
+        Args:
+            resumed: number of plays in the files before this one that still count; None: this file is the first.
         """
-        self._beside = self._beside or WriterProcess(self.file)
+        self.path = path
+        with _output_errors(path):
+            self._file = open(path, "xb", buffering=_ROOM)  # noqa: SIM115 - closed by `close`
+            _lock(self._file, path)
+        self._worker = ThreadPoolExecutor(1, "recording")
+        self._writer = Writer(self._file)
+        self._writer.start("ros2", f"equipoise {__version__}")
+        schemas = {
+            kind: self._writer.register_schema(kind, "ros2msg", definition.encode())
+            for kind, definition in DEFINITIONS.items()
+        }
+        about = {"offered_qos_profiles": "", "format": FORMAT}
+        self._channels = {
+            topic: self._writer.register_channel(topic, "cdr", schemas[kind], about) for topic, kind in TYPES.items()
+        }
+        self._begun: dict[str, Any] | None = _play(0, None)  # entry of the present play, until it is written
+        self._trials: set[int | None] = set()  # of the plays since a recording was kept
+        self._time = 0  # of the last message [ns]
+        self.empty = not resumed
+        self._do(self._put, [] if resumed is None else [{"entry": "resumed", "plays": resumed}])
 
-    def begin(self, commands: int) -> None:
-        """A motion of so many commands begins; the pieces that are added until the next one does are its."""
-        self._number += 1
-        self._begun = commands
+    def begin(self, commands: int, trial: int | None = None) -> None:
+        """Begin a motion; the pieces that are added until the next call are parts of it.
+
+        Args:
+            commands: number of its commands.
+            trial: id of the trial that it is a part of.
+        """
+        self._begun = _play(commands, trial)
 
     def add(self, piece: Recording) -> None:
         """Write what was just played: a whole motion, or the next piece of it."""
-        if not self._open and self._begun is None:
-            self.begin(0)
-        entries = [_piece_entry(piece)]
-        if self._begun is not None:
-            entries.insert(0, {"entry": "play", "number": self._number, "commands": self._begun})
-        try:
-            self._write(entries, None, piece)
-            if self._begun is not None:
-                self._open.append((self._number, []))
-                self._begun = None
-            self._open[-1][1].append(piece)
-        except BaseException:  # Ctrl-C: nobody knows how much of it is written, so `keep` is to write all of it
-            self._open = []
-            self.begin(0)
-            raise
+        self._do(self._add, piece)
 
     def keep(self, recording: Recording) -> None:
-        """Say that the last plays make up a recording. What was not added is added, as one play."""
-        plays = self._plays_of(recording)
-        if not plays:
-            self.begin(0 if recording.commands is None else len(recording.commands.time))
-            self.add(recording)
-            plays = [self._number]
-        time = recording.joints.time[[0, -1]] if recording.joints.time.size else np.zeros(2)
-        about = {"start": time[0], "end": time[1], "broken": recording.broken, "about": _told(recording)}
-        self._write([{"entry": "kept", "plays": plays, **about}], int(nanoseconds(time)[1]))
-        self._open = []
-
-    def set_aside(self) -> None:
-        """Say that what was played since a recording was kept belongs to none."""
-        self._write([{"entry": "aside"}], self.file.time_range[1])
-        self._open = []
+        """Make a recording of the plays of its trial. If there are none, the recording is added as one play."""
+        self._do(self._keep, recording)
 
     def close(self) -> None:
         """Write the index at the end. May be called twice."""
-        with self._turn:
-            if self._beside is not None:
-                self._beside.close()
-            self.file.close()
-
-    def __enter__(self) -> RunLog:
-        return self
+        if not self._file.closed:
+            try:
+                self._do(self._close)
+            finally:
+                self._worker.shutdown()
 
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _write(self, entries: Entries, time: int | None, piece: Recording | None = None) -> None:
-        write = write_messages if self._beside is None else self._beside.write
-        with self._turn:
-            write(self.file, entries, time, piece)
+    def _do(self, write: Callable[..., None], *arguments: object) -> None:
+        """Have something written by the log's own thread, and wait for it."""
+        if self._file.closed:
+            raise OutputError(f"cannot write the recording {str(self.path)!r}: it is closed")
+        with _output_errors(self.path):
+            self._worker.submit(write, *arguments).result()
 
-    def _plays_of(self, recording: Recording) -> list[int]:
-        """Numbers of the last plays, if they are the recording."""
-        for first in range(len(self._open)):
-            pieces = [piece for _, play in self._open[first:] for piece in play]
-            if np.array_equal(pieces[0].joints.time[:1], recording.joints.time[:1]):
-                whole = Recording.concatenate(pieces)
-                whole = whole.broken_off() if recording.broken else whole
-                return [number for number, _ in self._open[first:]] if whole.equals(recording) else []
-        return []
+    def _add(self, piece: Recording) -> None:
+        entries, self._begun = [entry for entry in (self._begun, piece_entry(piece)) if entry is not None], None
+        self._trials.update(entry["trial"] for entry in entries if entry["entry"] == "play")
+        self.empty = False
+        self._put(entries, messages_of(piece))
+
+    def _keep(self, recording: Recording) -> None:
+        trial = recording.trial_id
+        if trial is None or trial not in self._trials:
+            self._begun = _play(0 if recording.commands is None else len(recording.commands.time), trial)
+            self._add(recording)
+        self._begun = _play(0, None)
+        self._trials.clear()
+        self._put([{"entry": "kept", "trial": trial, "broken": recording.broken}])
+
+    def _put(self, entries: list[dict[str, Any]], messages: Iterable[tuple[int, str, bytes]] = ()) -> None:
+        """Write entries and the messages behind them, in order of time; entries have the time of the message behind them."""
+        behind = sorted(messages, key=lambda message: message[0])
+        if behind:
+            self._time = behind[0][0]
+        for entry in entries:
+            self._writer.add_message(self._channels[LOG], self._time, text_message(json.dumps(entry)), self._time)
+        for time, topic, body in behind:
+            self._writer.add_message(self._channels[topic], time, body, time)
+            self._time = time
+        self._writer.flush()
+
+    def _close(self) -> None:
+        with self._file:
+            self._writer.finish()
+
+
+def resume_log(folder: Path, repeats: bool) -> tuple[RunLog, LogContent]:
+    """Open a new file of a log, to continue it behind its last complete recording; return also the log's content.
+
+    Args:
+        folder: folder of the log.
+        repeats: whether what was played behind that recording is left out, because it will be played again exactly.
+
+    Raises:
+        RecordingError: the log cannot be read.
+        OutputError: it cannot be written, or another process writes it.
+    """
+    files = log_files(folder)
+    with opened(files[-1]) as file:
+        _lock(file, files[-1])
+        content = read_log(folder)
+        plays = content.complete_plays if repeats else content.plays
+        log = RunLog(log_file(folder, len(files)), len(plays))
+        with suppress(OSError):  # this program reads the file before it without an end, too
+            finish(files[-1])
+        return log, content
 
 
 def save_recording(recording: Recording, path: Path) -> None:
@@ -129,27 +169,38 @@ def save_recording(recording: Recording, path: Path) -> None:
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
-        with RunLog(partial) as log:
-            log.keep(recording)
-            log.file.move_to(path)
+        with _output_errors(path):
+            replaceable(path, "the recording ")
+            with RunLog(partial) as log:
+                log.keep(recording)
+            partial.replace(path.resolve())  # a link stays one
     except OutputError:
         partial.unlink(missing_ok=True)
         raise
 
 
-def _told(recording: Recording) -> dict[str, Any]:
-    """The data of a recording's trial event, as they are; empty if it has none."""
-    for event in recording.events:
-        if event.name == TRIAL:
-            return dict(event.data)
-    return {}
+def _play(commands: int, trial: int | None) -> dict[str, Any]:
+    return {"entry": "play", "commands": commands, "trial": trial}
 
 
-def _piece_entry(piece: Recording) -> dict[str, Any]:
-    return {
-        "entry": "piece",
-        "joint_names": list(piece.joint_names),
-        "velocity": piece.joints.velocity is not None,
-        "torque": piece.joints.torque is not None,
-        "commands": piece.commands is not None,
-    }
+def _lock(file: BinaryIO, path: Path) -> None:
+    """Keep other processes from writing to a file, or from resuming its log; raises OutputError if one does."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise OutputError(f"the recording {str(path)!r} is being written by another process; end that first") from error
+    except OSError:
+        pass  # a file system without locks
+
+
+@contextmanager
+def _output_errors(path: Path) -> Generator[None]:
+    try:
+        yield
+    except OSError as error:
+        if isinstance(error, OutputError):
+            raise
+        raise OutputError(
+            f"cannot write the recording {str(path)!r}: {error.strerror}; is there such a folder, may you write there, is "
+            "there room?"
+        ) from error

@@ -1,17 +1,18 @@
-"""The log of a run read back: its recordings, exactly as they were kept, and the plays that they came from."""
+"""Reader of a run's log: its recordings, exactly as they were kept, and the plays that they were made of."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from equipoise.errors import RecordingError
-from equipoise.recording.event import TRIAL, Event
-from equipoise.recording.log_messages import COMMANDS, EVENTS, FORMAT, INERTIAL, JOINTS, LOG
-from equipoise.recording.mcap_reader import read_mcap
+from equipoise.recording.event import Event
+from equipoise.recording.log_messages import COMMANDS, EVENTS, FORMAT, INERTIAL, JOINTS, LOG, TYPES
+from equipoise.recording.mcap_reader import MessageReader
 from equipoise.recording.messages import read_imu, read_joints, read_text
 from equipoise.recording.recording import CommandStream, Recording
 
@@ -23,8 +24,8 @@ class Play:
     Attributes:
         commands: number of commands that were planned; a motion that was stopped early has fewer samples.
         recording: recording of the motion.
-        trial: index of the recording that it is a part of, or that an attempt before was to become; None if it belongs to
-            none, as standing up does.
+        trial: id of the trial that it is a part of; None if it is a part of none, as standing up is, or of one that a
+            resumed run began again.
     """
 
     commands: int
@@ -34,45 +35,71 @@ class Play:
 
 @dataclass(frozen=True, eq=False)
 class LogContent:
-    """What is in a log.
+    """Content of a log.
 
     Attributes:
         plays: all motions, in order.
         recordings: those that are complete, in order.
         unfinished: recording of what was played after them towards one that is not complete, or None.
         closed: whether the log was closed; else the process was killed.
+        complete_plays: plays up to the end of the last complete recording.
     """
 
     plays: tuple[Play, ...]
     recordings: tuple[Recording, ...]
     unfinished: Recording | None
     closed: bool
+    complete_plays: tuple[Play, ...]
 
-    @property
-    def complete_plays(self) -> tuple[Play, ...]:
-        """Plays up to the end of the last complete recording."""
-        last = max((index for index, play in enumerate(self.plays) if play.trial is not None), default=-1)
-        return self.plays[: last + 1]
+
+def log_file(folder: Path, number: int) -> Path:
+    """Return the path of one file of a run's log: the first is written when the run begins, each other by a resume."""
+    return folder / f"recording_{number}.mcap"
+
+
+def log_files(folder: Path) -> list[Path]:
+    """Return the paths of all files of a run's log, in order; the first and those between two others may be missing."""
+    numbers = [int(path.stem.removeprefix("recording_")) for path in folder.glob("recording_[0-9]*.mcap")]
+    return [log_file(folder, number) for number in range(max(numbers, default=0) + 1)]
 
 
 def read_log(path: Path) -> LogContent:
-    """Read a log, also one whose process was killed: as far as it was written.
+    """Read a log as far as it was written, also one whose process was killed.
+
+    Args:
+        path: a file, or the folder of a run, whose files are joined.
 
     Raises:
-        RecordingError: the file is missing, damaged or of another format.
+        RecordingError: a file is missing, damaged or of another format.
     """
-    content = read_mcap(path)
-    if content.channels or content.closed:
-        found = content.channels.get(LOG, {}).get("format")
-        if found is None:
-            raise RecordingError(f"{str(path)!r} is no log of equipoise: it has no topic {LOG}")
-        if found != FORMAT:
-            raise RecordingError(f"the log {str(path)!r} is {found!r}; this version reads {FORMAT!r}")
-    reading = _Reading()
+    reading, closed = _Reading(), False
+    for file in log_files(path) if path.is_dir() else [path]:
+        reader = MessageReader(file)
+        messages = reader.messages()
+        closed = reader.closed
+        if reader.channels or closed:
+            check_format(reader)
+        with damage_reported(file):
+            for topic, _, _, message in messages:
+                reading.take(topic, message)
+    with damage_reported(path):
+        return reading.content(closed)
+
+
+def check_format(reader: MessageReader) -> None:
+    """Refuse the file of another program or version (RecordingError)."""
+    found = reader.channels.get(LOG, {}).get("format")
+    if found is None:
+        raise RecordingError(f"{str(reader.path)!r} is not a log of equipoise: it has no topic {LOG}")
+    if found != FORMAT:
+        raise RecordingError(f"the log {str(reader.path)!r} is {found!r}; this version reads {FORMAT!r}")
+
+
+@contextmanager
+def damage_reported(path: Path) -> Generator[None]:
+    """Raise RecordingError for entries and messages that a log cannot hold."""
     try:
-        for topic, message in content.messages:
-            reading.take(topic, message)
-        return reading.content(content.closed)
+        yield
     except RecordingError as error:
         raise RecordingError(f"the recording {str(path)!r} is damaged: {error}") from error
     except (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError) as error:
@@ -84,9 +111,7 @@ class LoggedPiece:
     """Messages of one piece, by topic, under what its entry says."""
 
     entry: Mapping[str, Any]
-    messages: dict[str, list[bytes]] = field(
-        default_factory=lambda: {JOINTS: [], INERTIAL: [], COMMANDS: [], EVENTS: []}
-    )
+    messages: dict[str, list[bytes]] = field(default_factory=lambda: {topic: [] for topic in TYPES})
 
     def recording(self) -> Recording:
         names = tuple(str(name) for name in self.entry["joint_names"])
@@ -107,20 +132,12 @@ class LoggedPiece:
 class _Play:
     """A play whose pieces are still read."""
 
-    number: int
     commands: int
+    trial: int | None
     pieces: list[LoggedPiece] = field(default_factory=list[LoggedPiece])
 
     def whole(self) -> Play:
-        return Play(self.commands, Recording.concatenate([piece.recording() for piece in self.pieces]))
-
-
-@dataclass
-class _Kept:
-    """Indices of the first play since a recording was kept before, and of those that make up this one."""
-
-    since: int
-    plays: list[int]
+        return Play(self.commands, Recording.concatenate([piece.recording() for piece in self.pieces]), self.trial)
 
 
 class _Reading:
@@ -128,9 +145,10 @@ class _Reading:
 
     def __init__(self) -> None:
         self._plays: list[_Play] = []
-        self._kept: list[_Kept] = []
-        self._broken: _Kept | None = None
-        self._since = 0
+        self._kept: list[list[int]] = []  # indices of the plays of each complete recording
+        self._broken: list[int] = []  # those of the last one, if its motion broke off
+        self._complete = 0  # plays up to the end of the last complete recording
+        self._since = 0  # plays before the present trial
 
     def take(self, topic: str, message: bytes) -> None:
         if topic != LOG:
@@ -138,57 +156,59 @@ class _Reading:
             return
         entry = json.loads(read_text(message))
         if entry["entry"] == "play":
-            self._plays.append(_Play(int(entry["number"]), int(entry["commands"])))
+            trial = None if entry["trial"] is None else int(entry["trial"])
+            self._plays.append(_Play(int(entry["commands"]), trial))
         elif entry["entry"] == "piece":
             self._plays[-1].pieces.append(LoggedPiece(entry))
         elif entry["entry"] == "kept":
             self._keep(entry)
-        if entry["entry"] in ("kept", "aside"):
-            self._since = len(self._plays)
+        elif entry["entry"] == "resumed":
+            self._resume(int(entry["plays"]))
 
     def content(self, closed: bool) -> LogContent:
         plays = [play.whole() for play in self._plays]
-        unfinished = self._unfinished(plays)
+        unfinished = self._broken or self._begun(plays)
         return LogContent(
-            tuple(_of_trials(plays, self._kept)),
-            tuple(_joined(plays, kept.plays) for kept in self._kept),
+            tuple(plays),
+            tuple(_joined(plays, kept) for kept in self._kept),
             _joined(plays, unfinished).broken_off() if unfinished else None,
             closed,
+            tuple(plays[: self._complete]),
         )
 
-    def _unfinished(self, plays: Sequence[Play]) -> Sequence[int]:
-        """Indices of the plays that began a recording last, and did not complete it."""
-        if self._broken is not None:
-            return self._broken.plays
-        begun = [index for index in range(self._since, len(plays)) if _begins_trial(plays[index])]
-        return range(begun[-1], len(plays)) if begun else ()
+    def _begun(self, plays: Sequence[Play]) -> list[int]:
+        """Return the indices of the plays of the last trial, if no recording was made of it."""
+        trials = [play.trial for play in plays[self._since :] if play.trial is not None]
+        return self._plays_of(trials[-1]) if trials else []
+
+    def _plays_of(self, trial: int) -> list[int]:
+        return [index for index in range(self._since, len(self._plays)) if self._plays[index].trial == trial]
 
     def _keep(self, entry: Mapping[str, Any]) -> None:
-        index = {play.number: index for index, play in enumerate(self._plays)}
-        kept = _Kept(self._since, [index[int(number)] for number in entry["plays"]])
-        self._broken = kept if entry["broken"] else None
+        plays = [len(self._plays) - 1] if entry["trial"] is None else self._plays_of(int(entry["trial"]))
+        self._broken = plays if entry["broken"] else []
         if not entry["broken"]:
-            self._kept.append(kept)
+            self._kept.append(plays)
+            self._complete = plays[-1] + 1
+        self._since = len(self._plays)
 
-
-def _of_trials(plays: Sequence[Play], recordings: Sequence[_Kept]) -> list[Play]:
-    """Plays with the trials that they belong to: those of the recording, and of attempts at a trial before it."""
-    marked = list(plays)
-    for trial, kept in enumerate(recordings):
-        attempts = [index for index in range(kept.since, kept.plays[0]) if _begins_trial(plays[index])]
-        for index in range([*attempts, kept.plays[0]][0], kept.plays[-1] + 1):
-            marked[index] = replace(plays[index], trial=trial)
-    return marked
-
-
-def _begins_trial(play: Play) -> bool:
-    return any(event.name == TRIAL for event in play.recording.events)
+    def _resume(self, count: int) -> None:
+        """Leave out plays that are played again; those behind the last recording that stay are a part of none."""
+        if count > len(self._plays):
+            raise RecordingError(
+                f"the files before it hold {len(self._plays)} of {count} motions; copy them again from where they are whole"
+            )
+        del self._plays[count:]
+        for play in self._plays[self._complete :]:
+            play.trial = None
+        self._broken, self._since = [], count
 
 
 def _joined(plays: Sequence[Play], indices: Sequence[int]) -> Recording:
-    return Recording.concatenate([plays[index].recording for index in indices])
+    whole = Recording.concatenate([plays[index].recording for index in indices])
+    return replace(whole, trial_id=plays[indices[0]].trial)
 
 
 def _event(message: bytes) -> Event:
-    said = json.loads(read_text(message))
-    return Event(float(said["time"]), str(said["name"]), said["data"])
+    noted = json.loads(read_text(message))
+    return Event(float(noted["time"]), str(noted["name"]), noted["data"])

@@ -6,8 +6,8 @@ A trial is written into a recording as the data of one event, `{"kind": "lift", 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, ClassVar
 
 from equipoise.conventions import AXES, SWINGS, Axis, Swing
@@ -39,12 +39,8 @@ class RecordedTrial:
         return ""
 
     def to_data(self) -> dict[str, Any]:
-        """JSON values for an event."""
-        found = {} if self.found_at is None else {"found_at": self.found_at}
-        return {"kind": self.kind, **self._own_data(), **found}
-
-    def _own_data(self) -> dict[str, Any]:
-        return {}
+        """Return the kind and all fields that are not None, for an event."""
+        return {"kind": self.kind, **{name: value for name, value in asdict(self).items() if value is not None}}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,9 +64,6 @@ class LiftTrial(RecordedTrial):
     def about(self) -> str:
         return self.diagonal
 
-    def _own_data(self) -> dict[str, Any]:
-        return {"diagonal": self.diagonal}
-
 
 @dataclass(frozen=True, kw_only=True)
 class CommandedLift(LiftTrial):
@@ -85,12 +78,6 @@ class CommandedLift(LiftTrial):
     offset: float
     lift_height: float
     tilt_threshold: float
-
-    def _own_data(self) -> dict[str, Any]:
-        return {
-            **super()._own_data(), "offset": self.offset, "lift_height": self.lift_height,
-            "tilt_threshold": self.tilt_threshold,
-        }  # fmt: skip
 
 
 MEANWHILE = ("passive", *AXES, *(f"swing {direction}" for direction in SWINGS))
@@ -118,14 +105,16 @@ class DesignedLift(CommandedLift):
     turn: Axis | None = None
     swing: Swing | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for what, called, known in (("turn", self.turn, AXES), ("swing", self.swing, SWINGS)):
+            if called not in (None, *known):
+                raise ValueError(f"no {what} is called {called!r}")
+
     @property
     def meanwhile(self) -> str:
         """What the robot does on two feet, one of MEANWHILE."""
         return meanwhile(self.turn, self.swing)
-
-    def _own_data(self) -> dict[str, Any]:
-        stirs = {"turn": self.turn, **({"swing": self.swing} if self.swing else {})}
-        return {**super()._own_data(), "posture": vars(self.posture), "side": self.side, **stirs}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,10 +128,7 @@ class PostureTrial(RecordedTrial):
     kind: ClassVar[str] = "posture"
     starts_with: ClassVar[str] = Phase.MOVE
     complete_with: ClassVar[str] = Phase.REST
-    posture: BodyPosture | None
-
-    def _own_data(self) -> dict[str, Any]:
-        return {} if self.posture is None else vars(self.posture)
+    posture: BodyPosture | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,15 +146,13 @@ class SwayTrial(RecordedTrial):
     frequencies: Mapping[Axis, float] = field(default_factory=dict[Axis, float])
     amplitude: float | None = None
 
+    def __post_init__(self) -> None:
+        if not self.frequencies.keys() <= set(AXES):
+            raise ValueError(f"no axes are called {', '.join(self.frequencies)}")
+
     @property
     def about(self) -> str:
         return "all" if self.amplitude is None else next(iter(self.frequencies))
-
-    def _own_data(self) -> dict[str, Any]:
-        if self.amplitude is None:
-            return {"axis": self.about, "frequencies": dict(self.frequencies)}
-        (frequency,) = self.frequencies.values()
-        return {"axis": self.about, "amplitude": self.amplitude, "frequency": frequency}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,9 +241,6 @@ class WalkTrial(SteppingTrial):
     steps: tuple[TwoFeet, ...]
     heading: float
 
-    def _own_data(self) -> dict[str, Any]:
-        return {"steps": [[step.pair, step.start, step.end] for step in self.steps], "heading": self.heading}
-
 
 @dataclass(frozen=True, kw_only=True)
 class CrawlTrial(SteppingTrial):
@@ -271,9 +252,6 @@ class CrawlTrial(SteppingTrial):
 
     kind: ClassVar[str] = "crawl"
     steps: tuple[ThreeFeet, ...]
-
-    def _own_data(self) -> dict[str, Any]:
-        return {"steps": [[step.lifted, step.start, step.end] for step in self.steps]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,72 +287,40 @@ class MotorTrial(RecordedTrial):
     def about(self) -> str:
         return self.leg or ""
 
-    def _own_data(self) -> dict[str, Any]:
-        return {"kp": self.kp, "kd": self.kd, **({} if self.leg is None else {"leg": self.leg})}
-
 
 def read_trial(data: Mapping[str, Any]) -> RecordedTrial | None:
-    """A trial from the data of its event; None if it is of a kind that is not ours.
+    """Return the trial that the data of its event describe; None if it is of a kind that is not ours.
 
     Raises:
-        RecordingError: what belongs to the kind is missing, or no such value.
+        RecordingError: a value that belongs to the kind is missing, or not allowed.
     """
+    kind = next((kind for kind in _KINDS if kind.kind == data.get("kind")), None)
+    if kind is None:
+        return None
+    if kind is LiftTrial and "offset" in data:
+        kind = DesignedLift if "posture" in data else CommandedLift
+    names = [field.name for field in fields(kind) if data.get(field.name) is not None]
     try:
-        found_at = None if data.get("found_at") is None else float(data["found_at"])
-        match data.get("kind"):
-            case LiftTrial.kind:
-                return _read_lift(data, found_at)
-            case PostureTrial.kind:
-                names = [name for name in BodyPosture.__dataclass_fields__ if name in data]
-                posture = BodyPosture(**{name: float(data[name]) for name in names}) if names else None
-                return PostureTrial(posture=posture, found_at=found_at)
-            case SwayTrial.kind:
-                return _read_sway(data, found_at)
-            case StandTrial.kind:
-                return StandTrial(found_at=found_at)
-            case WalkTrial.kind:
-                steps = tuple(TwoFeet(str(pair), float(start), float(end)) for pair, start, end in data["steps"])
-                return WalkTrial(steps=steps, heading=float(data["heading"]), found_at=found_at)
-            case CrawlTrial.kind:
-                on_three = tuple(ThreeFeet(str(leg), float(start), float(end)) for leg, start, end in data["steps"])
-                return CrawlTrial(steps=on_three, found_at=found_at)
-            case TurnTrial.kind:
-                return TurnTrial(found_at=found_at)
-            case MotorTrial.kind:
-                gains = {name: None if data[name] is None else float(data[name]) for name in ("kp", "kd")}
-                return MotorTrial(found_at=found_at, leg=data.get("leg"), **gains)
-            case _:
-                return None
+        return kind(**{name: _READ.get(name, float)(data[name]) for name in names})
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(
             f"the recording's trial {dict(data)} is damaged: {type(error).__name__}: {error}; leave the recording out"
         ) from error
 
 
-def _read_lift(data: Mapping[str, Any], found_at: float | None) -> LiftTrial:
-    diagonal = str(data["diagonal"])
-    if "offset" not in data:
-        return LiftTrial(diagonal=diagonal, found_at=found_at)
-    commanded: dict[str, Any] = {name: float(data[name]) for name in ("offset", "lift_height", "tilt_threshold")}
-    if "posture" not in data:
-        return CommandedLift(diagonal=diagonal, found_at=found_at, **commanded)
-    posture = BodyPosture(**{name: float(value) for name, value in data["posture"].items()})
-    turn, swing = data["turn"], data.get("swing")
-    for what, called, known in (("turn", turn, AXES), ("swing", swing, SWINGS)):
-        if called not in (None, *known):
-            raise ValueError(f"no {what} is called {called!r}")
-    return DesignedLift(
-        diagonal=diagonal, found_at=found_at, posture=posture, side=int(data["side"]), turn=turn, swing=swing,
-        **commanded,
-    )  # fmt: skip
+_KINDS = (LiftTrial, PostureTrial, SwayTrial, StandTrial, WalkTrial, CrawlTrial, TurnTrial, MotorTrial)
 
 
-def _read_sway(data: Mapping[str, Any], found_at: float | None) -> SwayTrial:
-    if "frequencies" in data:
-        swayed, amplitude = dict(data["frequencies"]), None
-    else:
-        swayed, amplitude = {data["axis"]: data["frequency"]}, float(data["amplitude"])
-    frequencies: dict[Axis, float] = {axis: float(swayed[axis]) for axis in AXES if axis in swayed}
-    if len(frequencies) < len(swayed):
-        raise ValueError(f"no axes are called {', '.join(swayed)}")
-    return SwayTrial(frequencies=frequencies, amplitude=amplitude, found_at=found_at)
+def _step(data: Mapping[str, Any]) -> TwoFeet | ThreeFeet:
+    times = float(data["start"]), float(data["end"])
+    return TwoFeet(str(data["pair"]), *times) if "pair" in data else ThreeFeet(str(data["lifted"]), *times)
+
+
+_READ: Mapping[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("diagonal", "turn", "swing", "leg"), str),
+    "side": int,
+    "posture": lambda data: BodyPosture(**{name: float(value) for name, value in data.items()}),
+    "frequencies": lambda data: {str(axis): float(frequency) for axis, frequency in data.items()},
+    "steps": lambda data: tuple(_step(step) for step in data),
+}
+"""Functions that read the fields of trials from JSON values; all others are numbers."""

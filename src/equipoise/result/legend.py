@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from equipoise.experiments.response_test import ResponseTest
 from equipoise.result.calibration import Calibration
 from equipoise.result.quantity import Quantity
 from equipoise.robot.stance import stance_at
@@ -24,6 +25,8 @@ def frame_sentence(result: Calibration) -> str:
         f"same axes{_standing(result)}."
     )
     imu = f" {result.model['imu']}." if "imu" in result.model else ""
+    if "response_test" in result.provenance:
+        imu += f" {ResponseTest.from_dict(result.provenance['response_test']).sentence}."
     return words + imu + " Of 20 intervals one is expected to miss the truth." * result.has_intervals
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from equipoise.conventions import FloatArray
 from equipoise.errors import SettingsError, did_you_mean
 from equipoise.robot.description import RobotDescription
 
@@ -122,6 +123,23 @@ def find_imu(model: pin.Model, description: RobotDescription, sensors: Sequence[
     by_name = [name for name in frames if name not in sensors and _looks_like_imu(name)]
     proposed = () if named else (*by_sensor, *by_name)
     return ImuPose(placement, base_link, frame, described, others, proposed, tuple(frames))
+
+
+def rpy_flag(rotation: FloatArray) -> str:
+    """Return the flag that gives the IMU a (3, 3) rotation from IMU to base axes."""
+    return "--imu-rpy " + " ".join(f"{angle + 0.0:.3f}" for angle in pin.rpy.matrixToRpy(rotation))
+
+
+def upright_flag(rotation: FloatArray, acceleration_in_imu: FloatArray, up_in_base: Sequence[float]) -> str:
+    """Return the flag that turns the IMU by the smallest rotation that brings gravity upright.
+
+    Args:
+        rotation: (3, 3) rotation from IMU to base axes according to the model.
+        acceleration_in_imu: (3,) specific force at rest, upward [m/s2].
+        up_in_base: (3,) unit vector upward in base axes.
+    """
+    turn = pin.Quaternion.FromTwoVectors(rotation @ acceleration_in_imu, np.array(up_in_base)).matrix()
+    return f"{rpy_flag(turn @ rotation)} (imu_rpy in a robot description) brings gravity upright; it leaves yaw open"
 
 
 def _frames_on_base(model: pin.Model) -> dict[str, pin.SE3]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import ReachError
 from equipoise.robot.model import RobotModel
@@ -169,7 +168,6 @@ def inverse_kinematics_best_effort(robot: RobotModel, feet_in_base: FloatArray, 
 def _nearest_posture(
     robot: RobotModel, kinematics: Kinematics, feet_in_base: FloatArray, start: FloatArray
 ) -> FloatArray:
-    alive()
     position = _within(start, robot.lower_limit, robot.upper_limit)
     joints = robot.leg_joints
     damping = (1e-4 * robot.leg_length) ** 2 * np.eye(joints.shape[1])

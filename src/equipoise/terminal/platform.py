@@ -15,6 +15,7 @@ from equipoise.calibration.rehearsal import Rehearsal
 from equipoise.conventions import FloatArray
 from equipoise.drivers.catalog import DRIVERS
 from equipoise.drivers.checkup import CheckupFinding
+from equipoise.drivers.hanging import HangingPhase
 from equipoise.recording.recording import Recording
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import nominal_stance
@@ -49,6 +50,28 @@ def print_checkup(
         console.print(line)
     wrong = any(finding.fine is False for finding in findings)
     console.print("nothing was moved" if wrong else "nothing was moved; nothing speaks against a calibration")
+
+
+def print_hanging(robot: RobotModel, platform: str, phases: Sequence[HangingPhase]) -> None:
+    """Print a row for each phase of the measurement on a hanging robot."""
+    table = Table(title=f"{escape(robot.name)} on {platform}, hanging", title_justify="left", box=box.SIMPLE_HEAD)
+    columns = ("phase", "commanded [Nm s/rad]", "measured", "torque [Nm]", "speed [rad/s]", "modes", "samples", "rejected",
+               "gap [ms]", "lost", "deg C")  # fmt: skip
+    for column in columns:
+        table.add_column(escape(column), justify="left" if column == "phase" else "right")
+    for phase in phases:
+        numbers = (phase.commanded_damping, phase.damping, phase.largest_torque, phase.largest_speed)
+        table.add_row(
+            phase.name,
+            *("" if number is None else f"{number:.2f}" for number in numbers),
+            ", ".join(map(str, phase.motor_modes)),
+            str(phase.samples),
+            str(phase.rejected),
+            f"{phase.longest_gap * 1000:.0f}",
+            "" if phase.lost is None else str(phase.lost),
+            "" if phase.temperature is None else f"{phase.temperature:.0f}",
+        )
+    Console(emoji=False, width=max(120, Console().width)).print(table)
 
 
 def print_rehearsal(rehearsal: Rehearsal, platform: str) -> None:
@@ -123,7 +146,10 @@ def gain_lines(robot: RobotModel, platform: str) -> list[str]:
     if driver is None:
         return []
     kp, kd = robot.gains(nominal_stance(robot).hip_height)
-    lines = [f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad; the latter alone to let it down."]
+    source = ", those of the maker's example" if driver.makers_gains == (kp, kd) else ""
+    lines = [
+        f"Gains of the joints: {kp:.0f} Nm/rad and {kd:.1f} Nm s/rad{source}; the damping alone lets the robot down."
+    ]
     if driver.makers_gains is not None and driver.makers_gains != (kp, kd):
         theirs = "{:g} and {:g}; --kp {:g} --kd {:g}".format(*driver.makers_gains, *driver.makers_gains)
         lines.append(f"The maker's example stands with {theirs} takes these.")

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from equipoise.calibration.run_folder import LOG, RunFolder
+from equipoise.calibration.run_folder import RunFolder
 from equipoise.errors import EquipoiseError
 from equipoise.logs.log import Log
 from equipoise.logs.motions.segments import find_segments, usable
@@ -51,7 +51,7 @@ def open_run(path: Path) -> Showing:
     """
     folder = RunFolder.open(path)
     robot = folder.robot()
-    return Showing(f"equipoise: {robot.name}, {folder.path.name}", robot, folder.method(), FollowedLog(path / LOG))
+    return Showing(f"equipoise: {robot.name}, {folder.path.name}", robot, folder.method(), FollowedLog(path))
 
 
 def open_log(path: Path, robot: RobotModel, log: Log) -> Showing:

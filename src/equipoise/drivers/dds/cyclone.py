@@ -28,6 +28,7 @@ def _why_not(error: Exception) -> str:
 
 
 try:
+    from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
     from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState, WaitSet
     from cyclonedds.domain import Domain, DomainParticipant
     from cyclonedds.idl import IdlStruct, types
@@ -47,7 +48,8 @@ except Exception as error:  # a package that is half there fails as it likes: Im
     raise MissingDependencyError(_why_not(error)) from error
 
 __all__ = [
-    "INSTALL", "VERSION", "DDSException", "DataReader", "DataWriter", "Domain", "DomainParticipant", "IdlStruct",
+    "INSTALL", "VERSION", "BuiltinDataReader", "BuiltinTopicDcpsPublication",
+    "DDSException", "DataReader", "DataWriter", "Domain", "DomainParticipant", "IdlStruct",
     "InstanceState", "Listener", "Policy", "Qos", "ReadCondition", "SampleState", "Topic", "ViewState", "WaitSet", "array",
     "byte", "duration", "float32", "float64", "int16", "int32", "int64", "sequence", "uint16", "uint32",
 ]  # fmt: skip

@@ -11,6 +11,8 @@ from xml.sax.saxutils import escape, quoteattr
 
 from equipoise.drivers.dds.cyclone import (
     VERSION,
+    BuiltinDataReader,
+    BuiltinTopicDcpsPublication,
     DataReader,
     DataWriter,
     DDSException,
@@ -39,8 +41,13 @@ _MEETING = 0.3  # [s] in which others on the domain have answered; on loopback t
 # A best-effort reader matches whatever a robot offers; a reliable writer of the plain encoding whatever it asks for.
 _PLAIN = Policy.DataRepresentation(use_cdrv0_representation=True)
 _READING: Any = Policy.Reliability.BestEffort  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+_OTHERS: Any = Policy.IgnoreLocal.Participant  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
 _WRITING = Policy.Reliability.Reliable(max_blocking_time=duration(milliseconds=1))
-_KEPT = 256  # samples kept while nobody takes them
+_KEPT = (
+    64  # samples kept until they are taken, the newest: more of them are a flood, which must not delay a control loop
+)
+_FLOOD, _REST = 8, 1e-3  # samples at once after which a listening thread rests, and how long [s]
+_MOST_WRITERS = 1000  # on a domain, of which one is looked for
 _PATIENCE = 0.1  # [s] after which a waiting thread looks whether it should end
 
 
@@ -75,11 +82,18 @@ def raw(idl_type: type[IdlStruct]) -> type[RawSample]:
 
 
 class Inbox:
-    """What arrives on a topic, with the times of arrival, noted by a thread of its own. Made by `DdsDomain.inbox`."""
+    """Samples that arrive on a topic, with the times of arrival, noted by a thread. Made by `DdsDomain.inbox`.
 
-    def __init__(self, participant: Any, topic: str, sample_type: Any) -> None:
+    Attributes:
+        writers: number of writers on the topic that it can read.
+    """
+
+    def __init__(self, participant: Any, topic: str, sample_type: Any, notes: DiscoveryNotes, own: bool) -> None:
         qos = Qos(_READING, _PLAIN, Policy.History.KeepLast(_KEPT))
-        self._writers = 0
+        if not own:
+            qos = qos + Qos(_OTHERS)
+        self.writers = 0
+        self._participant, self._topic, self._notes = participant, topic, notes
         listener: Any = Listener(on_subscription_matched=self._match)
         self._reader: Any = DataReader(participant, Topic(participant, topic, sample_type), qos, listener)
         self._waiting: Any = WaitSet(participant)
@@ -90,11 +104,6 @@ class Inbox:
         self._thread = threading.Thread(target=self._listen, name=f"inbox {topic}", daemon=True)
         self._thread.start()
 
-    @property
-    def offered(self) -> bool:
-        """Whether somebody publishes what it can read."""
-        return self._reader is not None and self._writers > 0
-
     def take(self) -> list[tuple[float, Any]]:
         """(time of arrival by the monotonic clock [s], sample) since the last call, in order; never waits."""
         if not self._arrived and self._reader is not None:
@@ -104,44 +113,59 @@ class Inbox:
             arrived.append(self._arrived.popleft())
         return arrived
 
+    def names_of_writers(self) -> dict[int, str]:
+        """Return the names of the processes that write on the topic, by the handles that samples have of them."""
+        reader: Any = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        return {
+            writer.sample_info.instance_handle: self._notes.name_of(writer.participant_key)
+            for writer in reader.read(_MOST_WRITERS)
+            if writer.topic_name == self._topic
+        }
+
+    def name_of_writer(self, sample: Any) -> str:
+        """Return the name of the process that wrote a sample, as far as DDS knows it."""
+        return self.names_of_writers().get(sample.sample_info.publication_handle, "a process that has left")
+
     def close(self) -> None:
         """Stop listening; may be called twice."""
         self._closed.set()
         self._thread.join(timeout=10 * _PATIENCE)
         self._reader = self._waiting = None
+        self.writers = 0
 
     def _listen(self) -> None:
         reader, waiting = self._reader, self._waiting
         patience = duration(seconds=_PATIENCE)
         while not self._closed.is_set():
-            if waiting.wait(patience):
-                self._collect(reader)
+            if waiting.wait(patience) and self._collect(reader) > _FLOOD:
+                time.sleep(_REST)
 
     def _match(self, _: Any, status: Any) -> None:
-        self._writers = int(status.current_count)
+        self.writers = int(status.current_count)
 
-    def _collect(self, reader: Any) -> None:
+    def _collect(self, reader: Any) -> int:
         received = time.monotonic()
         with self._collecting:
-            for sample in reader.take(_KEPT):
+            samples = reader.take(_KEPT)
+            for sample in samples:
                 if sample.sample_info.valid_data:
                     self._arrived.append((received, sample))
+        return len(samples)
 
 
 class Outbox:
-    """What is sent on a topic: the newest sample counts, an old one is not kept. Made by `DdsDomain.outbox`."""
+    """Samples that are sent on a topic: the newest counts, an old one is not kept. Made by `DdsDomain.outbox`.
+
+    Attributes:
+        readers: number of readers on the topic.
+    """
 
     def __init__(self, participant: Any, topic: str, sample_type: Any) -> None:
         self._topic = topic
-        self._listeners = 0
+        self.readers = 0
         qos = Qos(_WRITING, _PLAIN, Policy.History.KeepLast(1))
         listener: Any = Listener(on_publication_matched=self._match)
         self._writer: Any = DataWriter(participant, Topic(participant, topic, sample_type), qos, listener)
-
-    @property
-    def heard(self) -> bool:
-        """Whether somebody has subscribed."""
-        return self._listeners > 0
 
     def send(self, sample: Any) -> None:
         """Write a sample of the topic's type.
@@ -161,7 +185,7 @@ class Outbox:
         self._writer = None
 
     def _match(self, _: Any, status: Any) -> None:
-        self._listeners = int(status.current_count)
+        self.readers = int(status.current_count)
 
 
 class DdsDomain:
@@ -178,6 +202,9 @@ class DdsDomain:
         SettingsError: there is no such interface, a peer has no address, or the version may crash others and was not asked for
             by name.
         CommunicationError: the domain cannot be opened.
+
+    Attributes:
+        where: the domain in words, as in "domain 0 on eth0".
     """
 
     def __init__(self, domain: int, interface: str, peers: tuple[str, ...] = (), accept_cyclonedds: str = "") -> None:
@@ -185,7 +212,7 @@ class DdsDomain:
         _check_peers(peers)
         if interface != LOOPBACK:
             check_version(VERSION, accept_cyclonedds)
-        self._where, self._accepted = f"domain {domain} on {interface}", accept_cyclonedds
+        self.where, self._accepted = f"domain {domain} on {interface}", accept_cyclonedds
         self._boxes: list[Inbox | Outbox] = []
         self._domain: Any = None
         self._participant: Any = None
@@ -200,7 +227,7 @@ class DdsDomain:
 
     def check_company(self) -> None:
         """Raises SettingsError if a version that is unsafe beside this one has been seen on the domain."""
-        check_company(VERSION, self._accepted, self._notes.processes(), self._where)
+        check_company(VERSION, self._accepted, self._notes.processes(), self.where)
 
     def _join(self, domain: int, settings: str) -> None:
         try:
@@ -208,13 +235,19 @@ class DdsDomain:
             self._participant = DomainParticipant(domain)
         except DDSException as error:
             raise CommunicationError(
-                f"DDS {self._where} cannot be opened ({error}): is the interface up, or the domain open in "
+                f"DDS {self.where} cannot be opened ({error}): is the interface up, or the domain open in "
                 "this process already?"
             ) from error
 
-    def inbox(self, topic: str, sample_type: Any) -> Inbox:
-        """Listen to a topic whose samples are of an IDL type or what `raw` makes of it."""
-        inbox = Inbox(self._participant, topic, sample_type)
+    def inbox(self, topic: str, sample_type: Any, own: bool = True) -> Inbox:
+        """Listen to a topic whose samples are of an IDL type or what `raw` makes of it.
+
+        Args:
+            topic: name of the topic.
+            sample_type: type of its samples.
+            own: whether samples of this domain's own outboxes arrive too.
+        """
+        inbox = Inbox(self._participant, topic, sample_type, self._notes, own)
         self._boxes.append(inbox)
         return inbox
 

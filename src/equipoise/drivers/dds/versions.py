@@ -10,13 +10,14 @@ import os
 import re
 import sys
 from dataclasses import dataclass
+from uuid import UUID
 
 from equipoise.errors import CommunicationError, SettingsError
 
 _PROVEN = "0.10"  # what Unitree pins and most ROS 2 nodes run
-# 110 is the maker of Cyclone; others say no version.
+# 110 is the maker of Cyclone; others announce no version.
 _ANNOUNCED = re.compile(
-    r"SPDP ST0 110[0-9a-f]{4}:.* NEW \(\S+ (?P<host>[^/ ]*)/(?P<version>[^/ ]+)/[^)]*\)"
+    r"SPDP ST0 (?P<key>110[0-9a-f]{4}:\S+) .*NEW \(\S+ (?P<host>[^/ ]*)/(?P<version>[^/ ]+)/[^)]*\)"
     r'(?:.*"__ProcessName":"(?P<name>[^"]*)".*"__Pid":"(?P<pid>\d+)")?'
 )
 
@@ -28,10 +29,12 @@ class DdsProcess:
     Attributes:
         name: name of the process, with its number and its computer, as far as it says them.
         version: version of its Cyclone DDS.
+        key: identifier of its participant, as four hexadecimal words with colons.
     """
 
     name: str
     version: str
+    key: str = ""
 
 
 class DiscoveryNotes:
@@ -61,7 +64,16 @@ class DiscoveryNotes:
                 "another version than 0.10 or 11?"
             )
         found = _ANNOUNCED.finditer(notes)
-        return [DdsProcess(_named(match["name"], match["pid"], match["host"]), match["version"]) for match in found]
+        return [
+            DdsProcess(_named(match["name"], match["pid"], match["host"]), match["version"], match["key"])
+            for match in found
+        ]
+
+    def name_of(self, participant: UUID) -> str:
+        """Return the name of the process with a participant, or the participant's identifier if only that is known."""
+        key = ":".join(f"{int(participant.hex[at : at + 8], 16):x}" for at in range(0, 32, 8))
+        names = [process.name for process in self.processes() if process.key == key]
+        return names[-1] if names else f"a process with the DDS identifier {key}"
 
     def close(self) -> None:
         """May be called twice."""

@@ -6,6 +6,7 @@ What the controllers on the other side must be is in docs/ros2.md.
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from equipoise.drivers.checkup import CheckupFinding
 from equipoise.drivers.dds.domain import DdsDomain, Inbox, raw
@@ -24,7 +25,7 @@ _LOOK = 5e-3  # [s] between looks for controllers
 _RELEASES = 10  # the last command, so often: some may get lost
 
 
-class Ros2Link:
+class Ros2Connection:
     """To a robot whose joints and IMU are on ROS 2 topics.
 
     A state is handed out whenever either topic brings something, with the newest of the other: joints and IMU keep their own
@@ -39,6 +40,7 @@ class Ros2Link:
         self._joints = JointTopic(settings.joint_state_topic, self._clock, robot.joint_names)
         self._imu = ImuTopic(settings.imu_topic, self._clock)
         self._commanded = False
+        self._writers: dict[str, int] = {}
         self._domain = DdsDomain(settings.domain, settings.interface, settings.peers, settings.accept_cyclonedds)
         self._joint_inbox = self._domain.inbox(dds_topic(settings.joint_state_topic), raw(JointState))
         self._imu_inbox = self._domain.inbox(dds_topic(settings.imu_topic), raw(Imu))
@@ -64,23 +66,26 @@ class Ros2Link:
         return 1 / self._settings.rate
 
     @property
-    def damaged(self) -> int:
-        """Messages that could not be read."""
+    def rejected(self) -> int:
+        """Number of messages that arrived and could not be read."""
         return self._joints.damaged + self._imu.damaged
 
     def receive(self) -> list[RobotState]:
         """As a link's.
 
         Raises:
-            CommunicationError: one of the topics has brought nothing since the link was opened.
+            CommunicationError: one of the topics has brought nothing since the link was opened, or two robots write on one.
             SettingsError: the robot has other joints than the model.
             SensorError: the messages carry no times, or times of different clocks, or no angular velocity or acceleration.
         """
-        arrived = [(received, self._joints.hear, sample) for received, sample in self._joint_inbox.take()]
-        arrived += [(received, self._imu.hear, sample) for received, sample in self._imu_inbox.take()]
+        topics = ((self._joints, self._joint_inbox), (self._imu, self._imu_inbox))
+        arrived = [(received, topic, inbox, sample) for topic, inbox in topics for received, sample in inbox.take()]
         states: list[RobotState] = []
-        for received, hear, sample in sorted(arrived, key=lambda item: item[0]):
-            if hear(received, sample.data) and self._joints.newest is not None and self._imu.newest is not None:
+        for received, topic, inbox, sample in sorted(arrived, key=lambda item: item[0]):
+            if not topic.hear(received, sample.data):
+                continue
+            self._check_one_writer(topic.topic, inbox, sample)
+            if self._joints.newest is not None and self._imu.newest is not None:
                 states.append(together(self._joints.newest, self._imu.newest, self._clock.health))
         if self._joints.newest is None or self._imu.newest is None:
             self._look_for_both()
@@ -124,12 +129,23 @@ class Ros2Link:
     def close(self) -> None:
         self._domain.close()
 
+    def _check_one_writer(self, topic: str, inbox: Inbox, sample: Any) -> None:
+        """Two writers of these joints, or of the IMU, are two robots; who writes other joints is not asked."""
+        writer, known = sample.sample_info.publication_handle, self._writers.get(topic)
+        self._writers[topic] = writer
+        if known not in (None, writer) and known in (names := inbox.names_of_writers()):
+            raise CommunicationError(
+                f"two robots write on {topic} in {self.name}, and both would obey the same commands: "
+                f"{names[known]} and {names.get(writer, 'another process')}. End the other one, or give this robot a "
+                "ROS_DOMAIN_ID of its own"
+            )
+
     def _tell(self, command: JointCommand) -> None:
         for topic, message in self._controllers.told(command).items():
             self._outboxes[topic].send(message)
 
     def _unheard(self) -> list[str]:
-        return [topic for topic, outbox in self._outboxes.items() if not outbox.heard]
+        return [topic for topic, outbox in self._outboxes.items() if not outbox.readers]
 
     def _wait_for_controllers(self) -> None:
         """All of them: half of an impedance is none, or one without damping."""
@@ -155,7 +171,7 @@ class Ros2Link:
         )
 
 
-def open_link(robot: RobotModel, settings: Ros2Settings) -> Ros2Link:
+def open_connection(robot: RobotModel, settings: Ros2Settings) -> Ros2Connection:
     """To the robot that the settings name.
 
     Raises:
@@ -163,8 +179,8 @@ def open_link(robot: RobotModel, settings: Ros2Settings) -> Ros2Link:
             proven beyond loopback.
         CommunicationError: the domain cannot be opened.
     """
-    return Ros2Link(robot, settings)
+    return Ros2Connection(robot, settings)
 
 
 def _silent(kind: str, topic: str, inbox: Inbox) -> str:
-    return f"nothing on {topic}" if inbox.offered else f"nobody publishes {kind} on {topic}"
+    return f"nothing on {topic}" if inbox.writers else f"nobody publishes {kind} on {topic}"

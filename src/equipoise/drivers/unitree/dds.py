@@ -17,9 +17,10 @@ from equipoise.drivers.robot_clock import RobotClock
 from equipoise.drivers.unitree.dds_settings import UnitreeDdsSettings
 from equipoise.drivers.unitree.messages import LowCmd, LowState
 from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
+from equipoise.drivers.unitree.remote_control import KEYS_AT, request_of
 from equipoise.drivers.unitree.samples import COMMAND, STATE, STOP_POSITION, STOP_VELOCITY, Message, read_message
 from equipoise.drivers.unitree.sport import MotionSwitcher, outlook
-from equipoise.errors import CommunicationError, MotionError, SettingsError
+from equipoise.errors import CommunicationError, MotionError, OtherCommanderError, SettingsError
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, Health, JointCommand, RobotState
 from equipoise.robot.kinematics import Kinematics
 from equipoise.robot.model import RobotModel
@@ -37,7 +38,7 @@ _RELEASES = 10  # the last command, so often: some may get lost
 _FOLDED = 0.5  # of a leg's length, between hip and foot, when a robot lies
 
 
-class UnitreeDdsLink:
+class UnitreeDdsConnection:
     """To a Go2 or a B2: the link of a `HardwarePlatform`.
 
     Args:
@@ -46,7 +47,8 @@ class UnitreeDdsLink:
         beside: whether another process has taken the robot over, and this one only speaks where somebody hears it.
 
     Attributes:
-        damaged: number of samples that arrived and were left out.
+        rejected: number of samples that arrived and were left out: a wrong checksum or length.
+        unchecked: whether samples are accepted whatever their checksum.
 
     Raises:
         SettingsError: the robot has other legs, or a setting cannot be used here.
@@ -59,6 +61,7 @@ class UnitreeDdsLink:
         self._motor_of_joint = np.argsort(self._joint_of_motor)
         self._own_gains = robot.gains(nominal_stance(robot).hip_height)
         self._message = Message(COMMAND)
+        self._message.record["motor_cmd"]["mode"] = settings.motor_mode
         self._motors: dict[str, NDArray[np.float32]] = {
             name: self._message.record["motor_cmd"][name] for name in ("q", "dq", "tau", "kp", "kd")
         }
@@ -66,14 +69,16 @@ class UnitreeDdsLink:
         self._clock: RobotClock | None = None
         self._stood_still = False
         self._newest: RobotState | None = None
+        self._newest_record: NDArray[Any] | None = None
         self._health, self._examined, self._lost_before = Health(), -np.inf, np.zeros(MOTORS)
         self._obeys = beside
-        self.damaged = 0
+        self.rejected, self.unchecked = 0, not settings.check_crc
         self._opened = time.monotonic()
         self._domain = DdsDomain(settings.domain, settings.interface, settings.peers, settings.accept_cyclonedds)
         self._sample = raw(LowCmd)
         self._states = self._domain.inbox(STATE_TOPIC, raw(LowState))
         self._commands = self._domain.outbox(COMMAND_TOPIC, self._sample)
+        self._others = None if beside else self._domain.inbox(COMMAND_TOPIC, self._sample, own=False)
         self._switcher = MotionSwitcher(self._domain, self.name)
 
     @property
@@ -93,7 +98,15 @@ class UnitreeDdsLink:
         return CONTROL_PERIOD
 
     def receive(self) -> list[RobotState]:
-        """As a link's; raises CommunicationError also if the robot falls silent, or only damaged samples arrive."""
+        """As a link's.
+
+        Raises:
+            CommunicationError: the robot falls silent, only damaged samples arrive, or several robots send samples.
+            OtherCommanderError: another program commands the motors that we command.
+        """
+        self._check_one_robot()
+        if self._obeys:
+            self._check_one_commander()
         samples = self._arrived()
         if not samples and self._silent_since() > self._settings.silence:
             time.sleep(_TURN)  # this computer was busy, perhaps, not the robot silent
@@ -105,14 +118,16 @@ class UnitreeDdsLink:
         """As a link's. Before the first command the robot's own controller lets go of the motors, which takes seconds.
 
         Raises:
-            MotionError: it holds them, and the robot does not lie; or another program commands them.
+            MotionError: it holds them, and the robot does not lie.
+            OtherCommanderError: another program commands them.
+            CommunicationError: several robots are on the domain, or none.
             SettingsError: a version of DDS that is unsafe beside this one has come to the domain.
         """
         if len(command.position) != MOTORS:
             raise SettingsError(f"commands for {len(command.position)} joints; {self.name} has {MOTORS}")
         if not self._obeys:
             self._take_over()
-        if self._beside and not self._commands.heard:
+        if self._beside and not self._commands.readers:
             raise CommunicationError(f"nobody hears {self.name}: is the robot on, is the cable in?")
         order, (kp, kd) = self._joint_of_motor, self._own_gains
         values = zip(
@@ -128,6 +143,13 @@ class UnitreeDdsLink:
     def foretell(self) -> list[CheckupFinding]:
         """What the first command will meet: which controller holds the motors. The question lets go of none."""
         return [outlook(self._switcher, self._settings.release_sport_mode, self._may_let_go())]
+
+    def motor_report(self) -> dict[str, list[int]]:
+        """Return the newest "mode" of each motor, and its count of "lost" messages, in the model's joint order."""
+        record = self._newest_record
+        if record is None:
+            return {}
+        return {name: record["motor_state"][name][self._motor_of_joint].tolist() for name in ("mode", "lost")}
 
     def release(self) -> None:
         """No torque. A robot that was never commanded is left to its own controller."""
@@ -153,6 +175,11 @@ class UnitreeDdsLink:
 
     def _take_over(self) -> None:
         self._domain.check_company()  # others may have come since
+        self._check_one_robot()
+        if not self._states.writers:
+            raise CommunicationError(
+                f"no robot sends {STATE_TOPIC} in {self._domain.where}: is it on, is the cable in?"
+            )
         if self._settings.release_sport_mode and (mode := self._switcher.mode()):
             if not self._may_let_go():
                 raise MotionError(
@@ -160,22 +187,29 @@ class UnitreeDdsLink:
                     "they are let go. Have it lie down with its remote control; if it hangs in a frame, set hanging=true"
                 )
             self._switcher.release()
-        self._check_alone()
+        if self._others is not None:
+            self._others.take()  # the robot's own controller may have commanded until now
+            time.sleep(_LISTENING)
+        self._check_one_commander()
         self._obeys = True
 
-    def _check_alone(self) -> None:
-        """Listen whether somebody else commands. Writers that say nothing are allowed: our own watchdog has one."""
-        commands = self._domain.inbox(COMMAND_TOPIC, self._sample)
-        try:
-            time.sleep(_LISTENING)
-            others = len(commands.take())
-        finally:
-            commands.close()
-        if others:
-            raise MotionError(
-                f"another program commands the motors of {self.name}: {others} commands on {COMMAND_TOPIC} within "
-                f"{_LISTENING:g} s, and none was sent from here. Both would pull at the robot: end that program, on this "
-                "computer or on the robot (its own sport mode, where that was not asked to let go: docs/unitree-go2.md)"
+    def _check_one_robot(self) -> None:
+        """Several robots on the domain would obey the same commands, and their samples would be mixed."""
+        if self._states.writers > 1:
+            raise CommunicationError(
+                f"{self._states.writers} robots send {STATE_TOPIC} in {self._domain.where}: "
+                f"{', '.join(self._states.names_of_writers().values())}. All would obey the same commands: disconnect the "
+                "others (one that was switched off counts for 10 s more), or put this robot on a domain of its own: set domain"
+            )
+
+    def _check_one_commander(self) -> None:
+        """Writers that send nothing are allowed: the connection that damps when this process is dead is one."""
+        others = [] if self._others is None else self._others.take()
+        if others and self._others is not None:
+            raise OtherCommanderError(
+                f"another program commands the motors of {self.name}: {self._others.name_of_writer(others[0][1])} sent "
+                f"{len(others)} commands on {COMMAND_TOPIC}. Both would move the robot: end that program, on this computer or "
+                "on the robot (its own sport mode, where that was not asked to let go: docs/unitree-go2.md)"
             )
 
     def _may_let_go(self) -> bool:
@@ -205,8 +239,10 @@ class UnitreeDdsLink:
         for received, sample in self._states.take():
             record = read_message(STATE, sample.data, self._settings.check_crc)
             if record is None:
-                self.damaged += 1
-            elif (clock := self._clock_of(int(record["tick"]))) is not None:
+                self.rejected += 1
+                continue
+            self._newest_record = record
+            if (clock := self._clock_of(int(record["tick"]))) is not None:
                 samples.append(self._state(record, clock.time(int(record["tick"]), received), received))
         return samples
 
@@ -228,6 +264,7 @@ class UnitreeDdsLink:
             imu["accelerometer"].astype(float),
             received=received,
             health=self._health,
+            request=request_of(int.from_bytes(record["wireless_remote"][KEYS_AT].tobytes(), "little")),
         )
 
     def _examine(self, record: NDArray[Any], received: float) -> Health:
@@ -252,9 +289,9 @@ class UnitreeDdsLink:
         if samples:
             self._newest = samples[-1]
         elif self._newest is None:
-            if self.damaged and time.monotonic() - self._opened > _PATIENCE:
+            if self.rejected and time.monotonic() - self._opened > _PATIENCE:
                 raise CommunicationError(
-                    f"{self.name} cannot be understood: all {self.damaged} samples had another length or a wrong checksum. "
+                    f"{self.name} cannot be understood: all {self.rejected} samples had another length or a wrong checksum. "
                     "Is it this kind of robot? check_crc=false takes samples with wrong checksums"
                 )
         elif (since := self._silent_since()) > self._settings.silence:
@@ -263,11 +300,11 @@ class UnitreeDdsLink:
             )
 
 
-def open_link(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsLink:
+def open_connection(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
     """A link to a Go2 or a B2, which one the settings say."""
-    return UnitreeDdsLink(robot, settings)
+    return UnitreeDdsConnection(robot, settings)
 
 
-def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsLink:
+def open_beside(robot: RobotModel, settings: UnitreeDdsSettings) -> UnitreeDdsConnection:
     """The same, for a watchdog: `drivers/catalog.py` says what that is."""
-    return UnitreeDdsLink(robot, settings, beside=True)
+    return UnitreeDdsConnection(robot, settings, beside=True)

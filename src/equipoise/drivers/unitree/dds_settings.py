@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from equipoise.drivers.settings import check_range
 from equipoise.errors import SettingsError
 
 
@@ -18,8 +19,10 @@ class UnitreeDdsSettings:
         peers: addresses at which to look for the robot, where multicast does not find it.
         release_sport_mode: whether to have the robot's own controller let go of the motors before the first command.
         hanging: whether the robot hangs in a frame; otherwise it must lie when its controller lets go.
-        check_crc: whether samples with a wrong checksum are left out.
+        check_crc: whether samples with a wrong checksum are left out; public simulators send none, and need false.
         silence: time without a sample after which the link counts as lost [s].
+        motor_mode: mode in which commands put the motors, 1 or 10. The maker's C++ examples send 1 to a Go2 and 10 to a B2, so
+            the difference is deliberate; its Python example sends 1 to a B2 too. Default: as the C++ examples.
         accept_cyclonedds: version of cyclonedds to use though robots, or others on the domain, run another.
     """
 
@@ -30,19 +33,24 @@ class UnitreeDdsSettings:
     hanging: bool = False
     check_crc: bool = True
     silence: float = 0.5
+    motor_mode: int = 1
     accept_cyclonedds: str = ""
 
     kind: ClassVar[str] = "unitree-go2"
 
     def __post_init__(self) -> None:
-        if not 0 <= self.domain <= 232:
-            raise SettingsError(f"domain is {self.domain}; it must be from 0 to 232")
-        if not 0.02 <= self.silence <= 10:
-            raise SettingsError(f"silence is {self.silence} s; it must be from 0.02 to 10")
+        check_range(self, "domain", 0, 232)
+        check_range(self, "silence", 0.02, 10)
+        if self.motor_mode not in (1, 10):
+            raise SettingsError(
+                f"motor_mode is {self.motor_mode}; it is 1 or 10 (0x0A), which the maker's examples send"
+            )
 
 
 @dataclass(frozen=True)
 class UnitreeB2Settings(UnitreeDdsSettings):
     """How a B2 is reached; it speaks as a Go2 does."""
+
+    motor_mode: int = 10
 
     kind: ClassVar[str] = "unitree-b2"

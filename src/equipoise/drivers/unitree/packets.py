@@ -1,4 +1,4 @@
-"""The low-level packets of the Unitree A1 and Go1, both ways: as the driver and as the robot.
+"""The low-level packets of the Unitree A1 and Go1, as the driver writes and reads them.
 
 What is held against packets of the makers' SDKs and what is not, `equipoise.drivers.unitree.formats` says.
 """
@@ -17,15 +17,16 @@ from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.crc import crc32_words
 from equipoise.drivers.unitree.formats import PacketFormat
 from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.remote_control import KEYS_AT
 from equipoise.errors import SettingsError
 
 POSITION_STOP, VELOCITY_STOP = 2.146e9, 16000.0  # instead of a target: do not control this
 _SERVO = 0x0A
 _SCRAMBLE = 0xEDCAB9DE
 _CHECKSUM_SIZE = 4
-_CELLS = 6  # of a Go1's battery
-_COMMANDED = ("position", "velocity", "torque", "kp", "kd")
-_SENSED = ("position", "velocity", "torque")
+CELLS = 6  # of a Go1's battery
+COMMANDED = ("position", "velocity", "torque", "kp", "kd")
+SENSED = ("position", "velocity", "torque")
 _GAINS = ("kp", "kd")  # never negative: what a robot makes of such a count is not known
 
 
@@ -76,6 +77,7 @@ class SensorReadings:
         tick: count of the robot's clock, modulo 2^32.
         battery_charge: charge of the battery, from 0 to 1; None on robots that do not say.
         battery_voltage: voltage of the battery [V]; None on robots that do not say.
+        keys: keys of the remote control that are held down, as `remote_control.keys_of`.
     """
 
     position: FloatArray
@@ -87,6 +89,7 @@ class SensorReadings:
     tick: int
     battery_charge: float | None = None
     battery_voltage: float | None = None
+    keys: int = 0
 
 
 class CommandPacket:
@@ -94,11 +97,11 @@ class CommandPacket:
 
     def __init__(self, packets: PacketFormat) -> None:
         self._format = packets
-        self._bytes, record = _blank(packets.command, packets.begins)
+        self._bytes, record = blank_packet(packets.command, packets.begins)
         record["bandwidth"] = packets.bandwidth
         motors = record["motors"]
         motors["mode"], motors["position"], motors["velocity"] = _SERVO, POSITION_STOP, VELOCITY_STOP
-        self._motors = _Columns(motors[:MOTORS], _COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
+        self._motors = Columns(motors[:MOTORS], COMMANDED, packets.counts, np.trunc)  # as the makers' SDKs
 
     def write(self, commands: MotorCommands) -> bytearray:
         """The packet; the next call writes over it. Beyond what a field can hold, it holds the most that it can.
@@ -108,43 +111,8 @@ class CommandPacket:
         """
         values = (commands.position, commands.velocity, commands.torque, commands.kp, commands.kd)
         self._motors.write(np.array(values))
-        _seal(self._format, self._bytes)
+        seal(self._format, self._bytes)
         return self._bytes
-
-
-class StatePacket:
-    """A state's bytes, as the robot writes them; how it rounds is not known."""
-
-    def __init__(self, packets: PacketFormat) -> None:
-        self._format = packets
-        self._bytes, self._record = _blank(packets.state, packets.begins)
-        self._motors = _Columns(self._record["motors"][:MOTORS], (*_SENSED, "temperature"), packets.counts, np.rint)
-        self._imu = _Columns(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
-
-    def write(self, state: SensorReadings) -> bytearray:
-        """The packet; the next call writes over it. Raises SettingsError if something is no number."""
-        self._motors.write(np.array((state.position, state.velocity, state.torque, state.temperature)))
-        self._imu.write(np.array((state.gyroscope, state.accelerometer)))
-        self._record["tick"] = state.tick % 2**32
-        if "battery" in self._record.dtype.names:
-            battery, cells = self._record["battery"], (state.battery_voltage or 0.0) / _CELLS
-            battery["charge"] = round(100 * (state.battery_charge or 0.0))
-            battery["cells"][:_CELLS] = min(round(cells * self._format.counts["cells"]), 255)
-        _seal(self._format, self._bytes)
-        return self._bytes
-
-
-def read_command(packets: PacketFormat, data: bytes) -> MotorCommands | Damage:
-    """What a command packet says, as the robot reads it."""
-    if len(data) != packets.command.itemsize:
-        return Damage.LENGTH
-    if not data.startswith(packets.begins):
-        return Damage.HEAD
-    record = np.frombuffer(data, packets.command)[0]
-    if record["checksum"] != _checksum(data, packets.scrambled):
-        return Damage.CHECKSUM
-    motors = record["motors"][:MOTORS]
-    return MotorCommands(*(_read(motors[name], packets.counts.get(name)) for name in _COMMANDED))
 
 
 def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> SensorReadings | Damage:
@@ -165,10 +133,11 @@ def read_state(packets: PacketFormat, data: bytes, check: bool = True) -> Sensor
         return Damage.CHECKSUM
     motors, imu = record["motors"][:MOTORS], record["imu"]
     return SensorReadings(
-        *(_read(motors[name], packets.counts.get(name)) for name in (*_SENSED, "temperature")),
-        gyroscope=_read(imu["gyroscope"]),
-        accelerometer=_read(imu["accelerometer"]),
+        *(read_field(motors[name], packets.counts.get(name)) for name in (*SENSED, "temperature")),
+        gyroscope=read_field(imu["gyroscope"]),
+        accelerometer=read_field(imu["accelerometer"]),
         tick=int(record["tick"]),
+        keys=int.from_bytes(record["remote"][KEYS_AT].tobytes(), "little"),
         **_battery(packets, record),
     )
 
@@ -177,11 +146,11 @@ def _battery(packets: PacketFormat, record: Any) -> dict[str, float]:
     if "battery" not in (packets.state.names or ()):
         return {}
     battery = record["battery"]
-    voltage = float(_read(battery["cells"], packets.counts["cells"]).sum())
+    voltage = float(read_field(battery["cells"], packets.counts["cells"]).sum())
     return {"battery_charge": float(battery["charge"]) / 100, "battery_voltage": voltage}
 
 
-class _Columns:
+class Columns:
     """Fields that are written together: one row of values each."""
 
     def __init__(self, record: Any, names: tuple[str, ...], counts: Mapping[str, float], whole: np.ufunc) -> None:
@@ -210,29 +179,31 @@ class _Columns:
             view[:] = row
 
 
-def _blank(layout: np.dtype[Any], begins: bytes) -> tuple[bytearray, Any]:
+def blank_packet(layout: np.dtype[Any], begins: bytes) -> tuple[bytearray, Any]:
     """A packet's bytes, and the same as a record."""
     data = bytearray(layout.itemsize)
     data[: len(begins)] = begins
     return data, np.frombuffer(data, layout)[0]
 
 
-def _read(view: NDArray[Any], counts: float | None = None) -> FloatArray:
+def read_field(view: NDArray[Any], counts: float | None = None) -> FloatArray:
+    """Return a field's values in SI units, of which each has so many counts."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
         values = view.astype(float)
     return values if counts is None else values / counts
 
 
-def _seal(packets: PacketFormat, data: bytearray) -> None:
-    data[-_CHECKSUM_SIZE:] = _checksum(data, packets.scrambled).to_bytes(_CHECKSUM_SIZE, "little")
+def seal(packets: PacketFormat, data: bytearray) -> None:
+    """Write a packet's checksum at its end."""
+    data[-_CHECKSUM_SIZE:] = checksum_of(data, packets.scrambled).to_bytes(_CHECKSUM_SIZE, "little")
 
 
 def _is_whole(packets: PacketFormat, state: bytes, checksum: int) -> bool:
     """Whether a state's checksum is right; where commands are scrambled, either kind is."""
-    return checksum == _checksum(state, False) or (packets.scrambled and checksum == _checksum(state, True))
+    return checksum == checksum_of(state, False) or (packets.scrambled and checksum == checksum_of(state, True))
 
 
-def _checksum(data: bytes | bytearray, scrambled: bool) -> int:
+def checksum_of(data: bytes | bytearray, scrambled: bool) -> int:
     """Of all whole words but the last: where a packet's length is no multiple of four, its last bytes are not covered."""
     plain = crc32_words(data[: (len(data) // _CHECKSUM_SIZE - 1) * _CHECKSUM_SIZE])
     if not scrambled:

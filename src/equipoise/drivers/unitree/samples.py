@@ -7,12 +7,13 @@ The two differ in one place, the pad before the first motor's mode. Records are 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from equipoise.drivers.unitree.crc import crc32_words
+from equipoise.drivers.unitree.messages import LowCmd, LowState
 
 STOP_POSITION, STOP_VELOCITY = 2.146e9, 16000.0  # what tells a motor not to hold a position or a velocity
 SERVO = 1  # mode of a motor that heeds its command
@@ -20,100 +21,22 @@ SERVO = 1  # mode of a motor that heeds its command
 _HEADER = b"\x00\x01\x00\x00"  # of the plain encoding, little endian
 _BEGINS = (0xFE, 0xEF)
 _LOW_LEVEL = 0xFF
-_PLACES = 20
 _PAD = bytes(128)
+_BYTES = {"byte": "u1"}  # where NumPy has another name
 
-_HEAD = [
-    ("head", "u1", 2),
-    ("level_flag", "u1"),
-    ("frame_reserve", "u1"),
-    ("sn", "<u4", 2),
-    ("version", "<u4", 2),
-    ("bandwidth", "<u2"),
-]
-_MOTOR_CMD = np.dtype(
-    [
-        ("mode", "u1"),
-        ("q", "<f4"),
-        ("dq", "<f4"),
-        ("tau", "<f4"),
-        ("kp", "<f4"),
-        ("kd", "<f4"),
-        ("reserve", "<u4", 3),
-    ],
-    align=True,
-)
-LOW_CMD = np.dtype(
-    [
-        *_HEAD,
-        ("motor_cmd", _MOTOR_CMD, _PLACES),
-        ("bms_cmd", "u1", 4),
-        ("wireless_remote", "u1", 40),
-        ("led", "u1", 12),
-        ("fan", "u1", 2),
-        ("gpio", "u1"),
-        ("reserve", "<u4"),
-        ("crc", "<u4"),
-    ],
-    align=True,
-)
-_IMU_STATE = np.dtype(
-    [
-        ("quaternion", "<f4", 4),
-        ("gyroscope", "<f4", 3),
-        ("accelerometer", "<f4", 3),
-        ("rpy", "<f4", 3),
-        ("temperature", "u1"),
-    ],
-    align=True,
-)
-_MOTOR_STATE = np.dtype(
-    [
-        ("mode", "u1"),
-        ("q", "<f4"),
-        ("dq", "<f4"),
-        ("ddq", "<f4"),
-        ("tau_est", "<f4"),
-        ("raw", "<f4", 3),
-        ("temperature", "u1"),
-        ("lost", "<u4"),
-        ("reserve", "<u4", 2),
-    ],
-    align=True,
-)
-_BMS_STATE = np.dtype(
-    [
-        ("version", "u1", 2),
-        ("status", "u1"),
-        ("soc", "u1"),
-        ("current", "<i4"),
-        ("cycle", "<u2"),
-        ("ntc", "u1", 4),
-        ("cell_vol", "<u2", 15),
-    ],
-    align=True,
-)
-LOW_STATE = np.dtype(
-    [
-        *_HEAD,
-        ("imu_state", _IMU_STATE),
-        ("motor_state", _MOTOR_STATE, _PLACES),
-        ("bms_state", _BMS_STATE),
-        ("foot_force", "<i2", 4),
-        ("foot_force_est", "<i2", 4),
-        ("tick", "<u4"),
-        ("wireless_remote", "u1", 40),
-        ("bit_flag", "u1"),
-        ("adc_reel", "<f4"),
-        ("temperature_ntc", "u1", 2),
-        ("power_v", "<f4"),
-        ("power_a", "<f4"),
-        ("fan_frequency", "<u2", 4),
-        ("reserve", "<u4"),
-        ("crc", "<u4"),
-    ],
-    align=True,
-)
+
+def _in_memory(hint: Any) -> np.dtype[Any]:
+    """Return the layout in memory of an IDL type: fields in their order, each aligned as C compilers do."""
+    [kind] = getattr(hint, "__metadata__", (hint,))
+    if isinstance(kind, str):
+        return np.dtype(_BYTES.get(kind, kind)).newbyteorder("<")
+    if isinstance(kind, type):
+        fields = get_type_hints(kind, include_extras=True)
+        return np.dtype([(name, _in_memory(field)) for name, field in fields.items()], align=True)
+    return np.dtype((_in_memory(kind.subtype), kind.length))
+
+
+LOW_CMD, LOW_STATE = _in_memory(LowCmd), _in_memory(LowState)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,12 +98,12 @@ def read_message(layout: RecordLayout, data: bytes, check: bool = True) -> NDArr
 
     Args:
         data: bytes as they came over the wire.
-        check: whether to look at the checksum, where there is one: public simulators leave it zero.
+        check: whether a wrong checksum is damage; public simulators leave it zero.
     """
     memory = layout.to_memory(data)
     if memory is None:
         return None
     record = np.frombuffer(memory, layout.memory, 1).reshape(())
-    if check and (crc := int(record["crc"])) and crc != crc32_words(memory[:-4]):
+    if check and int(record["crc"]) != crc32_words(memory[:-4]):
         return None
     return record

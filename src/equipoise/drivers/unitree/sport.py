@@ -73,10 +73,15 @@ class MotionSwitcher:
 
     def _call(self, function: int) -> str:
         """Data of the response to a request without parameters."""
-        if not _wait_for(lambda: self._requests.heard, _FOUND):
+        if not _wait_for(lambda: self._requests.readers and self._responses.writers, _FOUND):
             raise self._failure(
                 f"was not found within {_FOUND:g} s; a simulator that has none needs release_sport_mode=false; for a robot "
                 "whose firmware has none, docs/unitree-go2.md says what to do first"
+            )
+        if (robots := self._responses.writers) > 1:
+            raise self._failure(
+                f"is there {robots} times ({', '.join(self._responses.names_of_writers().values())}): several robots would "
+                "obey. Disconnect the others, or put this robot on a DDS domain of its own and set domain"
             )
         for _ in range(_TRIES):
             self._number += 1

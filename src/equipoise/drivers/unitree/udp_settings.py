@@ -6,6 +6,7 @@ import ipaddress
 from dataclasses import dataclass
 from typing import Literal
 
+from equipoise.drivers.settings import check_range
 from equipoise.errors import SettingsError
 
 Protocol = Literal["a1", "go1"]
@@ -49,14 +50,11 @@ class UnitreeUdpSettings:
                 _check_address(name, value)
         for name, least, most in (
             ("port", 1, 65535),
-            ("listens_on", 1, 65535),
+            ("local_port", 1, 65535),
             ("silence", 0.02, 10.0),
             ("tick", 0.0, 1.0),
         ):
-            if (value := getattr(self, name)) is not None and not least <= value <= most:
-                raise SettingsError(
-                    f"{name.replace('listens_on', 'local_port')} is {value}; it must be from {least:g} to {most:g}"
-                )
+            check_range(self, name, least, most)
 
     @property
     def name(self) -> str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.tilt_equation import Derivatives
 from equipoise.precise.parameters import INERTIAL, Unknowns
@@ -93,7 +92,6 @@ class ResidualBlock(ABC):
         residual, jacobian = self.linearise(x)
         places = np.ix_(self.columns, self.columns)
         for motion, rows in self.motions:
-            alive()
             information, gradient = np.zeros((self.unknowns.size, self.unknowns.size)), np.zeros(self.unknowns.size)
             information[places] = jacobian[rows].T @ jacobian[rows]
             gradient[self.columns] = jacobian[rows].T @ residual[rows]

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.precise.blocks.block import MotionBlock, whitening_of
 from equipoise.precise.measurements.evidence import RunEvidence
@@ -139,7 +138,6 @@ class TiltNoise:
     @classmethod
     def of(cls, lift: LiftSamples) -> TiltNoise:
         """Of a lift as its sensors are at rest."""
-        alive()
         count = len(lift.joint_position)
         integrate = integral(count, lift.step)
         ramp = _BIAS_FLOOR * lift.step * np.arange(count)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.errors import RecordingError
 from equipoise.precise.measurements.heading import angle_turned
@@ -126,7 +125,6 @@ def _read(
     robot: RobotModel, stance: Stance, legs: LegChains, index: int, recording: Recording, gyro_bias: FloatArray,
     when: float, heading: float,
 ) -> MotionReading:  # fmt: skip
-    alive()
     trial = recording.trial
     lift: LiftSamples | None = None
     steps: tuple[LiftSamples, ...] = ()

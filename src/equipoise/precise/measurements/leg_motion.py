@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from equipoise.alive import alive
 from equipoise.conventions import FloatArray
 from equipoise.precise.measurements.traced import Traced, contract, cos, sin, stacked, turned
 from equipoise.precise.measurements.traced import cross as traced_cross
@@ -180,7 +179,6 @@ class LegChains:
 
     def traced_posture(self, joint_position: Traced, shape: LegShape | None = None) -> TracedPosture:
         """Legs of (nj, n) joint positions, with the model's lengths and places if nothing else is said."""
-        alive()
         above = Traced(np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 4, joint_position.value.shape[1])))
         arms: list[Traced] = []
         rotations: list[Traced] = []

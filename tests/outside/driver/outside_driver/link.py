@@ -8,8 +8,10 @@ from equipoise import CommunicationError, JointCommand, RobotModel, RobotState, 
 from outside_driver.settings import BusSettings
 
 
-class BusLink:
-    """To a robot on the bus."""
+class BusConnection:
+    """Connection to a robot on the bus."""
+
+    rejected = 0
 
     def __init__(self, robot: RobotModel, settings: BusSettings, who: str) -> None:
         if settings.node != 1:
@@ -40,11 +42,11 @@ class BusLink:
         return replace(self._there.read(), time=now, received=now)
 
 
-def open_link(robot: RobotModel, settings: BusSettings) -> BusLink:
-    """For the program that moves the robot."""
-    return BusLink(robot, settings, "program")
+def open_connection(robot: RobotModel, settings: BusSettings) -> BusConnection:
+    """For the robot process, or to observe the robot."""
+    return BusConnection(robot, settings, "program")
 
 
-def open_beside(robot: RobotModel, settings: BusSettings) -> BusLink:
-    """For the watchdog."""
-    return BusLink(robot, settings, "watchdog")
+def open_beside(robot: RobotModel, settings: BusSettings) -> BusConnection:
+    """For the calibration process, which damps the robot if the robot process cannot."""
+    return BusConnection(robot, settings, "second")

@@ -1,0 +1,255 @@
+"""Response test, before any foot is lifted: joints answer at their own encoders, and the gyroscope shows the base's turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from equipoise.conventions import AXES, Axis, FloatArray
+from equipoise.errors import ReachError, ResponseError
+from equipoise.experiments.imu_orientation import REST_TIME, Orientation, fit_orientation, wirings
+from equipoise.experiments.planted import PlantedRobot
+from equipoise.experiments.posture import check_posture
+from equipoise.experiments.response_test import ResponseTest
+from equipoise.experiments.stand import take_over
+from equipoise.experiments.sway import feet_during_sway
+from equipoise.platform.platform import Platform
+from equipoise.platform.ramp import smooth_step
+from equipoise.recording.phases import Phase
+from equipoise.recording.recording import Recording
+from equipoise.robot.imu import rpy_flag
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+_STEPS = np.radians(
+    (2.0, -2.0, 4.0, -4.0, 6.0, -6.0)
+)  # of one joint until it answers [rad]; the guard calls 0.12 rad stuck
+_STEP_TIME, _HOLD_TIME = 0.3, 0.15  # [s]
+_ANSWER = 0.05  # of the commanded angle: less is noise; a leg that the floor holds answers with a tenth
+_LIMP_TIME, _LIMP_TIMES, _STILL = 0.5, 8, 0.01  # [s], at most so often, until no joint moves by more [rad]
+_GAINS = (0.02, 0.1, 0.3, 1.0)  # of holds, over the usual ones
+_YIELD = 0.25  # [rad] by which no joint moves in a hold
+_TURN, _TURN_TIME, _REST_TIME = np.radians(3.0), 0.6, 0.3  # of the base [rad], [s] on an A1
+_KNOTS = 5  # of inverse kinematics on a turn
+_SMALLER = (1.0, 0.5, 0.25)  # amplitudes that are tried until one is within reach
+_RESIDUAL, _EXPLAINED = 0.1, 0.05  # largest residual; the same if another wiring explains the gyroscope
+_CLEARLY = 0.65  # residual of a wiring that explains the gyroscope, over the model's
+_ALIKE = 1.5  # residual of a wiring that is named too, over the smallest
+_NAMED = 3  # wirings at most
+_AGREES = np.radians(5.0)  # between the measured orientation and the model's
+
+
+def check_joints(platform: Platform, robot: RobotModel, stance: Stance) -> int:
+    """Move every joint of a lying robot by 2 deg and back, one after another.
+
+    Returns:
+        number of joints that answered, without those that limits or other links leave no room; 0 and not moved: it stands.
+
+    Raises:
+        ResponseError: a joint answers with the wrong sign, at another encoder, or not at all.
+    """
+    planted = take_over(platform, robot, stance)
+    if planted.target.legs:
+        return 0
+    if "gains" in platform.accepts:
+        sink(planted)
+        planted = take_over(platform, robot, stance)
+        for share in _GAINS:
+            if refusal := judge_hold(hold(planted, stance, share), planted.target.joint_position):
+                raise refusal
+    answered = sum(_answers(planted, joint) for joint in range(len(robot.joint_names)))
+    planted.take()
+    return answered
+
+
+def _answers(planted: PlantedRobot, joint: int) -> bool:
+    """Step with one joint, either way and farther, until it answers: on a robot that lies the floor may hold the foot.
+
+    Returns:
+        whether it answered; False: its limits and other links leave it no room.
+    """
+    robot, here, refusal = planted.robot, planted.target.joint_position[joint], None
+    leg = next(leg.joints for leg in robot.legs.values() if joint in leg.joints)
+    for angle in _STEPS:
+        if not robot.lower_limit[joint] < here + angle < robot.upper_limit[joint]:
+            continue
+        with suppress(ReachError):  # links would touch
+            refusal = judge_step(step_joint(planted, joint, angle), joint, angle, leg)
+            if refusal is None:
+                return True
+    if refusal is not None:
+        raise refusal
+    return False
+
+
+def sink(planted: PlantedRobot) -> None:
+    """Let the joints only resist being moved, until the belly of a robot that crouches carries it."""
+    for _ in range(_LIMP_TIMES):
+        moved = planted.play(planted.motion().phase(Phase.LIE).hold_limp(_LIMP_TIME)).joints.position
+        if np.abs(moved[-1] - moved[0]).max() < _STILL:
+            return
+
+
+def hold(planted: PlantedRobot, stance: Stance, share: float) -> Recording:
+    """Hold the joint positions with a share of the usual gains: a joint whose command has the wrong sign moves gently."""
+    kp, kd = (np.full(len(planted.robot.joint_names), gain) for gain in planted.robot.gains(stance.hip_height))
+    return planted.play(planted.motion().with_gains(share * kp, kd).hold(_STEP_TIME))
+
+
+def judge_hold(recording: Recording, target: FloatArray) -> ResponseError | None:
+    """Return why a robot is refused that was commanded to hold (nj,) joint positions [rad]; None: it held them."""
+    moved = recording.joints.position[-1] - target
+    worst = int(np.argmax(np.abs(moved)))
+    if abs(moved[worst]) <= _YIELD:
+        return None
+    return _refused(recording, worst, 0.0, moved, "the sign or the order of joints is wrong, or the robot was moved")
+
+
+def step_joint(planted: PlantedRobot, joint: int, angle: float) -> Recording:
+    """Move one joint by an angle [rad] and back. Phases: before, move, rest, end."""
+    motion = planted.motion().phase(Phase.BEFORE).hold(_HOLD_TIME).phase(Phase.MOVE)
+    path = np.zeros((round(_STEP_TIME / motion.control_period), len(planted.robot.joint_names)))
+    path[:, joint] = angle * smooth_step(len(path))
+    motion.swing_joints(path).phase(Phase.REST).hold(_HOLD_TIME)
+    return planted.play(motion.phase(Phase.END).swing_joints(path[::-1] - path[-1]))
+
+
+def judge_step(recording: Recording, joint: int, angle: float, leg: Collection[int] = ()) -> ResponseError | None:
+    """Return why a joint did not answer to an angle [rad]; None: its own encoder followed, and farther than other legs'.
+
+    Where the floor holds the foot, the other joints of its leg, whose indices `leg` holds, may move farther.
+    """
+    before, during = (recording.phase(name).joints.position for name in (Phase.BEFORE, Phase.REST))
+    moved = during[len(during) // 2 :].mean(axis=0) - before.mean(axis=0)
+    largest = int(np.argmax(np.abs(moved)))
+    if largest in (joint, *leg) and moved[joint] / angle > _ANSWER:
+        return None
+    if abs(moved[largest]) < _ANSWER * abs(angle):
+        cause = "no joint answered; its motor is off, or the leg is blocked"
+    elif largest != joint:
+        cause = f"{recording.joint_names[largest]!r} answered; the order of joints is wrong, or legs are exchanged"
+    else:
+        cause = "the sign of the joint is wrong"
+    return _refused(recording, joint, angle, moved, cause)
+
+
+def turn_base(planted: PlantedRobot, stance: Stance) -> tuple[Recording, tuple[Axis, ...]]:
+    """Turn the base of a robot at its stance by 3 deg about each axis to either side, over feet that stay.
+
+    Returns:
+        recording with the phases move and rest in turn, rest first; and the axes about which the feet allow it.
+
+    Raises:
+        ReachError: the feet allow no turn in roll or pitch.
+    """
+    robot, motion = planted.robot, planted.motion().phase(Phase.REST).hold(2 * REST_TIME)
+    reachable: dict[Axis, float] = {
+        axis: angle for axis in AXES if (angle := _reachable(robot, stance, axis)) is not None
+    }
+    if not reachable.keys() & {"roll", "pitch"}:
+        raise ReachError("the base cannot be turned by 0.75 deg in roll or pitch over its feet: give another stance")
+    for axis, angle in reachable.items():
+        feet_at = feet_during_sway(robot, stance, axis)
+        share = smooth_step(round(_TURN_TIME * stance.scale.time / motion.control_period))
+        for start, end in ((0.0, angle), (angle, -angle), (-angle, 0.0)):
+            motion.phase(Phase.MOVE).follow(feet_at, _KNOTS, start + (end - start) * share)
+            motion.phase(Phase.REST).hold(_REST_TIME * stance.scale.time)
+    recording = planted.play(motion)
+    planted.take()
+    return recording, tuple(reachable)
+
+
+def _reachable(robot: RobotModel, stance: Stance, axis: Axis) -> float | None:
+    for share in _SMALLER:
+        try:
+            for side in (share, -share):
+                check_posture(robot, stance, feet_during_sway(robot, stance, axis)(side * _TURN))
+        except ReachError:
+            continue
+        return share * _TURN
+    return None
+
+
+def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
+    """Find the orientation of the IMU from turns of the base.
+
+    Raises:
+        ResponseError: the gyroscope contradicts the joints; names the wirings that explain it.
+    """
+    model, *others = (fit_orientation(robot, recording, wiring) for wiring in wirings(robot))
+    if model.residual <= _EXPLAINED:
+        return model
+    best = min(other.residual for other in others)
+    explained = best < _CLEARLY * model.residual
+    if model.residual <= (_EXPLAINED if explained else _RESIDUAL):
+        return model
+    alike = sorted((other for other in others if other.residual < _ALIKE * best), key=lambda other: other.residual)
+    causes = [f"{other.wiring.cause} (residual {other.residual:.0%})" for other in alike[:_NAMED]]
+    likely = (
+        " or ".join(causes) if explained else "a foot slipped or hangs, or the signs or the order of joints are wrong"
+    )
+    raise ResponseError(
+        f"the gyroscope contradicts the joints: the base was turned over four feet, and the residual is {model.residual:.0%} "
+        f"of the rotations (limit {_EXPLAINED if explained else _RESIDUAL:.0%}). Likely: {likely}. No foot was lifted. "
+        "Correct the joint map, then run 'equipoise doctor'",
+        (recording,),
+        {"residual": model.residual, "causes": causes if explained else []},
+    )
+
+
+def check_base(
+    planted: PlantedRobot, stance: Stance, joints: int, confirm: Callable[[str], bool] | None
+) -> ResponseTest:
+    """Turn the base over four feet and measure the orientation of the IMU; from then on the robot has the confirmed one.
+
+    Args:
+        joints: number of joints that answered before.
+        confirm: function that asks the operator a question. None: there is no operator.
+
+    Raises:
+        ResponseError: the gyroscope contradicts the joints, or the orientation differs from the model's and is not confirmed.
+    """
+    recording, axes = turn_base(planted, stance)
+    found, robot = find_orientation(planted.robot, recording), planted.robot
+    measured, model = (_rpy(rotation) for rotation in (found.rotation, robot.imu.placement.rotation))
+    test = ResponseTest(joints, axes, found.residual, measured, found.std, model)
+    if test.angle <= _AGREES:
+        return test
+    source = "assumed" if robot.imu.frame is None and "imu_rpy" not in robot.imu.described else robot.imu.sentence
+    sentence = f"{test.orientation}, {np.degrees(test.angle):.1f} deg from the model's ({source})"
+    if confirm is None or not confirm(f"{sentence}. Is the measured orientation right? It is then used for this run."):
+        raise ResponseError(
+            f"{sentence}; not confirmed, and no foot was lifted. If the measurement is right: {rpy_flag(found.rotation)} "
+            "(imu_rpy in a robot description); else examine its mounting",
+            (recording,),
+            test.to_dict(),
+        )
+    planted.robot = replace(robot, description=replace(robot.description, imu_rpy=measured))
+    return replace(test, uses_measurement=True)
+
+
+def _rpy(rotation: FloatArray) -> tuple[float, float, float]:
+    roll, pitch, yaw = pin.rpy.matrixToRpy(np.array(rotation)).tolist()
+    return roll, pitch, yaw
+
+
+def _refused(recording: Recording, joint: int, commanded: float, moved: FloatArray, cause: str) -> ResponseError:
+    degrees = {
+        name: round(float(angle), 2) for name, angle in zip(recording.joint_names, np.degrees(moved), strict=True)
+    }
+    return ResponseError(
+        f"joint {recording.joint_names[joint]!r} was commanded by {np.degrees(commanded):+.1f} deg, and encoders moved by "
+        f"{', '.join(f'{name} {angle:+.1f}' for name, angle in degrees.items())} deg: {cause}. No foot was lifted. "
+        "Correct the joint map, then run 'equipoise doctor'",
+        (recording,),
+        {
+            "joint": recording.joint_names[joint],
+            "commanded": float(np.degrees(commanded)),
+            "moved": degrees,
+            "cause": cause,
+        },
+    )

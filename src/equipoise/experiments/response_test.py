@@ -1,0 +1,71 @@
+"""Result of the response test: whether joints and gyroscope answered as the model predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+
+@dataclass(frozen=True)
+class ResponseTest:
+    """Result of a response test that the robot passed.
+
+    Attributes:
+        joints: number of joints that answered one by one while the robot lay; 0: it stood, or links had no room.
+        axes: axes about which the base turned over four feet: "roll", "pitch", "yaw".
+        residual: difference between predicted and measured rotations of the base, RMS, as a fraction of the rotations.
+        measured_rpy: measured orientation of the IMU in the base frame, roll pitch yaw [rad].
+        std: standard deviation of the measured orientation about its least certain axis [rad].
+        model_rpy: orientation of the IMU according to the model [rad].
+        uses_measurement: whether the run uses the measured orientation; False: the model's.
+    """
+
+    joints: int
+    axes: tuple[str, ...]
+    residual: float
+    measured_rpy: tuple[float, float, float]
+    std: float
+    model_rpy: tuple[float, float, float]
+    uses_measurement: bool = False
+
+    @property
+    def angle(self) -> float:
+        """Angle between the measured orientation and the model's [rad]."""
+        measured, model = (pin.rpy.rpyToMatrix(np.array(rpy)) for rpy in (self.measured_rpy, self.model_rpy))
+        return float(np.arccos(np.clip((np.trace(measured.T @ model) - 1) / 2, -1, 1)))
+
+    @property
+    def orientation(self) -> str:
+        """Measured orientation of the IMU, with its standard deviation."""
+        angles = " ".join(f"{np.degrees(angle) + 0.0:.1f}" for angle in self.measured_rpy)
+        return f"the IMU is measured at roll pitch yaw {angles} deg (std {np.degrees(self.std):.1f} deg)"
+
+    @property
+    def sentence(self) -> str:
+        """Joints that answered, the measured orientation of the IMU, and the orientation that is used."""
+        joints = (
+            f"{self.joints} joints answered one by one"
+            if self.joints
+            else "no joint was tested alone, the robot stood or had no room"
+        )
+        used = "the measured orientation is used" if self.uses_measurement else "the model's is used"
+        return (
+            f"Response test: {joints}; turns in {', '.join(self.axes)} have a residual of {self.residual:.1%}; "
+            f"{self.orientation}, {np.degrees(self.angle):.1f} deg from the model's: {used}"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {**asdict(self), "angle": self.angle}
+
+    @classmethod
+    def from_dict(cls, table: Mapping[str, Any]) -> ResponseTest:
+        """From the JSON form."""
+        values: dict[str, Any] = {name: value for name, value in table.items() if name != "angle"}
+        for name in ("axes", "measured_rpy", "model_rpy"):
+            values[name] = tuple(values[name])
+        return cls(**values)

@@ -1,0 +1,172 @@
+"""The two endings of a run: a sound robot is lowered under control, an unsound one is damped at once.
+
+    sound     feet down       feet in the air go back to where they stood
+              lowered         the robot lies down, its base at 0.2 m/s or less; checked as any motion
+              damped          stiffness fades, then joints only resist being moved
+    unsound   damped          joints only resist being moved, from the next command on
+
+A robot is unsound if it falls, does not follow, or its sensors or its connection fail. It is damped until it is at rest; what
+no sample confirms is reported as not confirmed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.guard.footing import damping_time, feet_are_lifted, legs_are_up
+from equipoise.guard.soft_start import softened
+from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.platform.ramp import smooth_step
+from equipoise.robot.kinematics import foot_positions
+from equipoise.robot.model import LEG_NAMES
+from equipoise.robot.stance import lies, lying_posture
+from equipoise.robot.statics import static_torques
+
+if TYPE_CHECKING:
+    from equipoise.guard.robot_loop import RobotLoop
+
+FEET_DOWN, LIE_DOWN, FADE = 0.3, 2.5, 0.5  # [s] on an A1; a longer way takes longer
+_LOWERING = 0.2  # [m/s] of the base, at most
+_SPEED_SHARE, _PEAK = 0.5, 1.875  # of a joint's speed limit, at most; peak over mean speed of a smooth ramp
+_FALLEN = 1.0  # [rad] of tilt beyond which a robot that cannot be damped is not lowered either
+_FAR = 0.3  # [rad] from where it was sent: the joint obeys no longer, or the robot has sunk meanwhile
+_MOVED = 0.1  # [rad] by which damped joints have moved that were stiff before
+DAMPED_TIME = 1.5  # [s] of damping, at least
+STILL_TIME, STILL = 0.3, 0.02  # [s], [rad] that no joint moved by meanwhile
+_SILENT = 0.1  # [s] without an accepted sample: nothing is known of the robot
+_LONGEST = 3  # times the usual damping, of a robot that does not come to rest
+NOT_CONFIRMED = "NOT CONFIRMED: it may be stiff; cut the battery"
+
+
+class Ending:
+    """An ending that has begun.
+
+    Args:
+        loop: loop whose robot is put down.
+        sound: whether the robot obeys and stands.
+        urgent: whether to skip lowering it.
+        done: steps of an ending before this one, which could not go on.
+
+    Attributes:
+        urgent: whether to skip lowering it; may be set at any time.
+        unsound: whether the robot is damped, and neither commands nor samples are checked any more.
+        done: steps that were done, in order.
+    """
+
+    def __init__(self, loop: RobotLoop, sound: bool, urgent: bool, done: Sequence[str]) -> None:
+        self._loop = loop
+        self.urgent, self.unsound = urgent, not sound
+        self.done = list(done)
+        self._silence = np.inf  # [s] without an accepted sample
+        self._here: FloatArray | None = None
+
+    def observe(self, samples: Sequence[RobotState]) -> None:
+        """Take the samples of one control period."""
+        self._silence = 0.0 if samples else self._silence + self._loop.period
+        if samples:
+            self._here = samples[-1].joint_position
+
+    def commands(self) -> Iterator[JointCommand]:
+        """Yield the commands of the ending, one a control period."""
+        loop = self._loop
+        assert loop.known is not None
+        self._here = loop.known.state.joint_position
+        # A robot that cannot be damped is lowered: lying is better than falling.
+        stiff = loop.own_gains is None and loop.known.up.tilt < _FALLEN
+        if stiff or not (self.unsound or self._has_sunk()):
+            yield from self._feet_down(loop.known.sent, loop.known.planted)
+            yield from self._lowered()
+            yield from self._faded()
+        self.unsound = True
+        yield from self._damped()
+
+    def _feet_down(self, sent: JointCommand, planted: JointCommand) -> Iterator[JointCommand]:
+        loop = self._loop
+        if lies(loop.robot, loop.stance, sent.position) or not feet_are_lifted(loop.robot, loop.stance, sent.position):
+            return
+        self.done.append("feet down")
+        yield from self._way_to(planted.position, planted.torque, FEET_DOWN * loop.stance.scale.time)
+
+    def _lowered(self) -> Iterator[JointCommand]:
+        loop = self._loop
+        if self.urgent or lies(loop.robot, loop.stance, self._position()):
+            return
+        self.done.append("lowered")
+        position, _ = lying_posture(loop.robot, loop.stance)
+        way = foot_positions(loop.robot, position) - foot_positions(loop.robot, self._sent.position)
+        height = float(np.abs(way[:, 2]).max())
+        longest = max(LIE_DOWN * loop.stance.scale.time, _PEAK * height / _LOWERING)
+        torque = static_torques(loop.robot, position, LEG_NAMES)  # the legs carry the robot until it lies
+        for command in self._way_to(position, torque, longest):
+            if self.urgent:
+                self.done[-1] += ", cut short"
+                return
+            yield command
+
+    def _faded(self) -> Iterator[JointCommand]:
+        """Let the stiffness fade, so that a robot that was not lowered sinks gently."""
+        loop = self._loop
+        if loop.own_gains is None:
+            return
+        last = self._sent.held()
+        torque = np.zeros_like(last.position) if last.torque is None else last.torque
+        for share in 1 - smooth_step(self._periods(FADE)):
+            yield softened(replace(last, torque=share * torque), loop.own_gains, share)
+
+    def _damped(self) -> Iterator[JointCommand]:
+        """Damp until the robot is at rest; blindly for as long as it takes to sink where no sample arrives."""
+        loop = self._loop
+        if loop.own_gains is None:
+            self.done.append("left to its own controller")
+            return
+        stiff = self._position()
+        limp = JointCommand(self._sent.position, kp=np.zeros_like(stiff), kd=loop.own_gains[1])
+        self.done.append("damped")
+        usual = max(DAMPED_TIME, damping_time(loop.stance, legs_are_up(loop.robot, loop.stance, self._sent.position)))
+        was, still = stiff, 0.0
+        for count in range(self._periods(_LONGEST * usual)):
+            yield limp
+            still += loop.period
+            if np.abs(self._position() - was).max() > STILL:
+                was, still = self._position(), 0.0
+            time, heard = count * loop.period, self._silence < _SILENT
+            if heard and still > STILL_TIME and time > DAMPED_TIME:
+                moved = np.abs(self._position() - stiff).max() > _MOVED
+                if moved or lies(loop.robot, loop.stance, self._position()) or time > usual:
+                    break
+            if not heard and time > usual:
+                break
+        if self._silence >= _SILENT or still <= STILL_TIME:
+            self.done[-1] = f"damping commands were sent; {NOT_CONFIRMED}"
+
+    @property
+    def _sent(self) -> JointCommand:
+        assert self._loop.known is not None
+        return self._loop.known.sent
+
+    def _position(self) -> FloatArray:
+        assert self._here is not None
+        return self._here
+
+    def _has_sunk(self) -> bool:
+        """Return whether nearly all legs are far from where they were sent: pulled back, they would lift the robot."""
+        away = np.abs(self._sent.position - self._position())[self._loop.robot.leg_joints].max(axis=1)
+        return int((away > _FAR).sum()) >= len(away) - 1
+
+    def _way_to(self, end: FloatArray, torque: FloatArray | None, duration: float) -> Iterator[JointCommand]:
+        """Yield commands from the last one to (nj,) joint positions, over a time [s] or as much longer as joints need."""
+        start, zeros = self._sent, np.zeros_like(end)
+        way = np.abs(end - start.position) / self._loop.robot.velocity_limit
+        duration = max(duration, _PEAK * float(way.max()) / _SPEED_SHARE)
+        torques = [zeros if each is None else each for each in (start.torque, torque)]
+        for share in smooth_step(self._periods(duration)):
+            position = start.position + share * (end - start.position)
+            yield JointCommand(position, torque=torques[0] + share * (torques[1] - torques[0]))
+
+    def _periods(self, duration: float) -> int:
+        return max(1, round(duration / self._loop.period))

@@ -1,0 +1,58 @@
+"""The low-level packets of the Unitree A1 and Go1, as the robot writes and reads them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from equipoise.drivers.unitree.formats import PacketFormat
+from equipoise.drivers.unitree.motors import MOTORS
+from equipoise.drivers.unitree.packets import (
+    CELLS,
+    COMMANDED,
+    SENSED,
+    Columns,
+    Damage,
+    MotorCommands,
+    SensorReadings,
+    blank_packet,
+    checksum_of,
+    read_field,
+    seal,
+)
+from equipoise.drivers.unitree.remote_control import KEYS_AT
+
+
+class StatePacket:
+    """A state's bytes, as the robot writes them; how it rounds is not known."""
+
+    def __init__(self, packets: PacketFormat) -> None:
+        self._format = packets
+        self._bytes, self._record = blank_packet(packets.state, packets.begins)
+        self._motors = Columns(self._record["motors"][:MOTORS], (*SENSED, "temperature"), packets.counts, np.rint)
+        self._imu = Columns(self._record["imu"], ("gyroscope", "accelerometer"), packets.counts, np.rint)
+
+    def write(self, state: SensorReadings) -> bytearray:
+        """The packet; the next call writes over it. Raises SettingsError if something is no number."""
+        self._motors.write(np.array((state.position, state.velocity, state.torque, state.temperature)))
+        self._imu.write(np.array((state.gyroscope, state.accelerometer)))
+        self._record["tick"] = state.tick % 2**32
+        self._record["remote"][KEYS_AT] = tuple(state.keys.to_bytes(2, "little"))
+        if "battery" in self._record.dtype.names:
+            battery, cells = self._record["battery"], (state.battery_voltage or 0.0) / CELLS
+            battery["charge"] = round(100 * (state.battery_charge or 0.0))
+            battery["cells"][:CELLS] = min(round(cells * self._format.counts["cells"]), 255)
+        seal(self._format, self._bytes)
+        return self._bytes
+
+
+def read_command(packets: PacketFormat, data: bytes) -> MotorCommands | Damage:
+    """What a command packet says, as the robot reads it."""
+    if len(data) != packets.command.itemsize:
+        return Damage.LENGTH
+    if not data.startswith(packets.begins):
+        return Damage.HEAD
+    record = np.frombuffer(data, packets.command)[0]
+    if record["checksum"] != checksum_of(data, packets.scrambled):
+        return Damage.CHECKSUM
+    motors = record["motors"][:MOTORS]
+    return MotorCommands(*(read_field(motors[name], packets.counts.get(name)) for name in COMMANDED))

@@ -1,0 +1,408 @@
+"""Faults at the wire: an emulator in real time behind UDP or DDS, the robot process, and what becomes of the robot."""
+
+import contextlib
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from guarded import lift
+from peer_processes import StalledError, free_port, in_real_time, running_peer, stalls_told, unused_domain
+
+from equipoise import Trajectory, nominal_stance
+from equipoise.errors import (
+    CommunicationError,
+    FallError,
+    HealthError,
+    OtherCommanderError,
+    OutputError,
+    RobotProcessError,
+    SensorError,
+    StopRequestedError,
+    TrackingError,
+)
+from equipoise.experiments.stand import move_to, stand_up
+from equipoise.guard.endings import NOT_CONFIRMED
+from equipoise.guard.limits import Limits
+from equipoise.guard.remote_robot import RemoteRobot
+
+SCRIPT = Path(__file__).parents[1] / "remote_script.py"
+PATIENCE = 90.0  # [s], on a machine that has other things to do
+LIMITS = Limits(stall=0.5)  # of the calibration process, which shares two cores with other tests
+LOWERED = ("lowered", "damped", "released")
+
+
+@contextlib.contextmanager
+def emulator(*flags, dds=False, start="standing"):
+    """An A1's emulator; the platform's name and settings for it."""
+    if dds:
+        domain = unused_domain()
+        flags = ("--domain", domain, "--no-sport-mode", *flags)
+        name, settings = "unitree-go2", {"interface": "lo", "domain": domain}
+    else:
+        port, local = free_port(), free_port()
+        flags = ("--protocol", "a1", "--port", port, *flags)
+        name, settings = "unitree-a1", {"address": "127.0.0.1", "port": port, "local_port": local}
+    module = "unitree_dds" if dds else "unitree_udp"
+    with running_peer(module, "--robot", "unitree_a1", "--start", start, "--trace", *flags) as peer:
+        yield peer, name, settings
+
+
+@contextlib.contextmanager
+def standing(robot, *flags, dds=False, log=None, folder=None):
+    """A robot that has stood up, and its emulator."""
+    with emulator(*flags, dds=dds) as (peer, name, settings):
+        remote = RemoteRobot(name, robot, settings, log, folder and folder / "ending.txt", LIMITS)
+        with stalls_told(remote, peer), remote:
+            planted, feet = stand_up(remote, robot, nominal_stance(robot))
+            yield remote, peer, planted, feet
+
+
+def moments(peer, **what):
+    """Robot times of log lines with such values [s]."""
+    return [entry["time"] for entry in peer.log if what.items() <= entry.items()]
+
+
+def modes(peer):
+    """Modes of the motor boards in order."""
+    found = [entry["mode"] for entry in peer.log if "mode" in entry]
+    return [mode for mode, _ in itertools.groupby(found)]
+
+
+def ended_by(kind, remote, robot, peer, fault, seconds=10.0):
+    """Give a fault while two feet are up; the error, and the robot time from the fault to damping [s]."""
+    peer.fault(**fault, when="lift")
+    with pytest.raises(kind) as caught:
+        lift(remote, robot, watch=seconds)
+    peer.wait_for("mode", "damped", patience=20.0)
+    [name] = set(fault) - {"for"}
+    began = moments(peer, fault=name)[0]
+    return str(caught.value), next(time for time in moments(peer, mode="damped") if time > began) - began
+
+
+def fastest_descent(peer, since):
+    """Fastest vertical speed downward after a robot time, up to where the robot is damped [m/s]."""
+    until = next((time for time in moments(peer, mode="damped") if time > since), np.inf)
+    return -min((e["speed"] for e in peer.log if "speed" in e and since + 0.2 < e["time"] <= until), default=0.0)
+
+
+def hold(remote, seconds):
+    """Hold the robot where it stands."""
+    here = np.repeat(remote.read().joint_position[None], round(seconds / remote.control_period), axis=0)
+    remote.play(Trajectory(here, torque=np.tile(remote.read().joint_torque, (len(here), 1))))
+
+
+# --- the operator
+
+
+@in_real_time
+@pytest.mark.parametrize(("keys", "ending"), [("L2+B", ("damped", "released")), ("A", ("feet down", *LOWERED))])
+def test_the_remote_control_ends_the_run(a1, keys, ending):
+    with standing(a1) as (remote, peer, *_):
+        message, delay = ended_by(StopRequestedError, remote, a1, peer, {"press": keys})
+        assert remote.report().ending == ending
+        if keys == "L2+B":
+            assert "damp the robot" in message
+            assert delay < 0.05
+        else:
+            assert fastest_descent(peer, moments(peer, fault="press")[0]) < 0.25
+    assert StopRequestedError.exit_code == 13
+
+
+@in_real_time
+def test_the_space_bar_damps_the_robot(a1):
+    with standing(a1) as (remote, peer, *_):
+        pressed = time.monotonic()
+        remote.stop("damp")
+        with pytest.raises(StopRequestedError, match="the operator asked to damp the robot"):
+            lift(remote, a1, watch=1.0)
+        assert next(e["at"] for e in peer.log if e.get("mode") == "damped" and e["at"] > pressed) - pressed < 0.05
+        assert remote.report().ending == ("damped", "released")
+
+
+# --- a robot that should not go on
+
+
+@in_real_time
+@pytest.mark.parametrize(
+    ("fault", "words"), [({"temperature": 80.0}, "has 80 deg C"), ({"charge": 0.05}, "the battery is at 5%")]
+)
+def test_a_hot_motor_or_an_empty_battery_lowers_the_robot(a1, fault, words):
+    with standing(a1, dds="charge" in fault) as (remote, peer, *_):
+        message, _ = ended_by(HealthError, remote, a1, peer, fault)
+        assert words in message
+        assert remote.report().ending == ("feet down", *LOWERED)
+        assert fastest_descent(peer, moments(peer, fault=next(iter(fault)))[0]) < 0.25
+    assert HealthError.exit_code == 12
+
+
+class Full:
+    """A disk that is full while the robot stands up."""
+
+    def __init__(self):
+        self.pieces = 0
+
+    def begin(self, *about):
+        pass
+
+    def add(self, piece):
+        self.pieces += self.pieces > 0 or piece.has_phase("stand")
+        if self.pieces > 7:
+            raise OutputError("the recording cannot be written: No space left on device")
+
+
+@in_real_time
+def test_a_full_disk_lowers_the_robot(a1):
+    with (
+        emulator(start="lying") as (_, name, settings),
+        RemoteRobot(name, a1, settings, Full(), None, LIMITS) as remote,
+    ):
+        with pytest.raises(OutputError, match="No space left"):
+            stand_up(remote, a1, nominal_stance(a1))
+        assert remote.report().ending == LOWERED
+
+
+# --- a robot that is not sound
+
+
+@in_real_time
+def test_a_cable_that_comes_out_in_a_lift_is_not_reported_as_damped(a1):
+    with standing(a1) as (remote, peer, *_):
+        peer.fault(cut=True, when="lift")
+        with pytest.raises(CommunicationError, match="no sample has arrived"):
+            lift(remote, a1, watch=10.0)
+        assert remote.report().ending == (f"damping commands were sent; {NOT_CONFIRMED}", "released")
+        assert modes(peer)[-1] == "silence"  # the motor boards damp
+
+
+@in_real_time
+@pytest.mark.parametrize(
+    ("fault", "kind", "longest"),
+    [({"freeze": "imu"}, (SensorError, FallError), 0.4), ({"lose": "encoders"}, SensorError, 0.05)],
+)
+def test_a_sensor_that_fails_in_a_lift_damps_the_robot_at_once(a1, fault, kind, longest):
+    with standing(a1) as (remote, peer, *_):
+        _, delay = ended_by(kind, remote, a1, peer, fault)
+        assert delay < longest
+        assert remote.report().ending[-1] == "released"
+
+
+@in_real_time
+def test_a_push_in_a_lift_damps_the_robot_beyond_the_recovery_angle(a1):
+    with standing(a1) as (remote, peer, *_):
+        ended_by((FallError, TrackingError), remote, a1, peer, {"push": [0, 100, 0], "for": 0.3})
+        tilted = next(e["time"] for e in peer.log if e.get("tilt", 0.0) > np.degrees(Limits().lean_in_lift))
+        assert moments(peer, mode="damped")[0] < tilted + 0.1 + 0.1  # the trace has a line every 0.1 s
+
+
+@in_real_time
+def test_a_blocked_joint_meets_a_bounded_force(a1):
+    with standing(a1) as (remote, peer, planted, _):
+        joint = a1.joint_names.index("FL_calf_joint")
+        before = remote.read().joint_torque
+        peer.fault(block="FL_calf_joint")
+        peer.wait_for("fault", "block")
+        with pytest.raises(TrackingError, match="FL_calf_joint"):
+            move_to(planted, nominal_stance(a1).feet_in_base + [0.0, 0.0, 0.06])
+        began = moments(peer, fault="block")[0]
+        strained = max(
+            e["torque"] for e in peer.log if "torque" in e and e["time"] > began and e["joint"].endswith("calf_joint")
+        )
+        assert strained < np.abs(before[joint]) + 0.3 * a1.effort_limit[joint] + 3.0
+        assert remote.report().ending == ("damped", "released")
+
+
+@in_real_time
+def test_it_is_damped_for_as_long_as_it_moves(a1):
+    with standing(a1) as (remote, peer, *_):
+        ended_by(StopRequestedError, remote, a1, peer, {"press": "L2+B"})
+    damped, released = moments(peer, mode="damped")[-1], moments(peer, mode="released")[-1]
+    assert released - damped > 1.5
+    assert abs(next(e["speed"] for e in peer.log if e.get("mode") == "released")) < 0.1
+
+
+# --- samples
+
+
+@in_real_time
+@pytest.mark.parametrize(
+    ("fault", "count"),
+    [({"damage": 0.02}, "rejected"), ({"replay": 0.02}, "out_of_order")],
+)
+def test_bad_samples_are_left_out_and_counted(a1, fault, count):
+    with standing(a1, dds=True) as (remote, peer, planted, feet):
+        peer.fault(**fault)
+        for _ in range(2):
+            move_to(planted, nominal_stance(a1).feet_in_base)
+        move_to(planted, feet)
+    assert getattr(remote.report().samples, count) >= 5
+    assert remote.report().ending == LOWERED
+
+
+# --- other programs
+
+
+@in_real_time
+def test_another_program_that_commands_ends_the_run_and_is_not_fought(a1):
+    with standing(a1, dds=True) as (remote, peer, *_):
+        domain = next(flag for flag in peer.flags if isinstance(flag, int))
+        other = subprocess.Popen(
+            [sys.executable, "-c", OTHER, str(domain)], stdout=subprocess.PIPE, text=True, env=environment()
+        )
+        with pytest.raises(OtherCommanderError, match=str(other.pid)):
+            hold(remote, 20.0)
+        other.communicate(timeout=PATIENCE)
+        assert remote.report().ending == ("left to the other program", "released")
+
+
+OTHER = """
+import sys, time
+from equipoise.drivers.dds.domain import DdsDomain, raw
+from equipoise.drivers.unitree.dds import COMMAND_TOPIC
+from equipoise.drivers.unitree.messages import LowCmd
+from equipoise.drivers.unitree.samples import COMMAND, Message
+domain = DdsDomain(int(sys.argv[1]), "lo")
+kind = raw(LowCmd)
+outbox = domain.outbox(COMMAND_TOPIC, kind)
+time.sleep(1.0)
+for _ in range(500):
+    outbox.send(kind(Message(COMMAND).encoded()))
+    time.sleep(2e-3)
+"""
+
+
+# --- the two processes
+
+
+def environment():
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+@contextlib.contextmanager
+def program(how, folder, *flags):
+    """A program that lifts two feet of an emulated robot: its process, the robot process' number, and the emulator."""
+    with emulator(*flags) as (peer, name, settings):
+        given = [f"{key}={value}" for key, value in settings.items()]
+        process = subprocess.Popen(
+            [sys.executable, str(SCRIPT), how, str(folder), name, *given],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment(),
+        )  # fmt: skip
+        try:
+            line = process.stdout.readline()
+            assert line, process.communicate()
+            yield process, json.loads(line)["robot"], peer
+        finally:
+            process.send_signal(signal.SIGCONT)
+            if process.poll() is None:
+                process.kill()
+            process.communicate(timeout=PATIENCE)
+
+
+def damped_after(peer, moment):
+    """Time from a moment of this computer's clock to damping [s]."""
+    until = time.monotonic() + 20.0
+    while time.monotonic() < until:
+        for entry in peer.log:
+            if entry.get("mode") in ("damped", "silence") and entry["at"] > moment:
+                return entry["at"] - moment
+        time.sleep(0.01)
+    raise AssertionError(peer.log[-5:])
+
+
+def ending_in(folder):
+    """What a process has written of the ending, once the robot was released."""
+    until = time.monotonic() + 10.0
+    while not (folder / "ending.txt").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    return (folder / "ending.txt").read_text()
+
+
+def in_time(peer, holds):
+    """Assert what an emulator that kept real time shows."""
+    if not holds and any("behind" in entry for entry in peer.log):
+        raise StalledError(str(peer.log[-3:]))
+    assert holds, peer.log[-5:]
+
+
+@in_real_time
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_robot_process_that_is_lost_is_replaced_within_50_ms(tmp_path, number):
+    with program("hold", tmp_path) as (process, robot, peer):
+        time.sleep(0.5)
+        moment = time.monotonic()
+        os.kill(robot, number)
+        delay = damped_after(peer, moment)
+        _, errors = process.communicate(timeout=PATIENCE)
+        in_time(peer, delay < 0.05)
+        in_time(peer, "silence" not in modes(peer)[:-1])  # the second connection went on in time
+    assert RobotProcessError.__name__ in errors
+    assert "the robot process " in (tmp_path / "ending.txt").read_text()
+    assert "damped (" in (tmp_path / "ending.txt").read_text()
+
+
+@in_real_time
+@pytest.mark.parametrize("how", ["kill", "error", "grip"])
+def test_a_calibration_process_that_is_lost_leaves_a_robot_that_lies(tmp_path, how):
+    with program(how, tmp_path) as (process, _, peer):
+        if how != "grip":
+            process.communicate(timeout=PATIENCE)
+        peer.wait_for("mode", "released", patience=30.0)
+        in_time(
+            peer, modes(peer)[-3:] == ["commanded", "damped", "released"] or modes(peer)[-2:] == ["released", "silence"]
+        )
+    ending = ending_in(tmp_path)
+    assert "feet down, lowered, damped, released" in ending
+    if how in ("kill", "grip"):
+        assert ("died or closed the pipe" if how == "kill" else "gave no sign of life") in ending
+
+
+@in_real_time
+def test_a_stopped_calibration_process_does_not_leave_the_robot_standing(tmp_path):
+    with program("hold", tmp_path) as (process, _, peer):
+        process.send_signal(signal.SIGSTOP)
+        peer.wait_for("mode", "released", patience=30.0)
+        assert "gave no sign of life" in ending_in(tmp_path)
+
+
+@in_real_time
+def test_a_robot_that_was_without_both_processes_is_not_pulled_up_again(tmp_path):
+    """As on a computer that slept: the motor boards have damped it meanwhile."""
+    with program("hold", tmp_path) as (process, robot, peer):
+        for pid in (process.pid, robot):
+            os.kill(pid, signal.SIGSTOP)
+        time.sleep(5.0)
+        asleep = len(peer.log)
+        for pid in (robot, process.pid):
+            os.kill(pid, signal.SIGCONT)
+        process.communicate(timeout=PATIENCE)
+        assert "commanded" not in [entry.get("mode") for entry in peer.log[asleep:]]
+
+
+@in_real_time
+@pytest.mark.parametrize(
+    ("numbers", "longest", "ending"),
+    [
+        ([signal.SIGINT], 4.2, "feet down, lowered, damped, released"),
+        ([signal.SIGINT, signal.SIGINT], 1.2, "feet down, damped, released"),
+        ([signal.SIGTERM], 1.0, "feet down, damped, released"),
+    ],
+    ids=lambda value: " ".join(n.name for n in value) if isinstance(value, list) else "",
+)
+def test_signals_put_the_robot_down(tmp_path, numbers, longest, ending):
+    with program("hold", tmp_path) as (process, _, peer):
+        time.sleep(0.3)
+        moment = time.monotonic()
+        for number in numbers:
+            process.send_signal(number)
+            time.sleep(0.05)
+        delay = damped_after(peer, moment)
+        process.communicate(timeout=PATIENCE)
+        in_time(peer, delay < longest)
+        in_time(peer, ending in (tmp_path / "ending.txt").read_text())
+    assert process.returncode != 0
