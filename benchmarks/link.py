@@ -97,7 +97,7 @@ def remote(realtime: bool, log: Any = None) -> RemoteRobot:
 
 def loop_row(realtime: bool, load: int, seconds: float) -> dict[str, Any]:
     """How late commands leave while the robot sways and is held, and what both processes cost."""
-    with emulator("--noise", "ideal"), busy(load):
+    with emulator("--noise", "ideal", "--start", "standing", "--no-sport-mode"), busy(load):
         robot = remote(realtime)
         began, used = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF)
         with robot:
