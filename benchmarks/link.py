@@ -4,7 +4,7 @@
 
 An emulator speaks the messages over DDS on loopback. The loop is measured with and without real-time priority, on an idle
 computer and beside eight busy processes; then whole calibrations run over it. Nothing else may run meanwhile. 25 minutes. Rows
-are kept in benchmarks/results/link.json; --anew measures all of them again, --tables only writes the page.
+are kept in benchmarks/results/link.json; --again measures all of them again, --tables only writes the page.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ class Options:
     Attributes:
         seconds: length of each loop measurement; the longest one, at load with priority, is ten minutes at least.
         seeds: seeds of the calibrations.
-        anew: measure all rows again.
+        again: measure all rows again.
         tables: only write the page.
     """
 
     seconds: float = 60.0
     seeds: tuple[int, ...] = (3, 4, 5)
-    anew: bool = False
+    again: bool = False
     tables: bool = False
 
 
@@ -219,7 +219,7 @@ def main() -> None:
     options = tyro.cli(Options)
     warnings.simplefilter("ignore")
     kept = RESULTS / "link.json"
-    rows: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() and not options.anew else {}
+    rows: dict[str, Any] = json.loads(kept.read_text()) if kept.exists() and not options.again else {}
     wanted = {
         f"loop {realtime} {load}": (loop_row, (realtime, load, options.seconds * (10 if realtime and load else 1)))
         for realtime in (True, False)

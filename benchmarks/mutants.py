@@ -1,8 +1,8 @@
 """Whether every limit has a test that bites: `make mutants`. Writes benchmarks/results/mutants.md.
 
 Each limit of the guard, its endings, the second connection and the doctor is loosened by half in a copy of the package, and
-the tests that concern it are run on the copy. A test that fails has noticed; if none does, nobody would notice a limit that is
-too loose.
+the tests that concern it are run on the copy. A mutant is detected if a test fails; one that survives shows a limit without a
+test.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def open_platform(name: str, robot: RobotModel, given: Mapping[str, Any]) -> Har
 def open_second(name: str, robot: RobotModel, given: Mapping[str, Any]) -> RobotConnection | None:
     """Return the second connection to a robot that the robot process commands; None: the platform has none.
 
-    It takes nothing over and disturbs nothing until it sends, and its `send` raises CommunicationError while nobody receives.
+    It takes nothing over and disturbs nothing until it sends; its `send` raises CommunicationError while no robot receives.
     A driver's module may have an `open_beside(robot, settings)` for it, a class a class method `second(robot, **settings)`.
     """
     from equipoise.drivers.home_built import open_second_of_class  # noqa: PLC0415 - lists need no NumPy

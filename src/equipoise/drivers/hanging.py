@@ -80,7 +80,7 @@ def measure_hanging(
     """
     zeros = np.zeros(len(robot.joint_names))
     kd = _DAMPING * robot.gains(nominal_stance(robot).hip_height)[1]
-    damping = JointCommand(zeros, kp=zeros, kd=np.full(len(zeros), kd))
+    damping = JointCommand.damping(zeros, kd)
     yield _phase(link, "as found", _AS_FOUND, None, kd)
     for silence in silences:
         yield _phase(link, "damped", _DAMPED, damping, kd)

@@ -180,9 +180,11 @@ def find_orientation(robot: RobotModel, recording: Recording) -> Orientation:
     Raises:
         ResponseError: the gyroscope contradicts the joints; names the wirings that explain it.
     """
-    model, *others = (fit_orientation(robot, recording, wiring) for wiring in wirings(robot))
+    candidates = wirings(robot)
+    model = fit_orientation(robot, recording, next(candidates))
     if model.residual <= _EXPLAINED:
         return model
+    others = [fit_orientation(robot, recording, wiring) for wiring in candidates]
     best = min(other.residual for other in others)
     explained = best < _CLEARLY * model.residual
     if model.residual <= (_EXPLAINED if explained else _RESIDUAL):

@@ -11,6 +11,8 @@ no sample confirms is reported as not confirmed.
 
 from __future__ import annotations
 
+import contextlib
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -41,6 +43,14 @@ STILL_TIME, STILL = 0.3, 0.02  # [s], [rad] that no joint moved by meanwhile
 _SILENT = 0.1  # [s] without an accepted sample: nothing is known of the robot
 _LONGEST = 3  # times the usual damping, of a robot that does not come to rest
 NOT_CONFIRMED = "NOT CONFIRMED: it may be stiff; cut the battery"
+
+
+def append_ending(path: str, text: str) -> None:
+    """Append what was done with the robot to a file, now that it is safe; an empty path is no file."""
+    with contextlib.suppress(OSError):
+        if path:
+            with open(path, "a", encoding="utf-8") as file:
+                print(f"{time.strftime('%Y-%m-%d %H:%M:%S')} {text}", file=file)
 
 
 class Ending:
@@ -125,7 +135,7 @@ class Ending:
             self.done.append("left to its own controller")
             return
         stiff = self._position()
-        limp = JointCommand(self._sent.position, kp=np.zeros_like(stiff), kd=loop.own_gains[1])
+        limp = JointCommand.damping(self._sent.position, loop.own_gains[1])
         self.done.append("damped")
         usual = max(DAMPED_TIME, damping_time(loop.stance, legs_are_up(loop.robot, loop.stance, self._sent.position)))
         was, still = stiff, 0.0
@@ -134,12 +144,12 @@ class Ending:
             still += loop.period
             if np.abs(self._position() - was).max() > STILL:
                 was, still = self._position(), 0.0
-            time, heard = count * loop.period, self._silence < _SILENT
-            if heard and still > STILL_TIME and time > DAMPED_TIME:
+            damped, heard = count * loop.period, self._silence < _SILENT
+            if heard and still > STILL_TIME and damped > DAMPED_TIME:
                 moved = np.abs(self._position() - stiff).max() > _MOVED
-                if moved or lies(loop.robot, loop.stance, self._position()) or time > usual:
+                if moved or lies(loop.robot, loop.stance, self._position()) or damped > usual:
                     break
-            if not heard and time > usual:
+            if not heard and damped > usual:
                 break
         if self._silence >= _SILENT or still <= STILL_TIME:
             self.done[-1] = f"damping commands were sent; {NOT_CONFIRMED}"

@@ -85,9 +85,9 @@ class Guard:
         try:
             self._move(trajectory, stop)
         except KeyboardInterrupt as interrupt:
-            raise MotionInterrupted(self._recorded(trajectory)) from interrupt
+            raise MotionInterrupted(self._recorder.recorded(trajectory.events)) from interrupt
         except MotionError as error:
-            if (recorded := self._recorded(trajectory)) is not None and not error.recordings:
+            if (recorded := self._recorder.recorded(trajectory.events)) is not None and not error.recordings:
                 error.recordings = (recorded,)
             raise
         return self._recorder.recording(trajectory.events)
@@ -125,13 +125,7 @@ class Guard:
 
     def _tick(self) -> None:
         tick = self._loop.tick()
-        if tick.target is not None and tick.motion:
-            self._recorder.add(tick.target, tick.sent, tick.samples)
-        else:
-            self._recorder.observe(tick.samples)
-
-    def _recorded(self, trajectory: Trajectory) -> Recording | None:
-        return self._recorder.recording(trajectory.events) if self._recorder.count else None
+        self._recorder.take(tick.target if tick.motion else None, tick.sent, tick.samples)
 
     def _require_going(self) -> None:
         if self._loop.ending is not None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from equipoise.drivers.catalog import open_second
 from equipoise.errors import CommunicationError, MotionError, RobotProcessError
-from equipoise.guard.endings import STILL, STILL_TIME
+from equipoise.guard.endings import STILL, STILL_TIME, append_ending
 from equipoise.guard.guard import PUT_DOWN
 from equipoise.guard.limits import Limits
 from equipoise.guard.messages import Batch, End, Ended, Ready, Setup, StopMotion
@@ -97,7 +97,7 @@ class RemoteRobot:
         realtime: bool = True,
     ) -> None:
         self._robot, self._limits, self._log = robot, limits or Limits(), log
-        self._ending_file = None if ending_file is None else ending_file.absolute()
+        self._ending_file = "" if ending_file is None else str(ending_file.absolute())
         self._interruptions = Interruptions()
         self._messages: queue.SimpleQueue[Batch | Ended] = queue.SimpleQueue()
         self._state: RobotState | None = None
@@ -116,13 +116,11 @@ class RemoteRobot:
                 start_new_session=True,  # Ctrl-C is for this process
             )
         self._pipe, self._posting = Pipe(ours), threading.Lock()
-        file = "" if self._ending_file is None else str(self._ending_file)
         gc.collect()
         gc.freeze()  # a collection of all that was imported would hold up the signs of life for 150 ms
         try:
-            self._post(
-                Setup(platform, dict(given), robot.name, robot.source, robot.description, self._limits, file, realtime)
-            )
+            model = robot.name, robot.source, robot.description
+            self._post(Setup(platform, dict(given), *model, self._limits, self._ending_file, realtime))
             ready = self._wait_until_ready()
         except BaseException:
             self._process.kill()
@@ -252,10 +250,8 @@ class RemoteRobot:
 
     def _take_batch(self, batch: Batch) -> None:
         for tick in batch.ticks:
-            if tick.motion == self._number and tick.target is not None:
-                self._recorder.add(tick.target, tick.sent, tick.samples)
-            else:
-                self._recorder.observe(tick.samples)
+            target = tick.target if tick.motion == self._number else None
+            self._recorder.take(target, tick.sent, tick.samples)
             if tick.samples:
                 self._state = tick.samples[-1]
         self._done = batch.done
@@ -271,8 +267,9 @@ class RemoteRobot:
     def _with_recording(self, error: BaseException, trajectory: Trajectory) -> BaseException:
         """Return an error that carries what was recorded of the motion."""
         self._write_piece(trajectory, whole=True)
-        if isinstance(error, MotionError) and self._recorder.count and not error.recordings:
-            error.recordings = (self._recorder.recording(trajectory.events),)
+        recorded = self._recorder.recorded(trajectory.events)
+        if isinstance(error, MotionError) and recorded is not None and not error.recordings:
+            error.recordings = (recorded,)
         return error
 
     def _raise_waiting_signal(self, trajectory: Trajectory) -> None:
@@ -281,8 +278,7 @@ class RemoteRobot:
             self._interruptions.check()
         except KeyboardInterrupt as interrupt:
             self._write_piece(trajectory, whole=True)
-            recorded = self._recorder.recording(trajectory.events) if self._recorder.count else None
-            raise MotionInterrupted(recorded) from interrupt
+            raise MotionInterrupted(self._recorder.recorded(trajectory.events)) from interrupt
 
     def _require_going(self) -> None:
         if self._ended.is_set():
@@ -399,8 +395,7 @@ class RemoteRobot:
         self._process.kill()
         done = self._second.damp() if self._commanded else "nothing had been moved"
         error = RobotProcessError(f"the robot process {how}; {done}")
-        if self._ending_file is not None and self._commanded:
-            with contextlib.suppress(OSError), open(self._ending_file, "a", encoding="utf-8") as file:
-                print(f"{time.strftime('%Y-%m-%d %H:%M:%S')} {error}", file=file)
+        if self._commanded:
+            append_ending(self._ending_file, str(error))
         report = GuardReport(realtime=self.realtime, ending=(done,), trouble=str(error))
         self._messages.put(Ended(error, report))

@@ -10,12 +10,11 @@ import contextlib
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from equipoise.conventions import FloatArray
-from equipoise.drivers.hardware import LoopTiming
+from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.errors import (
     CommunicationError,
     HealthError,
@@ -46,17 +45,6 @@ _FRESH_TIME = 0.1  # [s] in which a sample must arrive after a while without com
 _SOUND = (HealthError, StopRequestedError, OverrunError)  # after a command: the robot itself is well
 DAMP = "damp"
 """Request of a remote control, or of the operator, to damp the robot at once."""
-
-
-@runtime_checkable
-class Hardware(Protocol):
-    """A platform on which several samples may arrive in a control period, some of them damaged, and commands may be late."""
-
-    arrived: list[RobotState]
-    commanded: bool
-    rejected: int
-    sent_at: float
-    timing: LoopTiming
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +103,7 @@ class RobotLoop:
         gains = robot.gains(self.stance.hip_height)
         kp, kd = np.full((2, len(robot.joint_names)), np.array(gains)[:, None])
         self.own_gains = (kp, kd) if "gains" in platform.accepts else None
-        self._hardware = platform if isinstance(platform, Hardware) else None
+        self._hardware = platform if isinstance(platform, HardwarePlatform) else None
         self._samples = SampleFilter(robot, self.period, self._limits.silence)
         self._up = TiltFilter(np.array(robot.imu_in_base.rotation))
         self._forces = ForceLimit(self._limits, robot, self.stance, (kp, kd), self.period)
@@ -405,5 +393,5 @@ class RobotLoop:
         timing = None if self._hardware is None else self._hardware.timing
         done = () if self.ending is None else tuple(self.ending.done)
         trouble = "" if self.trouble is None else str(self.trouble)
-        self._report.unchecked = getattr(self.platform, "unchecked", False)
+        self._report.unchecked = self._hardware is not None and self._hardware.unchecked
         return self._report.with_end(timing, self._up.largest, done, trouble)

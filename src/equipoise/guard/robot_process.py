@@ -22,6 +22,7 @@ from equipoise import _version
 from equipoise.drivers.catalog import for_platform, open_platform
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.errors import EquipoiseError, MotionError, OverrunError, RobotProcessError
+from equipoise.guard.endings import append_ending
 from equipoise.guard.messages import Batch, End, Ended, Ready, Setup, StopMotion
 from equipoise.guard.pipe import Pipe
 from equipoise.guard.robot_loop import MotionOrder, RobotLoop, Tick
@@ -65,7 +66,9 @@ class RobotProcess:
             self._ticks.append(Tick() if loop.waits else loop.tick())
             self._post_batch()
         report = dataclasses.replace(loop.report(), realtime=realtime)
-        self._append_ending()
+        if loop.known is not None:
+            reason = f" ({report.trouble})" if report.trouble else ""
+            append_ending(self._setup.ending_file, ", ".join(report.ending) + reason)
         with contextlib.suppress(EOFError):
             self._pipe.post(Batch(self._ticks, self._done))
             self._pipe.post(Ended(_sendable(loop.trouble), report))
@@ -129,15 +132,6 @@ class RobotProcess:
             with contextlib.suppress(EOFError):
                 self._pipe.post(Batch(self._ticks, self._done))
             self._ticks = []
-
-    def _append_ending(self) -> None:
-        """Write how it ended, now that the robot is safe."""
-        if not self._setup.ending_file or self._loop.known is None:
-            return
-        report = self._loop.report()
-        with contextlib.suppress(OSError), open(self._setup.ending_file, "a", encoding="utf-8") as file:
-            reason = f" ({report.trouble})" if report.trouble else ""
-            print(f"{time.strftime('%Y-%m-%d %H:%M:%S')} {', '.join(report.ending)}{reason}", file=file)
 
     def _terminate(self, *_: object) -> None:
         self._terminated = True

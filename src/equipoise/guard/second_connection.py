@@ -36,8 +36,7 @@ class SecondConnection:
         self._connection: RobotConnection | None = None
         self._stance = nominal_stance(robot)  # computed before it is needed
         kd = robot.gains(self._stance.hip_height)[1]
-        zeros = np.zeros(len(robot.joint_names))
-        self._limp = JointCommand(zeros, kp=zeros, kd=np.full_like(zeros, kd))
+        self._limp = JointCommand.damping(np.zeros(len(robot.joint_names)), kd)
         self.ready = False
 
     def open(self) -> None:

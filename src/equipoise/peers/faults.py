@@ -23,6 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from equipoise.conventions import FloatArray
 from equipoise.drivers.unitree.remote_control import KEYS
 from equipoise.platform.platform import Health, JointCommand, RobotState
 from equipoise.robot.model import RobotModel
@@ -236,14 +237,14 @@ class CrossedWiring:
             self._turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         self._commands, self._samples = wiring != "right" and of != "samples", wiring != "right" and of != "commands"
 
+    def _crossed(self, vector: FloatArray | None) -> FloatArray | None:
+        return None if vector is None else (self._sign * vector)[self._order]
+
     def commanded(self, command: JointCommand) -> JointCommand:
         """Return the command that reaches the motors; every leg order is its own inverse."""
         if not self._commands:
             return command
-        position, velocity, torque = (
-            None if each is None else (self._sign * each)[self._order]
-            for each in (command.position, command.velocity, command.torque)
-        )
+        position, velocity, torque = map(self._crossed, (command.position, command.velocity, command.torque))
         kp, kd = (None if each is None else each[self._order] for each in (command.kp, command.kd))
         return JointCommand(position, velocity, torque, kp, kd)  # pyright: ignore[reportArgumentType]
 
@@ -251,9 +252,8 @@ class CrossedWiring:
         """Return the sample that leaves the robot."""
         if not self._samples:
             return state
-        position, velocity, torque = (
-            None if each is None else (self._sign * each)[self._order]
-            for each in (state.joint_position, state.joint_velocity, state.joint_torque)
+        position, velocity, torque = map(
+            self._crossed, (state.joint_position, state.joint_velocity, state.joint_torque)
         )
         return replace(
             state,

@@ -195,8 +195,7 @@ class PeerRobot:
 
     def _in_force(self) -> JointCommand:
         """Return what the motor boards do now."""
-        zeros = np.zeros_like(self._hold)
-        limp = JointCommand(self._hold, kp=zeros, kd=_DAMPING * self._kd)
+        limp = JointCommand.damping(self._hold, _DAMPING * self._kd)
         command, mode = self._command, "commanded"
         if command is None:
             lying = self.settings.start == "lying"

@@ -36,6 +36,13 @@ class JointCommand:
         """Whether the joints only resist being moved."""
         return self.kp is not None and not self.kp.any()
 
+    @classmethod
+    def damping(cls, position: FloatArray, kd: FloatArray | float) -> JointCommand:
+        """Return the command with which joints only resist being moved, with a velocity gain [Nm s/rad]."""
+        return cls(
+            position, kp=np.zeros_like(position), kd=np.broadcast_to(np.asarray(kd, dtype=float), position.shape)
+        )
+
     def held(self) -> JointCommand:
         """Return the command that stays where this one leads."""
         return self if self.velocity is None else replace(self, velocity=None)

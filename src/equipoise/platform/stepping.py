@@ -77,6 +77,17 @@ class Recorder:
         self._targets.append(target)
         self._waiting = list(samples)
 
+    def recorded(self, events: tuple[Event, ...] = ()) -> Recording | None:
+        """Return the present motion so far, or None if no command was sent."""
+        return self.recording(events) if self.count else None
+
+    def take(self, target: FloatArray | None, sent: float | None, samples: Iterable[RobotState]) -> None:
+        """Take one control period: with a target of the present motion as `add`, without one as `observe`."""
+        if target is None:
+            self.observe(samples)
+        else:
+            self.add(target, sent, samples)
+
     def recording(self, events: tuple[Event, ...] = (), first: int = 0) -> Recording:
         """Return the commands from one on, and their samples; times of events count from the motion's begin [s]."""
         samples = [sample for row in self._rows[first:] for sample in row]
@@ -120,7 +131,7 @@ def play_by_stepping(platform: Platform, trajectory: Trajectory, stop: TiltLimit
             if test.reached(state.angular_velocity_in_imu[None], state.joint_position[None]):
                 break
     except KeyboardInterrupt:
-        raise MotionInterrupted(recorder.recording(trajectory.events) if recorder.count else None) from None
+        raise MotionInterrupted(recorder.recorded(trajectory.events)) from None
     return recorder.recording(trajectory.events)
 
 
