@@ -53,9 +53,11 @@ SDKS = {  # revision, library, flags
     "v3.3.1": ("v3.3.1", "lib/libunitree_legged_sdk_amd64.so", ()),
     "v3.8.6": ("HEAD", "lib/cpp/amd64/libunitree_legged_sdk.a", ("-DGO1",)),
 }
+WITHOUT_PRIORITY = "real time, no priority"
 PLANNED = (
     ("lockstep", 0.002, "hard", SCALE),
     ("real time", 0.002, "hard", SCALE),
+    (WITHOUT_PRIORITY, 0.002, "hard", SCALE),
     ("lockstep", 0.002, "carpet", SCALE),
     ("lockstep", 0.002, "hard", None),
     ("real time", 0.005, "hard", SCALE),
@@ -177,7 +179,7 @@ def calibrated(
                 if lockstep:
                     moved = Guard(Lockstep(robot, open_connection(robot, settings)), robot)
                 else:
-                    moved = RemoteRobot("unitree-go2", robot, vars(settings))
+                    moved = RemoteRobot("unitree-go2", robot, vars(settings), realtime=how != WITHOUT_PRIORITY)
                 with moved:
                     result = calibrate(moved, robot, method)
             except EquipoiseError as error:
