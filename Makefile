@@ -108,12 +108,12 @@ bench-monte-carlo: $(ROBOTS_STAMP)
 	$(BIN)/python benchmarks/monte_carlo.py
 
 bench-paper: $(DEV_STAMP)
-	$(BIN)/equipoise reproduce --out benchmarks/results/paper
+	$(BIN)/equipoise lab reproduce --out benchmarks/results/paper
 	$(BIN)/python benchmarks/provenance.py paper/README.md
 
 # What each error source costs the paper's method; three minutes.
 bench-sources: $(DEV_STAMP)
-	$(BIN)/equipoise monte-carlo --trials 240 --vary-noise --seed 10000 --out benchmarks/results/sources
+	$(BIN)/equipoise lab monte-carlo --trials 240 --vary-noise --seed 10000 --out benchmarks/results/sources
 	$(BIN)/python benchmarks/provenance.py sources/summary.md
 
 # Twenty minutes on one core, most of it mujoco.sysid. Peers whose packages are missing get a row that says so:
