@@ -21,7 +21,7 @@ from equipoise.simulation.effects import REALISTIC, SensorErrors
 VARIED = Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5)
 SHOWN = f"""
 import json, sys
-sys.path[:0] = {[str(Path(__file__).parents[above]) for above in (0, 1)]}
+sys.path[:0] = {[str(Path(__file__).parents[above]) for above in (0, 2)]}
 from equipoise.lab.study.study import Study, draw
 from test_study import VARIED, shown
 """

@@ -92,7 +92,6 @@ def test_a_scheduler_without_workers_a_worker_with_threads_and_a_worker_that_is_
         main(
             [
                 "lab",
-                "lab",
                 "monte-carlo",
                 "--executor",
                 "dask",
