@@ -33,11 +33,11 @@ from scipy.stats import beta
 
 import equipoise
 from equipoise import calibrate, load_robot, nominal_stance, simulate
-from equipoise.balance.belief import Belief, calibrated, displaced, error_along, model_file
-from equipoise.balance.judge import Verdict, judge
-from equipoise.balance.routine import BalanceSettings, balance
-from equipoise.balance.senses import SensorKnowledge
 from equipoise.errors import EquipoiseError
+from equipoise.lab.balance.belief import Belief, calibrated, displaced, error_along, model_file
+from equipoise.lab.balance.judge import Verdict, judge
+from equipoise.lab.balance.routine import BalanceSettings, balance
+from equipoise.lab.balance.senses import SensorKnowledge
 from equipoise.method.table import method_named
 from equipoise.pictures.figure import BLUE, DPI, GREY, LIGHT_GREY, SMALL, TEXT, VERMILLION, new_figure
 from equipoise.robot.model import DIAGONALS

@@ -258,7 +258,7 @@ def commanded(computer: str, protocol: str) -> dict[str, object]:
     """The maker's computer commands our simulated robot."""
     flags = ["--protocol", protocol, "--address", A1_ADDRESS, "--noise", "ideal"]
     with subprocess.Popen(
-        [sys.executable, "-m", "equipoise.peers.unitree_udp", *flags], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", *flags], stdout=subprocess.PIPE, text=True
     ) as robot:
         while '"ready"' not in robot.stdout.readline():
             pass

@@ -68,7 +68,16 @@ class Options:
 @contextlib.contextmanager
 def emulator(*flags: str) -> Generator[None]:
     """Run an emulator that lies."""
-    command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN), *flags]
+    command = [
+        sys.executable,
+        "-m",
+        "equipoise.lab.emulators.unitree_dds",
+        "--robot",
+        ROBOT,
+        "--domain",
+        str(DOMAIN),
+        *flags,
+    ]
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log)
         try:

@@ -32,12 +32,12 @@ from provenance import commit, write_page
 
 import equipoise
 from equipoise import Paper, Precise, calibrate, estimate, load_robot, simulate
+from equipoise.lab.study.executors import dask_cluster
+from equipoise.lab.study.processes import Processes
+from equipoise.lab.study.rows import column, failed
+from equipoise.lab.study.runner import run_study
+from equipoise.lab.study.study import Study, draw
 from equipoise.method.table import method_named
-from equipoise.study.executors import dask_cluster
-from equipoise.study.processes import Processes
-from equipoise.study.rows import column, failed
-from equipoise.study.runner import run_study
-from equipoise.study.study import Study, draw
 
 RESULTS = Path(__file__).parent / "results"
 CORES = os.cpu_count() or 1

@@ -121,7 +121,7 @@ class Peer:
 
     def __init__(self, case: Case, seed: int) -> None:
         flags = ["--domain", str(DOMAIN), "--seed", str(seed), "--payload", PAYLOAD, *case.peer]
-        self._command = [sys.executable, "-m", "equipoise.peers.ros2", "--robot", ROBOT, *flags]
+        self._command = [sys.executable, "-m", "equipoise.lab.emulators.ros2", "--robot", ROBOT, *flags]
 
     def __enter__(self) -> Peer:
         self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, text=True)

@@ -104,7 +104,7 @@ def over_udp(protocol: str, faults: tuple[str, ...], seed: int) -> Row:
 @contextmanager
 def peer(*flags: str) -> Generator[list[dict[str, Any]]]:
     """The simulated robot in its own process; its log."""
-    command = [sys.executable, "-m", "equipoise.peers.unitree_udp", "--noise", "realistic", *flags]
+    command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_udp", "--noise", "realistic", *flags]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     log = [json.loads(process.stdout.readline())]

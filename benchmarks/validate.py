@@ -22,8 +22,8 @@ import numpy as np
 from provenance import commit, write_page
 
 from equipoise import Calibration, Payload, Precise, RobotModel, calibrate, load_robot, nominal_stance, simulate
-from equipoise.calibration.validation import validate
 from equipoise.errors import EquipoiseError, ModelWarning
+from equipoise.lab.replay.validation import validate
 from equipoise.result.held_out import FOUND, MODEL
 from equipoise.robot.inertial import InertialParameters
 

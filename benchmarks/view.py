@@ -68,7 +68,7 @@ OPTIONS = Options()
 @contextmanager
 def robot() -> Generator[None]:
     """A simulated robot in a process of its own."""
-    command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN)]
+    command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_dds", "--robot", ROBOT, "--domain", str(DOMAIN)]
     flags = ("--start", "standing", "--no-sport-mode", "--noise", "ideal")
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen([*command, *flags], stdin=subprocess.DEVNULL, stdout=log)

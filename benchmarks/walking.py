@@ -1,9 +1,9 @@
 """What a log of a walking robot tells: `make bench-walking`. Writes benchmarks/results/walking.md.
 
-Robots with a payload trot for 20 s (equipoise.simulation.gaits.trot), with changes of speed, sidesteps and turns, in PyBullet
+Robots with a payload trot for 20 s (equipoise.lab.gaits.trot), with changes of speed, sidesteps and turns, in PyBullet
 and in DART, with the presets' errors as far as these engines can have them, and in MuJoCo with all of them. Their logs are
 written as tables and read like anybody's; a scale reads half a percent wrong (rms). Some trot for 60 s. On the same simulated
-robots in MuJoCo a calibration is done too: do lifts and trot agree? Others crawl (equipoise.simulation.gaits.crawl). Rows
+robots in MuJoCo a calibration is done too: do lifts and trot agree? Others crawl (equipoise.lab.gaits.crawl). Rows
 are kept in walking.jsonl: it goes on where it was.
 
     python benchmarks/walking.py              # what is missing, then the page
@@ -32,12 +32,12 @@ from worlds.world import world
 
 from equipoise import Payload, Precise, Recording, RobotModel, calibrate, load_robot, nominal_stance
 from equipoise.errors import EquipoiseError
+from equipoise.lab.gaits.crawl import crawl
+from equipoise.lab.gaits.trot import trot
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.reader import read_log
 from equipoise.result.statistics import NORMAL_95
 from equipoise.robot.inertial import COMPONENTS, InertialParameters, components
-from equipoise.simulation.gaits.crawl import crawl
-from equipoise.simulation.gaits.trot import trot
 
 RESULTS = Path(__file__).parent / "results"
 ROWS = RESULTS / "walking.jsonl"

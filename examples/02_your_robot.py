@@ -8,7 +8,8 @@ The description says what the file leaves out; from a TOML file it comes with Ro
 import sys
 from pathlib import Path
 
-from equipoise import Precise, RobotDescription, Static, audit, calibrate, load_robot, nominal_stance, simulate
+from equipoise import Precise, RobotDescription, audit, calibrate, load_robot, nominal_stance, simulate
+from equipoise.lab.static.method import Static
 from equipoise.robot.catalog import CATALOG
 
 file = Path(sys.argv[1]) if len(sys.argv) > 1 else CATALOG["unitree_a1"].find()

@@ -2,10 +2,10 @@
 
     python examples/06_custom_platform.py
 
-This one stands between the routine and a simulated robot and counts what passes; yours talks to a robot.
-"""
+This one counts the commands to a simulated robot; yours talks to a robot."""
 
-from equipoise import Static, calibrate, load_robot, simulate
+from equipoise import calibrate, load_robot, simulate
+from equipoise.lab.static.method import Static
 
 
 class CountingPlatform:

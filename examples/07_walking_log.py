@@ -12,7 +12,7 @@ import sys
 import numpy as np
 
 from equipoise import load_robot, simulate
-from equipoise.simulation.gaits.trot import trot
+from equipoise.lab.gaits.trot import trot
 
 robot = load_robot("unitree_a1")
 with simulate(robot, noise="realistic", payload="1.2,0.06,0.02,0.08", seed=7) as simulation:

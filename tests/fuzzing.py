@@ -29,7 +29,6 @@ from equipoise import (
     RobotDescription,
     RobotModel,
     RunFolder,
-    Static,
     calibrate,
     load_robot,
     simulate,
@@ -43,9 +42,10 @@ from equipoise.drivers.unitree.packets import (
     read_state,
 )
 from equipoise.errors import EquipoiseError
+from equipoise.lab.emulators.udp_packets import StatePacket, read_command
+from equipoise.lab.static.method import Static
 from equipoise.logs.joint_names import read_joint_map
 from equipoise.logs.reader import read_log as read_foreign
-from equipoise.peers.udp_packets import StatePacket, read_command
 from equipoise.recording.run_log_reader import read_log
 
 PATIENCE = 30.0  # [s] for one file; starting a child is not counted

@@ -24,7 +24,7 @@ class PeerProcess:
 
     def __init__(self, module, *flags, python=sys.executable, code=None):
         self.log, self.flags = [], flags
-        program = ["-m", f"equipoise.peers.{module}"] if code is None else ["-c", code]
+        program = ["-m", f"equipoise.lab.emulators.{module}"] if code is None else ["-c", code]
         self._process = subprocess.Popen(
             [python, *program, *map(str, flags)],
             stdin=subprocess.PIPE,
@@ -47,7 +47,7 @@ class PeerProcess:
         raise AssertionError(f"the peer never said {key} {value}: {self.log} {self._process.poll()}")
 
     def fault(self, **fault):
-        """Give the emulator a fault, as `equipoise.peers.faults` describes it."""
+        """Give the emulator a fault, as `equipoise.lab.emulators.faults` describes it."""
         self._process.stdin.write(json.dumps(fault) + "\n")
         self._process.stdin.flush()
 

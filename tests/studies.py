@@ -8,12 +8,12 @@ import time
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
-from equipoise import Static
-from equipoise.study.rows import table_of
-from equipoise.study.runner import run_study
-from equipoise.study.store import read_rows
-from equipoise.study.study import Study
-from equipoise.study.trial import run_trial
+from equipoise.lab.static.method import Static
+from equipoise.lab.study.rows import table_of
+from equipoise.lab.study.runner import run_study
+from equipoise.lab.study.store import read_rows
+from equipoise.lab.study.study import Study
+from equipoise.lab.study.trial import run_trial
 
 STATIC = Study(methods=(Static(),), seed=11)  # 0.1 s a trial
 TIMES = ("wall_time", "cpu_time", "estimation_time", "worker")
@@ -67,13 +67,13 @@ def cheap_trial(study, trial, logs=None):
 
 
 def start_study(folder, *flags, setup="pass"):
-    """`equipoise monte-carlo` in a session of its own, its progress on stderr after every trial."""
+    """`equipoise lab monte-carlo` in a session of its own, its progress on stderr after every trial."""
     code = (
-        "import sys; from equipoise.cli import main; import equipoise.study.store as store; "
-        f"import equipoise.terminal.study as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
+        "import sys; from equipoise.cli import main; import equipoise.lab.study.store as store; "
+        f"import equipoise.lab.terminal.study as terminal; terminal._PLAIN_INTERVAL = 0; {setup}; sys.exit(main())"
     )
     return subprocess.Popen(
-        [sys.executable, "-c", code, "monte-carlo", "--methods", "static", "--seed", "11", "--no-pictures",
+        [sys.executable, "-c", code, "lab", "monte-carlo", "--methods", "static", "--seed", "11", "--no-pictures",
          "--out", str(folder), *map(str, flags)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip

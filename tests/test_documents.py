@@ -73,15 +73,15 @@ def test_python_finds_every_program(command):
     kind, *rest = command[1]
     if kind != "-m":
         assert (ROOT / kind).is_file()
-    elif rest[0].startswith("equipoise.peers."):
-        (options,) = (kind for name, kind in vars(import_module(rest[0])).items() if name.endswith("PeerOptions"))
+    elif rest[0].startswith("equipoise.lab.emulators."):
+        (options,) = (kind for name, kind in vars(import_module(rest[0])).items() if name.endswith("Options"))
         assert tyro.cli(options, args=rest[1:])
     else:
         assert rest[0] in ("venv", "pip")
 
 
 def test_words_in_the_text_name_verbs_that_there_are():
-    verbs = {*cli.VERBS, "--help", "--version"}
+    verbs = {*cli.VERBS, *cli.GROUPS, "--help", "--version"}
     for page in PAGES:
         for verb in re.findall(r"`equipoise ([\w-]+)[^`]*`", page.read_text(encoding="utf-8")):
             assert verb in verbs, f"{page.name}: equipoise {verb}"

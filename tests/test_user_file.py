@@ -110,7 +110,7 @@ VERBS = [
     ["estimate", "RUN"],
     ["record", "--duration", "1s"],
     ["calibrate", "--method", "static"],
-    ["monte-carlo", "--trials", "1", "--methods", "static"],
+    ["lab", "monte-carlo", "--trials", "1", "--methods", "static"],
 ]
 
 

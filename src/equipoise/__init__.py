@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     from equipoise.simulation.effects import SensorErrors
     from equipoise.simulation.payload import Payload
     from equipoise.simulation.simulation import Simulation, simulate
-    from equipoise.static.method import Static
 
 _HOME = {
     "Audit": "robot.audit",
@@ -89,7 +88,6 @@ _HOME = {
     "SettingsError": "errors",
     "Simulation": "simulation.simulation",
     "Stance": "robot.stance",
-    "Static": "static.method",
     "SteppedPlatform": "platform.stepped",
     "Subject": "exports.subject",
     "SwaySettings": "experiments.sway",
@@ -145,7 +143,6 @@ __all__ = [  # noqa: RUF022 - in the order of _HOME, with the version last
     "SettingsError",
     "Simulation",
     "Stance",
-    "Static",
     "SteppedPlatform",
     "Subject",
     "SwaySettings",

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from equipoise import Paper, Precise, Static, calibrate, simulate
+from equipoise import Paper, Precise, calibrate, simulate
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.errors import SettingsError
+from equipoise.lab.static.method import Static
 
 pytestmark = pytest.mark.usefixtures("coarse_engine")
 

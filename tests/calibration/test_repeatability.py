@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from equipoise import Static, calibrate, simulate
+from equipoise import calibrate, simulate
 from equipoise.calibration.repeatability import repeatability, to_dict
 from equipoise.errors import SettingsError
+from equipoise.lab.static.method import Static
 
 SETTINGS = Static()
 

@@ -21,12 +21,12 @@ from equipoise import (
     Precise,
     RobotDescription,
     RunFolder,
-    Static,
     SwaySettings,
     calibrate,
     simulate,
 )
 from equipoise.errors import FallError, OutputError, RecordingError
+from equipoise.lab.static.method import Static
 from equipoise.platform.logged import Logged
 from equipoise.precise.plan import Goals
 from equipoise.precise.unknowns import Priors
@@ -225,7 +225,7 @@ def test_settings_come_back(new, method):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"method": "magic"}, "method 'magic' is not known; there are precise, paper, static"),
+        ({"method": "magic"}, "method 'magic' is not known; there are precise, paper, motors"),
         ({"method": "precise", "budget": "long"}, "setting 'budget' is 'long'; it must be float"),
         ({"method": "precise", "budget": -1}, "budget is -1 s; it must be above zero, up to 3600 s"),
         ({"method": "paper", "com_search": 3}, "setting 'com_search' is 3; it must be a table"),

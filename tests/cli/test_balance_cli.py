@@ -5,8 +5,8 @@ import json
 import pytest
 
 from equipoise.cli import main
-from equipoise.cli.balance import metres
 from equipoise.errors import SettingsError
+from equipoise.lab.cli.balance import metres
 from equipoise.recording.run_log_reader import read_log
 from equipoise.simulation.mujoco import MujocoPlatform
 
@@ -14,7 +14,7 @@ SHORT = ["--duration", "1s", "--quiet", "--noise", "ideal"]
 
 
 def fails(capsys, code, *arguments):
-    assert main(["balance", *arguments]) == code
+    assert main(["lab", "balance", *arguments]) == code
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err
     lines = [line for line in captured.err.splitlines() if line.startswith("error: ")]
@@ -25,7 +25,7 @@ def fails(capsys, code, *arguments):
 def test_json_is_one_object_and_the_same_is_saved(tmp_path, capsys):
     out = tmp_path / "run"
     arguments = [*SHORT, "--com-error", "2mm", "--observe-offset", "--json", "--out", str(out)]
-    assert main(["balance", *arguments, "--diagonal", "FR_RL"]) == 0
+    assert main(["lab", "balance", *arguments, "--diagonal", "FR_RL"]) == 0
     captured = capsys.readouterr()
     table = json.loads(captured.out)
     assert captured.err == ""
@@ -45,12 +45,12 @@ def test_json_is_one_object_and_the_same_is_saved(tmp_path, capsys):
 
 def test_a_fall_is_a_verdict_and_with_check_an_exit_code(tmp_path, capsys):
     arguments = ["--payload", "2,0.08,0.03,0.1", "--diagonal", "FR_RL", "--no-pictures", *SHORT]
-    assert main(["balance", *arguments, "--out", str(tmp_path / "a")]) == 0
+    assert main(["lab", "balance", *arguments, "--out", str(tmp_path / "a")]) == 0
     captured = capsys.readouterr()
     assert "FR_RL: fell after 0." in captured.out
     assert "The law believes the model file; sensor errors are not known" in " ".join(captured.out.split())
     assert not (tmp_path / "a" / "balance.png").exists()
-    assert main(["balance", *arguments, "--check", "--json", "--out", str(tmp_path / "b")]) == 4
+    assert main(["lab", "balance", *arguments, "--check", "--json", "--out", str(tmp_path / "b")]) == 4
     captured = capsys.readouterr()
     assert json.loads(captured.out)["balanced"] is False
     assert "the robot did not balance for 1 s on FR_RL" in captured.err
@@ -60,7 +60,7 @@ def test_a_calibration_is_read_from_its_file_or_its_folder(tmp_path, capsys, pre
     precise_run.result.save(tmp_path / "calibration.json")
     payload = ["--payload", "1.5,0.05,-0.02,0.06", "--seed", "4"]
     arguments = ["--com", str(tmp_path), *payload, "--diagonal", "FL_RR", "--noise", "realistic", "--duration", "2s"]
-    assert main(["balance", *arguments, "--out", str(tmp_path / "run"), "--quiet"]) == 0
+    assert main(["lab", "balance", *arguments, "--out", str(tmp_path / "run"), "--quiet"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "FL_RR: balanced for 2.0 s" in out
     assert "The law believes a calibration by the method precise; sensor errors are taken off, as calibrated." in out
@@ -78,7 +78,7 @@ def test_ctrl_c_keeps_what_was_recorded(tmp_path, capsys, monkeypatch):
 
     stopped = []
     monkeypatch.setattr(MujocoPlatform, "step", interrupted)
-    assert main(["balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
+    assert main(["lab", "balance", *SHORT, "--out", str(tmp_path / "run")]) == 130
     assert f"what was recorded so far is kept in {tmp_path / 'run'}" in capsys.readouterr().err
     recording = read_log(tmp_path / "run" / "balance-FL_RR-broken-off.mcap").unfinished
     assert recording.has_phase("lower")

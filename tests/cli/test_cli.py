@@ -144,6 +144,18 @@ def test_every_verb_has_a_line_of_80_columns(monkeypatch, capsys):
     assert main(["--help"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert all(f"  {verb:<12}  {words}" in lines for verb, (_, words) in VERBS.items())
+    assert "  lab           balance, emulate, monte-carlo, reproduce, validate" in lines
+
+
+def test_a_group_of_verbs_lists_its_own(capsys):
+    assert main(["lab"]) == 2
+    bare = capsys.readouterr().out
+    assert main(["lab", "--help"]) == 0
+    assert capsys.readouterr().out == bare
+    assert "\n  emulate       a simulated robot that speaks" in bare
+    assert fails(capsys, 2, "lab", "balence").startswith(
+        "error: equipoise lab has no verb 'balence'; did you mean 'balance'?"
+    )
 
 
 # Bad input: one sentence, a stable exit code, no traceback.
@@ -405,19 +417,10 @@ def test_every_verb_has_help_and_is_debugged_quietly_and_in_json(verb, capsys):
     shown = capsys.readouterr().out
     assert "{None}" not in shown
     assert "(default: True)" not in shown
-    assert ("--json" in shown) == (verb != "completion")
-    if verb not in ("completion", "robots", "platforms"):  # nothing goes wrong there, and nothing is said on the way
+    assert "--json" in shown
+    if verb not in ("robots", "platforms"):  # nothing goes wrong there, and nothing is said on the way
         assert "--debug" in shown
         assert "--quiet" in shown
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh"])
-def test_shells_can_complete(shell, capsys):
-    assert main(["completion", shell]) == 0
-    script = capsys.readouterr().out
-    (specification,) = (line for line in script.splitlines() if line.startswith("COMPLETION_SPEC = "))
-    assert "calibrate" in specification
-    assert "\\n" not in specification  # of which each line would be offered as a word
 
 
 def test_a_mistyped_name_is_guessed(capsys):

@@ -15,16 +15,26 @@ from equipoise.cli.settings import flag_types, given_flags
 
 # Verbs, and those with other flags because of one that is given; in front of them what a verb does not go without.
 SHAPES = {
-    **{verb: [verb] for verb in VERBS if verb not in ("completion", "robots", "platforms")},
-    **{verb: [verb, "RUN"] for verb in ("estimate", "validate", "view", "weigh")},
+    **{verb: [verb] for verb in VERBS if verb not in ("robots", "platforms")},
+    **{verb: [verb, "RUN"] for verb in ("estimate", "view", "weigh")},
+    **{f"lab {verb}": ["lab", verb] for verb in ("balance", "monte-carlo", "reproduce")},
+    "lab validate": ["lab", "validate", "RUN"],
     "estimate a log": ["estimate", "log.mcap", "--robot", "unitree_a1"],
     "delta": ["delta", "RUN", "RUN"],
     **{f"calibrate {way}": ["calibrate", *way.split()] for way in (
         "--method paper", "--method static", "--method motors", "--what base,motors")},
     "calibrate on a robot": ["calibrate", "--platform", "unitree-go2"],
     "weigh on a robot": ["weigh", "RUN", "--platform", "unitree-go2"],
-    "monte-carlo of paper": ["monte-carlo", "--methods", "paper"],
+    "lab monte-carlo of paper": ["lab", "monte-carlo", "--methods", "paper"],
 }  # fmt: skip
+
+
+def named(words):
+    """The name of a verb, which may have a group before it, and the words that follow."""
+    count = 2 if words[0] == "lab" else 1
+    return " ".join(words[:count]), words[count:]
+
+
 NUMBERS = {
     "X Y Z": "0.01 -0.02 3e-2",
     "ROLL PITCH YAW": "0.1 -0.2 1.5",
@@ -137,7 +147,7 @@ def test_every_flag_can_be_typed_as_its_help_shows_it(words, read, capsys):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_help_shows_every_flag(words, capsys):
     shown = {flag.removeprefix("--").removeprefix("no-").replace("-", "_") for flag, _ in shown_flags(words, capsys)}
-    assert shown <= {*flag_types(find_verb(words[0], words[1:]))}
+    assert shown <= {*flag_types(find_verb(*named(words)))}
     assert len(shown) > 3
 
 
@@ -151,8 +161,8 @@ def test_numbers_too_few_or_too_many_and_words_are_refused_by_the_flag_s_name(wo
 
 
 @pytest.mark.parametrize("words", [
-    "calibrate --budget", "record --duration", "doctor --duration", "balance --com 0,0 --duration", "weigh run --budget",
-    "view run --from", "view run --until", "monte-carlo --trial-limit",
+    "calibrate --budget", "record --duration", "doctor --duration", "lab balance --com 0,0 --duration", "weigh run --budget",
+    "view run --from", "view run --until", "lab monte-carlo --trial-limit",
 ])  # fmt: skip
 def test_what_is_not_a_time_is_refused_by_the_flag_s_name(words, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)

@@ -41,8 +41,8 @@ def test_a_run_is_estimated_and_its_page_left_out(run):
             ("estimate", "{}/recording_0.mcap", "--robot", "unitree_a1"),
             "bags need rosbags: pip install 'equipoise[logs]'",
         ),
-        (("validate", "{}"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),
-        (("monte-carlo", "a1"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),
+        (("lab", "validate", "{}"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),
+        (("lab", "monte-carlo", "a1"), "pictures need Matplotlib: pip install 'equipoise[pictures]'"),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )

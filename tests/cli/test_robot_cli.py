@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 from peer_processes import free_port, running_peer
 
-from equipoise import Precise, RunFolder, Static, nominal_stance
+from equipoise import Precise, RunFolder, nominal_stance
 from equipoise.calibration.rehearsal import rehearse
 from equipoise.cli import main
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.formats import FORMS
+from equipoise.lab.static.method import Static
 from equipoise.recording.run_log_reader import read_log
 from equipoise.terminal.platform import print_checkup, print_rehearsal
 

@@ -1,13 +1,13 @@
-"""`equipoise monte-carlo` as a user and a script meet it."""
+"""`equipoise lab monte-carlo` as a user and a script meet it."""
 
 import json
 
 import pytest
 
 from equipoise.cli import main
-from equipoise.study import statistics
+from equipoise.lab.study import statistics
 
-QUICK = ["monte-carlo", "--methods", "static", "--workers", "1", "--quiet"]
+QUICK = ["lab", "monte-carlo", "--methods", "static", "--workers", "1", "--quiet"]
 PNG = b"\x89PNG"
 
 
@@ -21,7 +21,7 @@ def study(tmp_path_factory):
 
 
 def fails(capsys, code, *arguments):
-    assert main(["monte-carlo", *arguments]) == code
+    assert main(["lab", "monte-carlo", *arguments]) == code
     captured = capsys.readouterr()
     assert "Traceback" not in captured.err
     (line,) = [line for line in captured.err.splitlines() if line.startswith("error: ")]
@@ -34,8 +34,8 @@ def no_constants(name):
 
 
 def test_the_help_shows_an_example(capsys):
-    assert main(["monte-carlo", "--help"]) == 0
-    assert "equipoise monte-carlo" in capsys.readouterr().out.split("Example:")[1]
+    assert main(["lab", "monte-carlo", "--help"]) == 0
+    assert "equipoise lab monte-carlo" in capsys.readouterr().out.split("Example:")[1]
 
 
 def test_pictures_and_tables_are_written(study):
@@ -132,7 +132,7 @@ def test_random_robots_alone_have_no_slopes(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("code", "flags", "words"),
     [
-        (2, ["--methods", "magic"], "method 'magic' is not known; there are precise, paper, static"),
+        (2, ["--methods", "magic"], "method 'magic' is not known; there are precise, paper, motors"),
         (2, ["--methods", ","], "name a method at least"),
         (2, ["--only", "gremlins"], "'gremlins' is no error source; those are encoder_noise"),
         (2, ["--executor", "dask"], "go together"),
@@ -163,10 +163,10 @@ def test_wrong_flags_are_one_sentence_and_leave_no_folder(code, flags, words, tm
 
 @pytest.mark.parametrize("flags", [["--colour"], ["--trials", "many"], ["--noise", "loud"], ["--executor", "cloud"]])
 def test_flags_that_do_not_exist(flags, capsys):
-    assert main(["monte-carlo", *flags, "--json"]) == 2
+    assert main(["lab", "monte-carlo", *flags, "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["error"]["exit_code"] == 2
 
 
 def test_an_error_is_an_object_too_with_json(tmp_path, capsys):
-    assert main(["monte-carlo", "rex", "--json", "--out", str(tmp_path / "study")]) == 3
+    assert main(["lab", "monte-carlo", "rex", "--json", "--out", str(tmp_path / "study")]) == 3
     assert json.loads(capsys.readouterr().out)["error"]["type"] == "ModelError"

@@ -39,7 +39,7 @@ def test_a_usual_run_says_nothing_of_effects():
     assert set(Place("mujoco").facts()) == {"platform", "noise", "payload", "seed", "start", "noise_seed"}
 
 
-@pytest.mark.parametrize("verb", ["calibrate", "monte-carlo", "balance"])
+@pytest.mark.parametrize("verb", ["calibrate", "lab monte-carlo", "lab balance"])
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
@@ -50,7 +50,7 @@ def test_a_usual_run_says_nothing_of_effects():
     ],
 )
 def test_what_cannot_be_is_refused_by_name(verb, flags, words, tmp_path, capsys):
-    assert main([verb, *flags, "--quiet", "--out", str(tmp_path / "out")]) == 2
+    assert main([*verb.split(), *flags, "--quiet", "--out", str(tmp_path / "out")]) == 2
     assert words in capsys.readouterr().err
 
 
@@ -64,5 +64,8 @@ def test_an_engine_says_what_it_cannot_have(tmp_path, capsys):
 def test_balancing_lives_on_lost_samples(tmp_path):
     flags = ["--noise", "ideal", "--with", "lost_samples=0.02", "--duration", "1s", "--diagonal", "FL_RR"]
     assert (
-        main(["balance", *flags, "--com-error=0mm", "--check", "--quiet", "--no-pictures", "--out", str(tmp_path)]) == 0
+        main(
+            ["lab", "balance", *flags, "--com-error=0mm", "--check", "--quiet", "--no-pictures", "--out", str(tmp_path)]
+        )
+        == 0
     )

@@ -12,10 +12,10 @@ VERBS = [
     (["export", "FILE", "--to", "urdf"], RESULT),
     (["export", "FILE", "--all"], RESULT),
     (["report", "FILE"], RESULT),
-    (["balance", "--com", "FILE"], RESULT),
+    (["lab", "balance", "--com", "FILE"], RESULT),
     (["view", "FILE"], RUN),
     (["estimate", "FILE"], RUN),
-    (["validate", "FILE"], RUN),
+    (["lab", "validate", "FILE"], RUN),
     (["delta", "FILE", "FILE"], RUN),
     (["weigh", "unitree_a1", "--known", "FILE"], RUN),
     (["calibrate", "--known", "FILE"], RUN),
@@ -68,6 +68,6 @@ def test_a_result_is_not_a_run(tmp_path, capsys):
 @pytest.mark.usefixtures("folder")
 def test_a_log_of_another_kind_is_told_apart(tmp_path, capsys):
     (tmp_path / "log.csv").write_text("time", encoding="utf-8")
-    for verb in ("estimate", "view", "validate"):
-        said = fails(capsys, 5, verb, "log.csv")
+    for verb in (["estimate"], ["view"], ["lab", "validate"]):
+        said = fails(capsys, 5, *verb, "log.csv")
         assert said == f"error: 'log.csv' is a .csv file; {RUN}; if it is another kind of log, say whose with --robot"

@@ -47,7 +47,7 @@ CRASHES_OTHERS = """
 import sys
 from cyclonedds.idl import types
 types.byte = types.uint8
-from equipoise.peers.unitree_dds import main
+from equipoise.lab.emulators.unitree_dds import main
 main()
 """
 as_robots_run = pytest.mark.parametrize("older", ["0.10.2"], indirect=True)

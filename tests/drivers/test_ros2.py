@@ -18,7 +18,7 @@ from equipoise.drivers.ros2 import driver as ros2
 from equipoise.drivers.ros2.driver import open_connection
 from equipoise.drivers.ros2.settings import Ros2Settings
 from equipoise.errors import CommunicationError, SettingsError
-from equipoise.peers.ros2 import Interpolation
+from equipoise.lab.emulators.ros2 import Interpolation
 from equipoise.platform.platform import JointCommand, Trajectory
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.statics import static_torques
@@ -33,7 +33,16 @@ class Peer:
     """A process, and what it has said."""
 
     def __init__(self, *flags):
-        command = [sys.executable, "-m", "equipoise.peers.ros2", "--domain", str(DOMAIN), "--noise", "ideal", *flags]
+        command = [
+            sys.executable,
+            "-m",
+            "equipoise.lab.emulators.ros2",
+            "--domain",
+            str(DOMAIN),
+            "--noise",
+            "ideal",
+            *flags,
+        ]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self.said = []
         self._listener = threading.Thread(target=self._listen, daemon=True)

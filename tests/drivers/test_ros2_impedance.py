@@ -17,7 +17,7 @@ from equipoise.drivers.ros2.messages import Float64MultiArray, encoded_array
 from equipoise.drivers.ros2.settings import IMPEDANCE, STACKS, Ros2Settings
 from equipoise.errors import CommunicationError, LimitError, SettingsError, TrackingError
 from equipoise.guard.guard import Guard
-from equipoise.peers import ros2 as peer
+from equipoise.lab.emulators import ros2 as peer
 from equipoise.platform.platform import ACCEPTS_EVERYTHING, JointCommand, Trajectory
 from equipoise.robot.description import LEG_NAMES
 from equipoise.robot.statics import static_torques

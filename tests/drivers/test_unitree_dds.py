@@ -38,7 +38,7 @@ class Peer:
         self.process, self.path, self.domain, self.flags = process, path, domain, flags
 
     def fault(self, **fault):
-        """Give it a fault, as `equipoise.peers.faults` describes it."""
+        """Give it a fault, as `equipoise.lab.emulators.faults` describes it."""
         self.process.stdin.write(json.dumps(fault) + "\n")
         self.process.stdin.flush()
 
@@ -59,7 +59,7 @@ class Peer:
 @contextmanager
 def running(tmp_path_factory, *flags, domain=None):
     path, domain = tmp_path_factory.mktemp("peer") / "log.jsonl", domain or unused_domain()
-    command = [sys.executable, "-m", "equipoise.peers.unitree_dds", "--domain", str(domain), "--noise", "ideal"]
+    command = [sys.executable, "-m", "equipoise.lab.emulators.unitree_dds", "--domain", str(domain), "--noise", "ideal"]
     with path.open("w") as log:
         process = subprocess.Popen(
             [*command, "--duration", "120", *flags], stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT,

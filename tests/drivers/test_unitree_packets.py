@@ -27,7 +27,7 @@ from equipoise.drivers.unitree.packets import (
     read_state,
 )
 from equipoise.errors import SettingsError
-from equipoise.peers.udp_packets import StatePacket, read_command
+from equipoise.lab.emulators.udp_packets import StatePacket, read_command
 
 ALL = {"a1": A1, "a1 struct": A1_STRUCT, "go1": GO1, "go1 scrambled": GO1_SCRAMBLED}
 PACKETS = pytest.mark.parametrize("packets", ALL.values(), ids=ALL)

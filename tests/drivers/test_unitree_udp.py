@@ -26,8 +26,8 @@ from equipoise.drivers.unitree.packets import Damage, MotorCommands, SensorReadi
 from equipoise.drivers.unitree.udp import open_connection
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.errors import CommunicationError, SettingsError
-from equipoise.peers.udp_packets import StatePacket, read_command
-from equipoise.peers.unitree_udp import FaultyNetwork, NetworkFaults
+from equipoise.lab.emulators.udp_packets import StatePacket, read_command
+from equipoise.lab.emulators.unitree_udp import FaultyNetwork, NetworkFaults
 from equipoise.platform.platform import JointCommand, Trajectory
 
 ROBOTS = [(protocol, form) for protocol, forms in FORMS.items() for form in forms]

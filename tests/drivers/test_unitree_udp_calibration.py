@@ -3,12 +3,13 @@
 import numpy as np
 from peer_processes import free_port, in_real_time, running_peer, stalls_told
 
-from equipoise import Static, calibrate, simulate
+from equipoise import calibrate, simulate
 from equipoise.drivers.hardware import HardwarePlatform
 from equipoise.drivers.unitree.udp import open_connection
 from equipoise.drivers.unitree.udp_settings import UnitreeUdpSettings
 from equipoise.guard.guard import Guard
 from equipoise.guard.limits import Limits
+from equipoise.lab.static.method import Static
 
 STATIC = Static()
 PAYLOAD, SEED = "1,0.05,0.02,0.08", 3

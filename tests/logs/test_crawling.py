@@ -9,6 +9,7 @@ from foreign_logs import estimated
 
 from equipoise import nominal_stance, simulate
 from equipoise.errors import LogError, RecordingError
+from equipoise.lab.gaits.crawl import ORDER, SHIFT, STANDING, SWING, crawl
 from equipoise.logs.motions.loads import FootForces, FootLoads
 from equipoise.logs.motions.segments import find_segments
 from equipoise.logs.motions.track import Track
@@ -16,7 +17,6 @@ from equipoise.recording.trials import CrawlTrial, ThreeFeet, TwoFeet, read_tria
 from equipoise.robot.inertial import components
 from equipoise.robot.kinematics import feet_and_forces
 from equipoise.robot.model import LEG_NAMES
-from equipoise.simulation.gaits.crawl import ORDER, SHIFT, STANDING, SWING, crawl
 
 DURATION = 9.2  # [s]
 STEPS = 5

@@ -9,13 +9,13 @@ import pytest
 
 from equipoise import load_robot, simulate
 from equipoise.errors import ColumnsError, EquipoiseError, RecordingError
+from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.log import Log
 from equipoise.logs.offline import estimate_log
 from equipoise.logs.reader import read_log
 from equipoise.logs.tables.columns import Columns
 from equipoise.precise.method import Precise
-from equipoise.simulation.gaits.trot import trot
 from equipoise.user_file import toml_table
 
 EPOCH = 1_700_000_000  # [s]

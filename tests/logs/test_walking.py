@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from equipoise import Precise, load_robot, nominal_stance, simulate
 from equipoise.cli import main
 from equipoise.errors import ImuMountingError, LogError, RecordingError, SettingsError
+from equipoise.lab.gaits.trot import trot
 from equipoise.logs.joint_names import JointMap
 from equipoise.logs.log import Log
 from equipoise.logs.motions import gyroscope
@@ -29,7 +30,6 @@ from equipoise.report.contents import run_contents
 from equipoise.robot.description import RobotDescription
 from equipoise.robot.inertial import components
 from equipoise.robot.model import DIAGONALS
-from equipoise.simulation.gaits.trot import trot
 
 PAYLOAD = "1.2,0.06,0.02,0.08"
 DURATION = 11.0  # [s]

@@ -92,7 +92,7 @@ def test_its_plan_is_what_it_rehearses(capsys):
 
 def test_a_study_counts_it_beside_ours(tmp_path, capsys):
     flags = ["--methods", "hefty,static", "--pause-count", "1", "--trials", "2", "--workers", "1"]
-    assert main(["monte-carlo", *flags, "--out", str(tmp_path / "study"), "--json"]) == 0
+    assert main(["lab", "monte-carlo", *flags, "--out", str(tmp_path / "study"), "--json"]) == 0
     methods = json.loads(capsys.readouterr().out)["methods"]
     assert {row["method"]: row["failures"] for row in methods} == {"hefty": {}, "static": {}}
     (hefty,) = (row for row in methods if row["method"] == "hefty")

@@ -15,7 +15,6 @@ from plotly.offline import get_plotlyjs
 from equipoise import (
     Calibration,
     ComSearchSettings,
-    Static,
     calibrate,
     load_robot,
     nominal_stance,
@@ -24,6 +23,7 @@ from equipoise import (
 from equipoise.errors import OutputError, SettingsError
 from equipoise.experiments.tilt import tilt_curve
 from equipoise.figures.plan_view import Ellipse
+from equipoise.lab.static.method import Static
 from equipoise.paper.iterations import tried_offsets
 from equipoise.recording.trials import LiftTrial
 from equipoise.report.advice import outlook

@@ -34,9 +34,9 @@ from equipoise.simulation.simulated import PERIODS_BETWEEN_STOP_TESTS
 
 pytest.importorskip("dartpy", reason="DART is an extra: pip install 'equipoise[dart]'")
 
-from equipoise.simulation.dart import DartPlatform
-from equipoise.simulation.dart_model import build_dart_robot
-from equipoise.simulation.dart_truth import dart_truth
+from equipoise.lab.dart.dart_model import build_dart_robot
+from equipoise.lab.dart.dart_platform import DartPlatform
+from equipoise.lab.dart.dart_truth import dart_truth
 
 ENGINES = ("mujoco", "dart")
 BODIES = ("composite", "base", "stance_effective")
@@ -158,7 +158,7 @@ def test_a_model_that_dart_refuses_is_a_model_error(tmp_path):
 
 
 def test_an_engine_that_is_none_is_refused(a1):
-    with pytest.raises(SettingsError, match="engine 'bullet' is not known; it is one of mujoco, dart"):
+    with pytest.raises(SettingsError, match="engine 'bullet' is not known; there are mujoco, dart"):
         simulate(a1, "ideal", engine="bullet")
 
 

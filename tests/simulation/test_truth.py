@@ -145,8 +145,8 @@ def truth_in_mujoco(robot, stance, errors):
 
 
 def truth_in_dart(robot, stance, errors):
-    dart_model = pytest.importorskip("equipoise.simulation.dart_model", exc_type=ImportError)
-    from equipoise.simulation.dart_truth import dart_truth  # noqa: PLC0415 - the engine may not be installed
+    dart_model = pytest.importorskip("equipoise.lab.dart.dart_model", exc_type=ImportError)
+    from equipoise.lab.dart.dart_truth import dart_truth  # noqa: PLC0415 - the engine may not be installed
 
     return dart_truth(robot, dart_model.build_dart_robot(robot, stance, errors, None), stance.joint_position)
 

@@ -18,43 +18,47 @@ from typing import Any
 
 from equipoise import _version
 from equipoise.errors import EquipoiseError, OutputError, SettingsError, did_you_mean
+from equipoise.plugins import Table
 
 INTERRUPTED = 130
 VERBS = {
-    "calibrate": ("calibrate", "find mass, centre of mass and inertia; simulated or on the robot"),
-    "plan": ("inspect", "what 'calibrate' would do, and how accurate it would be"),
-    "estimate": ("inspect", "estimate again from a run, or from a log that is not ours"),
-    "validate": ("validate", "play a run's lifts again in simulation: which body tips so"),
-    "view": ("view", "watch a run in the browser, live or again"),
-    "report": ("report", "a page to read and to show: a run, or several compared"),
-    "export": ("export", "write the result into the file that your controller reads"),
-    "delta": ("delta", "what was added between two calibrations"),
-    "weigh": ("weigh", "what is on a robot now beside its last run, in half a minute"),
-    "doctor": ("robot", "look at a robot without moving it"),
-    "record": ("robot", "log a robot's sensors without moving it"),
-    "balance": ("balance", "stand on two feet in simulation, to test a centre of mass"),
-    "monte-carlo": ("monte_carlo", "calibrate many simulated robots, and count how near they come"),
-    "reproduce": ("reproduce", "the paper's table, figures and rates, made again"),
-    "robots": ("overview", "robots known by name"),
-    "platforms": ("overview", "simulators and robots, how they start, their settings"),
-    "audit": ("inspect", "what speaks against the inertias in a model file"),
-    "completion": ("completion", "a script with which a shell completes verbs and flags"),
+    "calibrate": ("equipoise.cli.calibrate", "find mass, centre of mass and inertia; simulated or on the robot"),
+    "plan": ("equipoise.cli.inspect", "what 'calibrate' would do, and how accurate it would be"),
+    "estimate": ("equipoise.cli.inspect", "estimate again from a run, or from a log that is not ours"),
+    "view": ("equipoise.cli.view", "watch a run in the browser, live or again"),
+    "report": ("equipoise.cli.report", "a page to read and to show: a run, or several compared"),
+    "export": ("equipoise.cli.export", "write the result into the file that your controller reads"),
+    "delta": ("equipoise.cli.delta", "what was added between two calibrations"),
+    "weigh": ("equipoise.cli.weigh", "what is on a robot now beside its last run, in half a minute"),
+    "doctor": ("equipoise.cli.robot", "look at a robot without moving it"),
+    "record": ("equipoise.cli.robot", "log a robot's sensors without moving it"),
+    "robots": ("equipoise.cli.overview", "robots known by name"),
+    "platforms": ("equipoise.cli.overview", "simulators and robots, how they start, their settings"),
+    "audit": ("equipoise.cli.inspect", "what speaks against the inertias in a model file"),
 }
-"""What can be done: the module here that does it, which is imported when it is asked for, and what it is in a few words."""
+"""Verbs: the module of each, which is imported when the verb is used, and its purpose in a few words."""
+GROUPS: Table[Mapping[str, tuple[str, str]]] = Table("group of verbs", "equipoise.verbs", dict, {})
+"""Tables of verbs as `VERBS`, which installed packages add: `equipoise GROUP VERB`. The lab is one."""
 
 
 def find_verb(name: str, arguments: Sequence[str] = ()) -> Callable[..., int | None]:
-    """The function of a verb, with the flags that it has beside these arguments.
+    """Return the function of a verb, with the flags that it has for these arguments.
 
-    A verb whose flags depend on others has a function `VERB_for` beside it, which makes it from the arguments.
+    A verb whose flags depend on others has a function `VERB_for`, which makes it from the arguments.
+
+    Args:
+        name: verb, or group and verb as "lab balance".
+        arguments: words that follow it.
 
     Raises:
         SettingsError: a flag belongs to another method, or to another kind of platform.
     """
-    module, function = importlib.import_module(f"equipoise.cli.{VERBS[name][0]}"), name.replace("-", "_")
+    group, _, verb = name.rpartition(" ")
+    module = importlib.import_module((GROUPS[group] if group else VERBS)[verb][0])
+    function = verb.replace("-", "_")
     shape = getattr(module, f"{function}_for", None)
-    verb: Callable[..., int | None] = getattr(module, function) if shape is None else shape(arguments)
-    return verb
+    found: Callable[..., int | None] = getattr(module, function) if shape is None else shape(arguments)
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -66,7 +70,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments in ([], ["-h"], ["--help"]):
         from equipoise.terminal.lists import print_verbs
 
-        print_verbs({name: words for name, (_, words) in VERBS.items()})
+        groups = {group: ", ".join(GROUPS[group]) for group in GROUPS}
+        print_verbs({name: words for name, (_, words) in VERBS.items()} | groups)
         return 0 if arguments else 2
     with _warnings_on_stderr("--quiet" in arguments):
         try:
@@ -93,27 +98,33 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int | None:
     """Do what the arguments say, importing only the verb that they name; raises SystemExit if they cannot be used."""
-    name, words = arguments[0], arguments[1:]
-    verb = find_verb(name, words) if name in VERBS else None
-    if verb is not None and (switches := _switches(verb, words)) is not None:
+    name, words, verbs = arguments[0], arguments[1:], VERBS
+    if name not in VERBS and name in GROUPS:
+        verbs = GROUPS[name]
+        if not words or words[0] in ("-h", "--help"):
+            from equipoise.terminal.lists import print_group
+
+            print_group(name, {verb: what for verb, (_, what) in verbs.items()})
+            return 0 if words else 2
+        name, words = f"{name} {words[0]}", words[1:]
+    group, _, asked = name.rpartition(" ")
+    if asked not in verbs:
+        program = f"equipoise {group}".rstrip()
+        raise SettingsError(
+            f"{program} has no verb {asked!r}; {did_you_mean(asked, verbs)}'{program} --help' lists them"
+        )
+    verb = find_verb(name, words)
+    if (switches := _switches(verb, words)) is not None:
         return verb(**switches)
-    if verb is None and not name.startswith("-"):
-        raise SettingsError(f"equipoise has no verb {name!r}; {did_you_mean(name, VERBS)}'equipoise --help' lists them")
     import tyro
 
     from equipoise.cli.numbers import number_rules, refuse_surplus_numbers
     from equipoise.cli.settings import flag_types
 
-    if verb is not None:
-        refuse_surplus_numbers(flag_types(verb), words)
+    refuse_surplus_numbers(flag_types(verb), words)
     config, registry = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff), number_rules()
-    with _help_in_width() if {"-h", "--help"} & {*arguments} else nullcontext():
-        if verb is not None:
-            return tyro.cli(verb, args=words, prog=f"equipoise {name}", config=config, registry=registry)
-        app = tyro.extras.SubcommandApp()  # of all verbs: what completes them is made from it
-        for each in VERBS:
-            app.command(name=each)(find_verb(each, words))
-        return app.cli(args=arguments, prog="equipoise", config=config, registry=registry)
+    with _help_in_width() if {"-h", "--help"} & {*words} else nullcontext():
+        return tyro.cli(verb, args=words, prog=f"equipoise {name}", config=config, registry=registry)
 
 
 class _Captured(io.StringIO):

@@ -141,11 +141,12 @@ def interruption_told(folder: Any) -> Generator[None]:
 @contextmanager
 def connected(platform: str, model: Any, pairs: tuple[str, ...], settings: Path | None) -> Generator[Any]:
     """A platform to look at: a robot that is connected to, or one that is simulated with ordinary sensors."""
-    from equipoise.drivers.catalog import SIMULATED, find_platform, given_settings, open_platform
+    from equipoise.drivers.catalog import find_platform, given_settings, open_platform
+    from equipoise.platform.engines import ENGINES
 
     find_platform(platform)
     given = given_settings(pairs, settings)
-    if platform not in SIMULATED:
+    if platform not in ENGINES:
         with open_platform(platform, model, given) as connection:
             yield connection
         return

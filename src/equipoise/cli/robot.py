@@ -63,13 +63,14 @@ def doctor(
             lets go of the motors, and they are damped; you are asked for the robot's name first.
     """
     from equipoise.cli.hanging import examine_hanging
-    from equipoise.drivers.catalog import SIMULATED, given_settings
+    from equipoise.drivers.catalog import given_settings
     from equipoise.drivers.checkup import examine, foretold, joint_table
+    from equipoise.platform.engines import ENGINES
     from equipoise.terminal.platform import print_checkup
 
     if hanging:
         return examine_hanging(platform, load(robot, description), given_settings(set, settings), output.json)
-    model = with_known_imu(load(robot, description), platform in SIMULATED)
+    model = with_known_imu(load(robot, description), platform in ENGINES)
     with connected(platform, model, set, settings) as connection:
         findings = examine(connection, model, _lasting(duration) or 5.0) + foretold(connection)
         joints = joint_table(model, connection.read().joint_position)
@@ -105,15 +106,15 @@ def record(
         duration: How long; default until Ctrl-C, in simulation, whose time runs faster, 10 s.
         out: The file, in a folder that is there; default logs/ROBOT-TIME.mcap.
     """
-    from equipoise.drivers.catalog import SIMULATED
     from equipoise.drivers.checkup import watch
+    from equipoise.platform.engines import ENGINES
     from equipoise.platform.interruptions import Interruptions
     from equipoise.terminal.platform import RecordingProgress
 
     model = load(robot, description)
     now = datetime.now(timezone.utc)
     out = out or made_folder(Path("logs")) / f"{model.name}-{now:%Y%m%d-%H%M%S}.mcap"
-    lasting = _lasting(duration) or (_SIMULATED_TIME if platform in SIMULATED else None)
+    lasting = _lasting(duration) or (_SIMULATED_TIME if platform in ENGINES else None)
     interruptions, samples = Interruptions(), 0
     with (
         connected(platform, model, set, settings) as connection,

@@ -56,9 +56,9 @@ class Place:
 
     @property
     def simulated(self) -> bool:
-        from equipoise.drivers.catalog import SIMULATED
+        from equipoise.platform.engines import ENGINES
 
-        return self.platform in SIMULATED
+        return self.platform in ENGINES
 
     @property
     def world(self) -> str:

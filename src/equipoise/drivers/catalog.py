@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from equipoise.drivers.settings import PlatformSetting, read_settings, settings_of_class, settings_of_constructor
 from equipoise.errors import CommunicationError, EquipoiseError, MissingDependencyError, PluginError, SettingsError
+from equipoise.platform.engines import ENGINES
 from equipoise.plugins import Table, import_users, resolve
 from equipoise.user_file import read_text, toml_table
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from equipoise.platform.stepped import SteppedPlatform
     from equipoise.robot.model import RobotModel
 
-SIMULATED = ("mujoco", "dart")
-"""Platforms that are engines: `simulate` makes them."""
 NEEDED = ("read", "step", "close")
 """Methods of a platform that is a class."""
 
@@ -106,7 +105,7 @@ DRIVERS: dict[str, Driver] = {
 }  # fmt: skip
 """Our own."""
 PLATFORMS: Table[Driver | Engine | type[Any]] = Table(
-    "platform", "equipoise.platforms", (Driver, type), {**{name: Engine(name) for name in SIMULATED}, **DRIVERS}
+    "platform", "equipoise.platforms", (Driver, type), {**{name: Engine(name) for name in ENGINES}, **DRIVERS}
 )
 """With what packages add: drivers, or classes as `equipoise.SteppedPlatform`."""
 
@@ -125,9 +124,9 @@ def find_platform(name: str) -> Driver | Engine | type[Any]:
     elif name in PLATFORMS:
         row = PLATFORMS[name]
     else:
-        robots = ", ".join(other for other in PLATFORMS if other not in SIMULATED)
+        robots = ", ".join(other for other in PLATFORMS if other not in ENGINES)
         raise SettingsError(
-            f"platform {name!r} is not known; robots are {robots}, simulators are {', '.join(SIMULATED)}; a class of your "
+            f"platform {name!r} is not known; robots are {robots}, simulators are {', '.join(ENGINES)}; a class of your "
             "own is MODULE:CLASS"
         )
     return _checked(name, row) if isinstance(row, type) else row

@@ -21,7 +21,6 @@ METHODS: Table[type[Any]] = Table(
     {
         "precise": "equipoise.precise.method:Precise",
         "paper": "equipoise.paper.method:Paper",
-        "static": "equipoise.static.method:Static",
         "motors": "equipoise.motors.method:Motors",
     },
 )

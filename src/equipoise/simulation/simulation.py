@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from equipoise.errors import MissingDependencyError, SettingsError
+from equipoise.platform.engines import ENGINES
 from equipoise.robot.inertial import RobotInertia
 from equipoise.robot.model import RobotModel
 from equipoise.robot.scale import Scale
@@ -21,8 +22,6 @@ from equipoise.simulation.simulated import SimulatedPlatform, Start
 
 if TYPE_CHECKING:
     from equipoise.simulation.disturbance import Disturbance
-
-Engine = Literal["mujoco", "dart"]
 
 
 class Witness(Protocol):
@@ -92,7 +91,7 @@ def simulate(
     seed: int = 0,
     start: Start = "standing",
     timestep: float | None = None,
-    engine: Engine = "mujoco",
+    engine: str = "mujoco",
     noise_seed: int | None = None,
     effects: Mapping[str, float | None] | None = None,
     without: Sequence[str] = (),
@@ -105,9 +104,8 @@ def simulate(
         payload: payload on the base; as text it is MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ.
         seed: seed of everything drawn. Robots of the same seed have the same errors in all engines.
         start: posture with which the robot begins.
-        timestep: time step of the engine [s]; default 0.5 ms, less in DART for legs so light that their damping would
-            not be stable.
-        engine: name of the engine: "mujoco", or "dart", the engine of Gazebo.
+        timestep: time step of the engine [s]; default: the engine's own choice, 0.5 ms or less.
+        engine: name of the engine: "mujoco", or one that a package adds, as "dart".
         noise_seed: seed of the noise alone, for several runs of one robot; default `seed`.
         effects: effects besides, or of other sizes: a size by name, or None for what it is tried with by itself.
         without: names of effects that are left out.
@@ -121,8 +119,7 @@ def simulate(
     """
     if start not in ("standing", "lying"):
         raise SettingsError(f"a robot starts 'standing' or 'lying', not {start!r}")
-    if engine not in ("mujoco", "dart"):
-        raise SettingsError(f"engine {engine!r} is not known; it is one of mujoco, dart")
+    build_robot = ENGINES[engine]
     if contacts not in ("own", "file"):
         raise SettingsError(f"contacts {contacts!r} are not known; they are 'own' or those of the model 'file'")
     if isinstance(payload, str):
@@ -132,12 +129,8 @@ def simulate(
     stance = nominal_stance(robot)
     sizes = sizes_of(noise, stance.scale, effects or {}, without)
     sizes.refuse_what_lacks(engine)
-    if engine != "mujoco" and contacts != "own":
-        raise SettingsError(f"{engine} cannot take contacts from the model file; leave --contacts out, or use mujoco")
     errors = DrawnErrors.draw(sizes, len(robot.joint_names), seed, noise_seed)
-    if engine == "dart":
-        return _in_dart(robot, stance, errors, payload, start, timestep)
-    return _in_mujoco(robot, stance, errors, payload, start, timestep, contacts)
+    return build_robot(robot, stance, errors, payload, start, timestep, contacts)
 
 
 def sizes_of(
@@ -156,7 +149,7 @@ def sizes_of(
     return sizes.having(effects, scale).without(without) if effects or without else sizes
 
 
-def _in_mujoco(
+def build(
     robot: RobotModel,
     stance: Stance,
     errors: DrawnErrors,
@@ -165,6 +158,20 @@ def _in_mujoco(
     timestep: float | None,
     contacts: Contacts,
 ) -> Simulation:
+    """Return a simulated robot in MuJoCo.
+
+    Args:
+        stance: nominal stance of the robot.
+        errors: effects that were drawn for it.
+        payload: payload on the base.
+        start: posture with which the robot begins.
+        timestep: time step of the engine [s]; None: the engine's own choice.
+        contacts: law of contacts between feet and floor, as in `simulate`.
+
+    Raises:
+        MissingDependencyError: MuJoCo is not installed.
+        SettingsError: the time step is too long.
+    """
     try:
         import mujoco  # noqa: PLC0415 - the engine that is asked for is the one that is needed
 
@@ -182,25 +189,3 @@ def _in_mujoco(
     platform = MujocoPlatform(robot, simulated, stance, start, data=data, disturbance=disturbance)
     witness = MujocoWitness(robot, simulated, data)
     return Simulation(platform, truth, mujoco.__version__, errors, witness, disturbance, link_truth(robot, simulated))
-
-
-def _in_dart(
-    robot: RobotModel,
-    stance: Stance,
-    errors: DrawnErrors,
-    payload: Payload | None,
-    start: Start,
-    timestep: float | None,
-) -> Simulation:
-    try:
-        import dartpy  # noqa: PLC0415
-
-        from equipoise.simulation.dart import DartPlatform  # noqa: PLC0415
-        from equipoise.simulation.dart_model import build_dart_robot  # noqa: PLC0415
-        from equipoise.simulation.dart_truth import DartWitness, dart_truth  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise MissingDependencyError("simulation in DART needs dartpy: pip install 'equipoise[dart]'") from error
-    simulated = build_dart_robot(robot, stance, errors, payload, timestep)
-    truth = dart_truth(robot, simulated, stance.joint_position)
-    platform = DartPlatform(robot, simulated, stance, start)
-    return Simulation(platform, truth, dartpy.__version__, errors, DartWitness(simulated))

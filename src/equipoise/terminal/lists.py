@@ -26,6 +26,14 @@ def print_verbs(verbs: Mapping[str, str]) -> None:
     console.print("\n'equipoise VERB --help' says more.")
 
 
+def print_group(group: str, verbs: Mapping[str, str]) -> None:
+    """Print the verbs of a group, a line each."""
+    console = Console(highlight=False)
+    for verb, words in verbs.items():
+        console.print(f"  [bold]{verb:<12}[/bold]  {words}")
+    console.print(f"\n'equipoise {group} VERB --help' says more.")
+
+
 def print_robots(rows: Sequence[CatalogRow]) -> None:
     """The catalogue."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))  # narrow enough for 80 columns

@@ -1,0 +1,1 @@
+"""Experiments on equipoise itself: studies, the paper's results made again, DART, emulators. The core does not import it."""

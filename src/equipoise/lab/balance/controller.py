@@ -1,0 +1,202 @@
+"""The balance law: a linear quadratic regulator on the state that a Kalman filter estimates.
+
+Its output is an offset of the joint position targets. Nothing in it knows where the true centre of mass is: the law is
+designed on a believed model and does not adapt. With `observe_offset` the filter also estimates how far the true centre
+of mass is from the believed one, and the robot stands where that would be balanced: another mode, which measures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag, solve_discrete_are
+
+from equipoise.conventions import FloatArray
+from equipoise.lab.balance.model import LinearModel
+
+
+@dataclass(frozen=True)
+class BalanceWeights:
+    """What the law weighs, for a robot with the A1's m g h; torques of others scale with theirs.
+
+    Attributes:
+        joint: cost of a joint's deviation [1/rad2].
+        tilt: cost of the base's rotation [1/rad2]; with more of it the robot leans less and bends its legs more.
+        speed: cost of speeds over that of positions, the base's rotation weighed as a joint [s2].
+        effort: cost of an offset of a joint target [1/rad2].
+        encoder, lean, gyro: noise of the measurements, as the filter takes it to be [rad], [rad], [rad/s].
+        joint_torque, line_torque: what pushes the robot in each period, at a joint and about the line [Nm].
+        offset_drift: how fast the observed offset may wander [m/sqrt(s)].
+    """
+
+    joint: float = 30.0
+    tilt: float = 3000.0
+    speed: float = 0.002
+    effort: float = 100.0
+    encoder: float = 0.5e-3
+    lean: float = 3e-3
+    gyro: float = 4e-3
+    joint_torque: float = 0.22
+    line_torque: float = 0.13
+    offset_drift: float = 0.05e-3
+
+
+class BalanceLaw:
+    """The regulator and its filter at work: one call of `update` per control period.
+
+    Attributes:
+        offset: distance of the true centre of mass in front of the believed one, as observed; zero if it is not [m].
+
+    Args:
+        model: model of the robot to balance.
+        period: control period [s].
+        delay: number of control periods from a sample's moment until a command that follows from it acts.
+        scale: torque scale: the robot's m g h over an A1's.
+        observe_offset: whether to observe the offset, and stand accordingly.
+    """
+
+    def __init__(
+        self,
+        model: LinearModel,
+        period: float,
+        delay: int,
+        weights: BalanceWeights,
+        scale: float,
+        observe_offset: bool = False,
+    ) -> None:
+        self._a, self._b, self._e = model.discrete(period)
+        costs = _costs(model, weights)
+        self._feedback = _regulator(self._a, self._b, *costs, delay)
+        self._state_of_offset, self._input_of_offset = _at_rest_with_offset(model, *costs)
+        self._sense = _measurements(model)
+        self._gain, self._offset_gain = _filter_gains(model, self._sense, period, weights, scale, observe_offset)
+        inputs = self._b.shape[1]
+        self._sent = [np.zeros(inputs)] * delay
+        self._expected = np.zeros(len(self._a))
+        self.state: FloatArray = np.zeros(len(self._a))
+        self.offset = 0.0
+
+    def begin(self, joint_deviation: FloatArray, lean: FloatArray) -> None:
+        """Start from a robot that is nearly at rest."""
+        size = len(self._a) // 2
+        measured = np.concatenate([joint_deviation, lean])
+        shape, *_ = np.linalg.lstsq(self._sense[: len(measured), :size], measured, rcond=None)
+        self._expected = np.concatenate([shape, np.zeros(size)])
+
+    def update(
+        self,
+        joint_deviation: FloatArray,
+        lean: FloatArray,
+        angular_velocity_in_base: FloatArray,
+        active: bool = True,
+        observe: bool = True,
+    ) -> FloatArray:
+        """The offset of the joint targets for the coming period.
+
+        Args:
+            joint_deviation: (nj,) deviation of the joints from the reference posture [rad].
+            lean: (2,) rotation of the base about x and y [rad].
+            angular_velocity_in_base: (3,) angular velocity of the base, in its own axes [rad/s].
+            active: whether to act; else the offset of the targets is zero.
+            observe: whether the offset of the centre of mass may change.
+
+        Returns:
+            (nj,) offsets of the joint targets [rad].
+        """
+        surprise = np.concatenate([joint_deviation, lean, angular_velocity_in_base]) - self._sense @ self._expected
+        self.state = self._expected + self._gain @ surprise
+        if observe:
+            self.offset += float(self._offset_gain @ surprise)
+        command = np.zeros(self._b.shape[1])
+        if active:
+            rest, push = self._state_of_offset * self.offset, self._input_of_offset * self.offset
+            past = [sent - push for sent in reversed(self._sent)]
+            command = push - self._feedback @ np.concatenate([self.state - rest, *past])
+        self._sent.append(command)
+        self._expected = self._a @ self.state + self._b @ self._sent.pop(0) + self._e * self.offset
+        return command
+
+
+def _costs(model: LinearModel, weights: BalanceWeights) -> tuple[FloatArray, FloatArray]:
+    """Of the state (z, zd) and of the input."""
+    joints = model.of_joints.T @ model.of_joints
+    base = model.of_base.T @ model.of_base
+    position = weights.joint * joints + weights.tilt * base
+    speed = weights.speed * weights.joint * (joints + base)
+    return block_diag(position, speed), weights.effort * np.eye(len(model.of_joints))
+
+
+def _regulator(a: FloatArray, b: FloatArray, state_cost: FloatArray, effort: FloatArray, delay: int) -> FloatArray:
+    """(inputs, states + delay inputs) feedback on the state and the inputs on their way, the last one sent first."""
+    states, inputs = b.shape
+    late = delay * inputs
+    whole = np.zeros((states + late, states + late))
+    whole[:states, :states] = a
+    entry = np.zeros((states + late, inputs))
+    if delay == 0:
+        entry[:states] = b
+    else:
+        whole[:states, -inputs:] = b
+        whole[states + inputs :, states:-inputs] = np.eye(late - inputs)
+        entry[states : states + inputs] = np.eye(inputs)
+    cost = block_diag(state_cost, 1e-9 * effort[0, 0] * np.eye(late)) if late else state_cost
+    value = solve_discrete_are(whole, entry, cost, effort)
+    return np.asarray(np.linalg.solve(effort + entry.T @ value @ entry, entry.T @ value @ whole), dtype=float)
+
+
+def _at_rest_with_offset(
+    model: LinearModel, state_cost: FloatArray, effort: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """State and input, per metre of offset, at which the offset robot is at rest, of the least cost of all such.
+
+    (K + kp H^T H) z - kp H^T u = G d, with the cost's stationarity (Lagrange).
+    """
+    size, inputs = len(model.mass), len(effort)
+    balance = np.hstack(
+        [model.stiffness + model.kp * model.of_joints.T @ model.of_joints, -model.kp * model.of_joints.T]
+    )
+    cost = block_diag(state_cost[:size, :size], effort)
+    whole = np.block([[cost, balance.T], [balance, np.zeros((size, size))]])
+    right = np.concatenate([np.zeros(size + inputs), model.of_offset])
+    solution = np.asarray(np.linalg.solve(whole, right), dtype=float)
+    return np.concatenate([solution[:size], np.zeros(size)]), solution[size : size + inputs]
+
+
+def _measurements(model: LinearModel) -> FloatArray:
+    """(nj + 5, states) joint positions, lean about x and y, angular velocity by the state."""
+    joints, base = model.of_joints, model.of_base
+    return np.vstack(
+        [
+            np.hstack([joints, np.zeros_like(joints)]),
+            np.hstack([base[:2], np.zeros_like(base[:2])]),
+            np.hstack([np.zeros_like(base), base]),
+        ]
+    )
+
+
+def _filter_gains(
+    model: LinearModel, sense: FloatArray, period: float, weights: BalanceWeights, scale: float, observe_offset: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Steady gains of the Kalman filter for the state and for the offset, which are zero if it is not observed."""
+    a, b, e = model.discrete(period)
+    size = len(model.mass)
+    # A joint's torque acts as an offset of its target by tau / kp does; a torque about the line by the first motion.
+    inverse = np.linalg.inv(model.mass)
+    line = np.concatenate([0.5 * period**2 * inverse[:, 0], period * inverse[:, 0]])
+    pushes = np.column_stack([b * (weights.joint_torque * scale / model.kp), line * (weights.line_torque * scale)])
+    disturbance = pushes @ pushes.T + 1e-14 * np.eye(2 * size)
+    joints = len(model.of_joints)
+    noise = np.diag(np.repeat([weights.encoder, weights.lean, weights.gyro], [joints, 2, 3]) ** 2)
+    if not observe_offset:
+        return _kalman(a, sense, disturbance, noise), np.zeros(len(noise))
+    whole = np.block([[a, e[:, None]], [np.zeros((1, 2 * size)), np.ones((1, 1))]])
+    drift = np.array([[weights.offset_drift**2 * period]])
+    seen = np.hstack([sense, np.zeros((len(sense), 1))])
+    gain = _kalman(whole, seen, block_diag(disturbance, drift), noise)
+    return gain[:-1], gain[-1]
+
+
+def _kalman(a: FloatArray, c: FloatArray, disturbance: FloatArray, noise: FloatArray) -> FloatArray:
+    spread = solve_discrete_are(a.T, c.T, disturbance, noise)
+    return np.asarray(np.linalg.solve(c @ spread @ c.T + noise, c @ spread).T, dtype=float)

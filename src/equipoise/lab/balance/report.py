@@ -1,0 +1,110 @@
+"""The result of balancing: one trial a diagonal, its verdict, and what the law believed. JSON on disk."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from equipoise.errors import OutputError
+from equipoise.lab.balance.judge import BalanceTraces, Verdict
+from equipoise.lab.balance.routine import BalanceSettings
+from equipoise.lab.balance.run import BalanceRun
+from equipoise.recording.run_log import save_recording
+from equipoise.user_file import write_file
+
+SCHEMA = "equipoise.balance/1"
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceTrial:
+    """One diagonal.
+
+    Attributes:
+        run: run that was judged.
+        verdict: verdict on the run.
+        traces: time series that it was judged by.
+        believed_error: distance of the believed centre of mass in front of the true one, along the horizontal normal of
+            the support line at the stance [m]; None where the truth is not known.
+        source: source of the law's model, in words.
+    """
+
+    run: BalanceRun
+    verdict: Verdict
+    traces: BalanceTraces
+    believed_error: float | None
+    source: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "model": self.source,
+            "believed_error": self.believed_error,
+            "unstable_pole": self.run.unstable_pole,
+            **self.verdict.to_dict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceReport:
+    """All trials.
+
+    Attributes:
+        robot: name of the robot.
+        sensors_known: whether known sensor errors were taken off.
+        settings: settings of the trials.
+        trials: trials in order.
+        provenance: version, and in simulation seed, noise and payload.
+    """
+
+    robot: str
+    sensors_known: bool
+    settings: BalanceSettings
+    trials: tuple[BalanceTrial, ...]
+    provenance: Mapping[str, Any]
+
+    @property
+    def balanced(self) -> bool:
+        """Whether it balanced on every diagonal that was tried."""
+        return all(trial.verdict.balanced for trial in self.trials)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form. Lengths in m, angles in rad, torques in Nm, times in s."""
+        return {
+            "schema": SCHEMA,
+            "robot": self.robot,
+            "mode": "observing" if self.settings.observe_offset else "fixed model",
+            "balanced": self.balanced,
+            "sensor_errors_taken_off": self.sensors_known,
+            "diagonals": {trial.run.diagonal: trial.to_dict() for trial in self.trials},
+            "settings": dataclasses.asdict(self.settings),
+            "provenance": dict(self.provenance),
+        }
+
+    def to_json(self) -> str:
+        """The JSON form as text."""
+        return json.dumps(self.to_dict(), indent=2) + "\n"
+
+    def save(self, folder: Path) -> list[Path]:
+        """Write balance.json and a recording of every trial; returns their paths.
+
+        Raises:
+            OutputError: the folder holds something already, or cannot be written.
+        """
+        files = [folder / "balance.json"]
+        try:
+            if folder.is_dir() and any(folder.iterdir()):
+                raise OutputError(f"the output folder {str(folder)!r} is not empty; name a new one with --out")
+            folder.mkdir(parents=True, exist_ok=True)
+            write_file(files[0], self.to_json())
+        except OutputError:
+            raise
+        except OSError as error:
+            raise OutputError(f"cannot write into the output folder {str(folder)!r}: {error.strerror}") from error
+        for trial in self.trials:
+            files.append(folder / f"balance-{trial.run.diagonal}.mcap")
+            save_recording(trial.run.recording, files[-1])
+        return files

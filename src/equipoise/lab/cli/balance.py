@@ -1,0 +1,217 @@
+"""`equipoise lab balance`."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import arg
+
+from equipoise import _version
+from equipoise.cli.flags import (
+    ContactsName,
+    Described,
+    File,
+    Flag,
+    NoiseName,
+    Output,
+    Robot,
+    RobotFlags,
+    WithEffects,
+    WithoutEffects,
+    load,
+)
+from equipoise.cli.settings import seconds
+from equipoise.errors import FallError, MotionError, OutputError, SettingsError
+
+if TYPE_CHECKING:
+    from equipoise.lab.balance.belief import Belief
+    from equipoise.lab.balance.report import BalanceTrial
+    from equipoise.lab.balance.routine import BalanceSettings
+    from equipoise.robot.model import RobotModel
+    from equipoise.robot.stance import Stance
+    from equipoise.simulation.simulation import Simulation
+
+_WATCHED_PERIODS = 5  # the bystander looks every so many control periods
+_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+
+Length = Annotated[str | None, arg(metavar="LENGTH", help_behavior_hint="")]
+
+
+def balance(
+    robot: Robot = "unitree_a1",
+    *,
+    com: File = None,
+    com_error: Length = None,
+    diagonal: Literal["FL_RR", "FR_RL", "both"] = "both",
+    duration: Annotated[str, arg(metavar="TIME")] = "10s",
+    observe_offset: Flag = False,
+    noise: NoiseName = "realistic",
+    effects: WithEffects = (),
+    without: WithoutEffects = (),
+    contacts: ContactsName = "own",
+    payload: Annotated[str | None, arg(metavar="M,X,Y,Z", help_behavior_hint="")] = None,
+    seed: int = 0,
+    description: Described = RobotFlags(),  # noqa: B008
+    out: File = None,
+    pictures: Flag = True,
+    check: Flag = False,
+    output: Output = Output(),  # noqa: B008
+) -> int:
+    """Stand up on two diagonal feet and stay there, in simulation: a test of its centre of mass.
+
+    The balance law feels joint encoders and IMU only. It is designed on what is believed of the robot: the model file, a
+    calibration (--com), or the simulated truth with its centre of mass displaced (--com-error). The model stays fixed: with a
+    wrong one the robot leans, and falls from some millimetres on. A robot that falls is a result like another: the verdict is
+    printed and the exit code is 0, or 4 with --check.
+
+    Examples: equipoise lab balance --payload 2,0.08,0.03,0.1 --com runs/a1/calibration.json
+              equipoise lab balance go2 --com-error=-5mm --diagonal FL_RR
+
+    Args:
+        com: Result of 'calibrate' (calibration.json); the law uses its mass, centre of mass and inertia, and takes the joint
+            zeros and the IMU mounting that it found off the sensors.
+        com_error: The law believes the simulated truth, with the centre of mass displaced by this much along the horizontal
+            normal of each support line, forward if positive (5mm, or --com-error=-5mm).
+        diagonal: Which feet to stand on.
+        duration: How long to balance on each diagonal, as 10s.
+        observe_offset: Also observe how far the true centre of mass is from the believed one, and stand accordingly. This
+            measures the error; that the robot then balances proves nothing.
+        payload: MASS,X,Y,Z or MASS,X,Y,Z,IXX,IYY,IZZ: kg, m in the base frame, kg m2 about its own CoM.
+        seed: Of everything drawn.
+        out: Folder; default runs/ROBOT-balance-TIME.
+        pictures: Leave out the PNG picture.
+        check: Exit with 4 if the robot did not balance for all of the time.
+    """
+    from equipoise.lab.balance.report import BalanceReport
+    from equipoise.lab.balance.routine import BalanceSettings
+    from equipoise.lab.terminal.balance import print_balance
+    from equipoise.robot.model import DIAGONALS
+    from equipoise.robot.stance import nominal_stance
+    from equipoise.simulation.effects import read_effects, read_names
+    from equipoise.simulation.payload import Payload
+    from equipoise.simulation.simulation import simulate
+
+    if com is not None and com_error is not None:
+        raise SettingsError("--com and --com-error both say what the law believes; give one of them")
+    settings = BalanceSettings(_duration(duration), observe_offset)
+    error = None if com_error is None else metres(com_error)
+    model = load(robot, description)
+    stance = nominal_stance(model)
+    calibration = None if com is None else _calibration(com)
+    loaded = Payload.parse(payload) if payload is not None else None
+    now = datetime.now(timezone.utc)
+    out = out or Path("runs") / f"{model.name}-balance-{now:%Y%m%d-%H%M%S-%f}"
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutputError(f"the output folder {str(out)!r} is not empty; name a new one with --out")
+    world: dict[str, Any] = {
+        "effects": read_effects(effects), "without": read_names(without), "contacts": contacts,
+    }  # fmt: skip
+    trials: list[BalanceTrial] = []
+    sensors_known = False
+    engine = ""
+    for name in DIAGONALS if diagonal == "both" else (diagonal,):
+        if not output.silent:
+            print(f"balancing on {name} ...", file=sys.stderr, flush=True)
+        with simulate(model, noise, loaded, seed, **world) as simulation, _interruption_kept(out, name):
+            belief = _belief(model, stance, simulation, name, calibration, error)
+            trials.append(_trial(simulation, model, stance, belief, name, settings))
+            sensors_known, engine = belief.sensors.any, simulation.engine
+    provenance = {
+        "time": now.isoformat(timespec="seconds"), "equipoise": _version.__version__, "platform": "mujoco", "mujoco": engine,
+        "noise": noise, **world, "payload": payload, "seed": seed, "com": None if com is None else str(com),
+        "com_error": error,
+    }  # fmt: skip
+    report = BalanceReport(model.name, sensors_known, settings, tuple(trials), provenance)
+    files = report.save(out)
+    if pictures:
+        from equipoise.lab.pictures.balance import save_balance_picture
+
+        files.append(save_balance_picture(report, out))
+    if output.json:
+        print(report.to_json(), end="")
+    else:
+        print_balance(report, files)
+    if check and not report.balanced:
+        fallen = ", ".join(trial.run.diagonal for trial in trials if not trial.verdict.balanced)
+        print(f"the robot did not balance for {settings.duration:g} s on {fallen}", file=sys.stderr)
+        return FallError.exit_code
+    return 0
+
+
+@contextmanager
+def _interruption_kept(out: Path, diagonal: str) -> Generator[None]:
+    """Save what was recorded, and say where, if a trial does not come to its end."""
+    from equipoise.platform.platform import MotionInterrupted
+    from equipoise.recording.run_log import save_recording
+
+    try:
+        yield
+    except (MotionInterrupted, MotionError) as stop:
+        recordings = (stop.recording,) if isinstance(stop, MotionInterrupted) else stop.recordings
+        for recording in recordings[-1:]:
+            if recording is not None:
+                out.mkdir(parents=True, exist_ok=True)
+                save_recording(recording.broken_off(), out / f"balance-{diagonal}-broken-off.mcap")
+                print(f"what was recorded so far is kept in {out}", file=sys.stderr)
+        raise
+
+
+def metres(text: str) -> float:
+    """[m] from 5mm, -0.5cm, 0.005m or 0.005; raises SettingsError for anything else."""
+    match = re.fullmatch(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(mm|cm|m)?\s*", text)
+    value = float(match[1]) * _UNITS[match[2] or "m"] if match else float("inf")
+    if not abs(value) <= 0.1:
+        raise SettingsError(f"{text!r} is no length of at most 100 mm; give it as 5mm, -5mm or 0.005m")
+    return value
+
+
+def _duration(text: str) -> float:
+    value = seconds(text, "duration") or 0.0
+    if not 0 < value <= 3600:
+        raise SettingsError(f"--duration is {text!r}; give it as 10s, an hour at most")
+    return value
+
+
+def _calibration(path: Path) -> Any:
+    from equipoise.result.calibration import Calibration
+
+    return Calibration.load(path / "calibration.json" if path.is_dir() else path)
+
+
+def _belief(
+    robot: RobotModel, stance: Stance, simulation: Simulation, diagonal: str, calibration: Any, error: float | None
+) -> Belief:
+    from equipoise.lab.balance import belief
+
+    if calibration is not None:
+        return belief.calibrated(robot, stance, calibration)
+    if error is not None:
+        return belief.displaced(robot, stance, simulation.truth, diagonal, error)
+    return belief.model_file(robot)
+
+
+def _trial(
+    simulation: Simulation,
+    robot: RobotModel,
+    stance: Stance,
+    belief: Belief,
+    diagonal: str,
+    settings: BalanceSettings,
+) -> BalanceTrial:
+    from equipoise.lab.balance.belief import error_along
+    from equipoise.lab.balance.judge import judge, seen_traces
+    from equipoise.lab.balance.report import BalanceTrial
+    from equipoise.lab.balance.routine import balance as run
+    from equipoise.simulation.glimpse import Bystander
+
+    bystander = Bystander(simulation.witness.look, _WATCHED_PERIODS)
+    done = run(simulation.platform, robot, belief.model, diagonal, settings, belief.sensors, bystander.watch)
+    off = error_along(stance, diagonal, belief.model, simulation.truth)
+    verdict = judge(done, bystander.glimpses)
+    return BalanceTrial(done, verdict, seen_traces(done, bystander.glimpses), off, belief.source)

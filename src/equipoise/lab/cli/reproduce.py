@@ -1,0 +1,48 @@
+"""`equipoise lab reproduce`."""
+
+from __future__ import annotations
+
+import json as json_module
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import arg
+
+from equipoise.cli.flags import Count, Output
+from equipoise.errors import SettingsError
+
+
+def reproduce(
+    *,
+    out: Annotated[Path, arg(metavar="PATH")] = Path("reproduction"),
+    trials: Annotated[int, arg(metavar="N")] = 200,
+    precise_trials: Annotated[int, arg(metavar="N")] = 40,
+    workers: Count = None,
+    output: Output = Output(),  # noqa: B008
+) -> None:
+    """Make the paper's results again: Table I, Fig. 3, the Monte Carlo rate, and what joint errors cost.
+
+    Takes some minutes; run it again after an interruption, and it goes on.
+
+    Example: equipoise lab reproduce --out reproduction
+
+    Args:
+        out: Folder for README.md, CSV files and figures.
+        trials: Of the paper's method.
+        precise_trials: Of the precise method, which takes ten times as long.
+        workers: Processes; default one for each core.
+    """
+    from equipoise.lab.pictures.reproduction import markdown, save_reproduction
+    from equipoise.lab.study.reproduction import reproduce as run
+    from equipoise.lab.terminal.study import StudyLine
+
+    if trials < 1 or precise_trials < 1:
+        raise SettingsError(f"{min(trials, precise_trials)} trials are none; ask for one at least")
+    with StudyLine(output.silent) as line:
+        done = run(out / "studies", trials, precise_trials, workers, line.doing)
+    files = save_reproduction(done, out)
+    if output.json:
+        print(json_module.dumps({"schema": "equipoise.reproduction/1", "files": [str(file) for file in files]}))
+        return
+    print(markdown(done))
+    print("saved: " + ", ".join(str(file) for file in files))

@@ -1,0 +1,81 @@
+"""`equipoise lab validate`."""
+
+from __future__ import annotations
+
+import json as json_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from equipoise.cli.flags import FOR_LOGS, Described, File, Output, RobotFlags, load
+from equipoise.cli.inspect import LogFlags, estimated_log
+from equipoise.errors import RecordingError, SettingsError
+from equipoise.user_file import write_file
+
+if TYPE_CHECKING:
+    from equipoise.result.calibration import Calibration
+    from equipoise.robot.model import RobotModel
+
+VALIDATION = "validation.json"
+
+
+def validate(
+    run: Annotated[Positional[Path], arg(metavar="RUN", help="Run folder of a calibration, or a log of another kind.")],
+    *,
+    against: Annotated[tuple[str, ...], arg(metavar="MODEL", help_behavior_hint="")] = (),
+    out: File = None,
+    source: Annotated[LogFlags, arg(name="log")] = LogFlags(),  # noqa: B008
+    description: Described = RobotFlags(),  # noqa: B008
+    output: Output = Output(),  # noqa: B008
+) -> None:
+    """Play a run's lifts again in simulation, with the body found and the model file's: which tips as the robot did?
+
+    The joints do what was measured, the base is free from when both feet were off the floor. One ratio says how much farther
+    from what was measured the model file's body tips than the one found; a picture shows each lift.
+
+    Example: equipoise lab validate runs/go2
+             equipoise lab validate runs/second --against runs/first go2_payload.urdf
+
+    Args:
+        against: Other bodies to play: robots by name, model files, or run folders of the same robot.
+        out: JSON file to save all of it in, and the picture beside it; default validation.json in the run's folder.
+    """
+    from equipoise.calibration.run_folder import HEADER
+    from equipoise.lab.pictures.validation import save_validation
+    from equipoise.lab.replay.validation import validate as played
+    from equipoise.lab.terminal.validation import print_validation
+
+    result = _result(run, source, description, output)
+    found = played(result, {name: _body(name, description) for name in against})
+    text = json_module.dumps(found.to_dict(), indent=2) + "\n"
+    file = out or (run / VALIDATION if (run / HEADER).is_file() else None)
+    files: list[Path] = []
+    if file is not None:
+        write_file(file, text)
+        files = [file, save_validation(found, file.with_suffix(".png"))]
+    if output.json:
+        print(text, end="")
+    else:
+        print_validation(found, files)
+
+
+def _result(run: Path, source: LogFlags, description: RobotFlags, output: Output) -> Calibration:
+    from equipoise.calibration.run_folder import RunFolder
+    from equipoise.logs.reader import is_log
+
+    if source.robot is not None:
+        return estimated_log(run, source.robot, source, description, {}, output).result
+    if source != LogFlags() or description != RobotFlags():
+        raise SettingsError(FOR_LOGS)
+    try:
+        return RunFolder.open(run).estimate()
+    except RecordingError as error:
+        hint = "; if it is another kind of log, say whose with --robot" if is_log(run) else ""
+        raise RecordingError(f"{error}{hint}") from error
+
+
+def _body(name: str, description: RobotFlags) -> RobotModel | Calibration:
+    from equipoise.calibration.run_folder import HEADER, RunFolder
+
+    return RunFolder.open(name).result() if (Path(name) / HEADER).is_file() else load(name, description)

@@ -1,0 +1,1 @@
+"""The simulated robot in DART, the physics engine of Gazebo."""

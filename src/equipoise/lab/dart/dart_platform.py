@@ -1,0 +1,232 @@
+"""The simulated robot in DART, the physics engine of Gazebo: joint PD at every engine step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import dartpy
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.lab.dart.dart_links import pose_of
+from equipoise.lab.dart.dart_model import SimulatedDartRobot
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.simulation.simulated import SimulatedPlatform, Start
+
+# A planted foot that is off the floor by no more than this has not been lifted, but was lost.
+_LOST_GAP, _LOST_SPEED = 1e-6, 1e-3  # [m], [m/s]
+_PRESSED = 1e-6  # [m], into the floor
+_STICTION = 10.0  # stiffness of a joint that its friction holds, over its position gain
+_FASTEST = 1e6  # generalised velocity, squared and summed, beyond which a simulation is none
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """All that what follows depends on."""
+
+    positions: FloatArray
+    velocities: FloatArray
+    late_rotor_torque: FloatArray
+    strain: FloatArray
+    contacts: int
+    time: float
+
+
+class DartPlatform(SimulatedPlatform):
+    """A quadruped in DART.
+
+    DART has no rotor inertia A. Its joint damping D is implicit, which adds D h to a joint's inertia in a step h. So half a
+    rotor, as far as torques and gravity go, is D = A / 2h, with D v added to the torque. Impulses of contacts do not feel it:
+    they change the joints' speed by dp = M^-1 J^T p. The torque of the other half, and of what impulses miss of the first, is
+    -A (dv + dp) / 2h, dv being the whole change of speed. It hardly changes from step to step: the last step's is applied.
+    What is wrong in it becomes A/2 (2P - 1) (M + A/2)^-1 of itself in the next step, P = M^-1 J^T (J M^-1 J^T)^-1 J; as 2P - 1
+    is a reflection, that is less. The momentum of the whole robot is exact at each step.
+
+    Joint friction is Coulomb's, with a spring that strains until it slips, by 0.3 mrad. Above some thirty times the position
+    gain the spring and the late torque of the rotors make each other ring. DART has a joint friction of its own, a constraint:
+    twelve of them beside twelve of contacts are more than a robot has freedoms, and the solver no longer converges.
+
+    DART's contacts are 30 nm deep, and in a step a moving leg's foot strays by as much, for joints move along their tangents.
+    A foot that has strayed off the floor is free for a step, and planted again 20 um away. That happened nine times a second
+    to a Go2 that moved its body. Such a step is done again with the foot pressed in.
+
+    Args:
+        robot: model that the estimator has; the simulated robot may differ from it by its errors and payload.
+        simulated: world of the engine.
+        stance: nominal stance, in which (or lying under which) the robot starts.
+        start: posture at the start, "standing" or "lying".
+        control_period: time between commands [s]; a multiple of the engine's time step.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        simulated: SimulatedDartRobot,
+        stance: Stance,
+        start: Start = "standing",
+        control_period: float = 2e-3,
+    ) -> None:
+        self._simulated = simulated
+        self._world, self._skeleton = simulated.world, simulated.skeleton
+        timestep = self._world.getTimeStep()
+        super().__init__(robot, simulated.errors, simulated.kp, simulated.kd, timestep, control_period)
+        sizes = simulated.errors.sizes
+        self._rotor = sizes.armature / 2 / timestep  # [Nm s/rad]
+        self._late_rotor_torque = np.zeros(len(self.joint_names))
+        self._stiction = _STICTION * simulated.kp  # [Nm/rad]
+        self._strain = np.zeros(len(self.joint_names))  # [rad], of joints that friction holds
+        self._contacts = 0
+        mounted = robot.imu_in_base
+        tilt = np.array(dartpy.math.expMapRot(simulated.errors.imu_tilt))
+        self._imu_rotation = np.array(mounted.rotation) @ tilt
+        self._imu_position = mounted.translation + simulated.errors.drawn["imu_position"]
+        self._held = np.zeros(len(self.joint_names))  # the targets that act
+        self._settle(stance, start)
+
+    def _place(self, joint_position: FloatArray, base_height: float) -> None:
+        skeleton = self._skeleton
+        positions = np.zeros(skeleton.getNumDofs())
+        positions[self._simulated.dofs] = joint_position
+        skeleton.setPositions(positions)
+        skeleton.setVelocities(np.zeros(skeleton.getNumDofs()))
+        self._set_base_height(base_height)
+        lowest = min(
+            foot.getWorldTransform().translation()[2] - foot.getShape().getRadius() for foot in self._simulated.feet
+        )
+        if lowest < -_PRESSED:  # feet that the model does not know of
+            self._set_base_height(base_height - lowest)
+
+    def _set_base_height(self, height: float) -> None:
+        at = pose_of(np.eye(3), np.array([0, 0, height]))
+        self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
+
+    def _turn_by(self, angle: float) -> None:
+        pose = self._simulated.base.getTransform()
+        turn = np.array(dartpy.math.expMapRot(np.array([0.0, 0.0, angle])))
+        at = pose_of(turn @ pose.rotation(), pose.translation())
+        self._skeleton.getRootJoint().setTransform(dartpy.math.Isometry3(at))
+
+    def _set_clock_to_zero(self) -> None:
+        self._world.setTime(0.0)
+
+    def _base_up(self) -> float:
+        return float(self._simulated.base.getTransform().rotation()[2, 2])
+
+    def _run(self, control: FloatArray, raw: FloatArray) -> None:
+        before = self._state()
+        try:
+            self._step(control, raw)
+        except BaseException:
+            self._restore(before)
+            raise
+        self._held = control[-1]
+
+    def _raw_now(self) -> FloatArray:
+        before, raw = self._state(), np.empty((1, self._raw_width))
+        try:
+            self._step((self._late_control[0] if len(self._late_control) else self._held)[None], raw)
+        finally:
+            self._restore(before)
+        return raw[0]
+
+    def _state(self) -> _State:
+        skeleton = self._skeleton
+        present = skeleton.getPositions(), skeleton.getVelocities()
+        return _State(*present, self._late_rotor_torque, self._strain, self._contacts, self._world.getTime())
+
+    def _restore(self, state: _State) -> None:
+        self._skeleton.setPositions(state.positions)
+        self._skeleton.setVelocities(state.velocities)
+        self._late_rotor_torque, self._strain = state.late_rotor_torque, state.strain
+        self._contacts = state.contacts
+        self._world.setTime(state.time)
+
+    def _step(self, control: FloatArray, raw: FloatArray) -> None:
+        """The engine's steps, and what the sensors say of the states that they start at."""
+        skeleton, base = self._skeleton, self._simulated.base
+        dofs, limit, gain = self._simulated.dofs, self._simulated.torque_limit, self._errors.torque_gain
+        kp, kd, joints = self._kp, self._kd, len(dofs)
+        forces = np.zeros(skeleton.getNumDofs())
+        rotations, twists = np.empty((len(control), 3, 3)), np.empty((len(control) + 1, 2, 3))
+        speeds = np.empty((len(control) + 1, joints))
+        for index, target in enumerate(control):
+            positions, velocities = skeleton.getPositions(), skeleton.getVelocities()
+            if not velocities @ velocities < _FASTEST:
+                raise self._became_unstable(self._world.getTime())
+            position = positions[dofs]
+            raw[index, :joints], speeds[index] = position, velocities[dofs]
+            rotations[index] = base.getTransform().rotation()
+            twists[index] = base.getAngularVelocity(), base.getLinearVelocity()
+            torque = np.minimum(np.maximum(kp * (target - position) - kd * speeds[index], -limit), limit)
+            raw[index, 2 * joints : 3 * joints] = torque
+            forces[dofs] = gain * torque - self._friction_after(speeds[index], gain * torque)
+            forces[dofs] += self._rotor * speeds[index] + self._late_rotor_torque
+            self._step_once(positions, velocities, forces)
+            changed = skeleton.getVelocities()[dofs] - speeds[index] + skeleton.getVelocityChanges()[dofs]
+            self._late_rotor_torque = -self._rotor * changed
+        speeds[-1] = skeleton.getVelocities()[dofs]
+        twists[-1] = base.getAngularVelocity(), base.getLinearVelocity()
+        # The engine's velocity belongs to the middle of the step before a state: the mean of two belongs to the state.
+        raw[:, joints : 2 * joints] = (speeds[:-1] + speeds[1:]) / 2
+        raw[:, -6:-3], raw[:, -3:] = self._imu(rotations, (twists[:-1] + twists[1:]) / 2, np.diff(twists, axis=0))
+
+    def _friction_after(self, speed: FloatArray, torque: FloatArray) -> FloatArray:
+        """(nj,) friction of the joints, viscous friction included, after a step at that speed and motor torque [Nm]."""
+        strained = self._stiction * (self._strain + self._timestep * speed)
+        largest = self._errors.sliding_friction(speed, torque)
+        friction = np.minimum(np.maximum(strained, -largest), largest)
+        self._strain = friction / self._stiction
+        return friction + self._errors.viscous_friction * speed
+
+    def _step_once(self, positions: FloatArray, velocities: FloatArray, forces: FloatArray) -> None:
+        """One engine step from a state; a foot that it lost is pressed in and the step done again."""
+        skeleton, world = self._skeleton, self._world
+        skeleton.setForces(forces)
+        self._pull()
+        world.step(True)
+        contacts = world.getLastCollisionResult().getNumContacts()
+        if contacts < self._contacts and (pressed := self._with_lost_feet_pressed(positions, velocities)) is not None:
+            skeleton.setPositions(pressed)
+            skeleton.setVelocities(velocities)
+            skeleton.setForces(forces)
+            self._pull()
+            world.setTime(world.getTime() - self._timestep)
+            world.step(True)
+            contacts = world.getLastCollisionResult().getNumContacts()
+        self._contacts = contacts
+
+    def _pull(self) -> None:
+        """The cable, at the base's CoM; the engine forgets it after a step."""
+        if self._errors.sizes.cable:
+            self._simulated.base.addExtForce(self._errors.cable_in_world, self._simulated.base.getLocalCOM(), False)
+
+    def _with_lost_feet_pressed(self, positions: FloatArray, velocities: FloatArray) -> FloatArray | None:
+        """Positions with every lost foot in the floor again, by its own leg's joints; None: no foot was lost."""
+        simulated, skeleton = self._simulated, self._skeleton
+        present, pressed = skeleton.getPositions(), positions.copy()
+        skeleton.setPositions(positions)
+        for foot in simulated.feet:
+            gap = foot.getWorldTransform().translation()[2] - foot.getShape().getRadius()
+            offset = foot.getRelativeTransform().translation()
+            rise = skeleton.getLinearJacobian(foot.getBodyNodePtr(), offset)[2]
+            if 0 <= gap < _LOST_GAP and abs(rise @ velocities) < _LOST_SPEED:
+                by_joints = rise[simulated.dofs]
+                pressed[simulated.dofs] -= (gap + _PRESSED) * by_joints / (by_joints @ by_joints)
+        skeleton.setPositions(present)
+        return None if np.array_equal(pressed, positions) else pressed
+
+    def _imu(self, rotations: FloatArray, twists: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, 3) angular velocity and specific force in the IMU's axes.
+
+        Args:
+            rotations: (n, 3, 3) rotations of the base, base axes to the world's.
+            twists: (n, 2, 3) angular [rad/s] and linear velocity [m/s] of the base frame, in the world.
+            changes: (n, 2, 3) changes of the twists over a step, in the world.
+        """
+        turning, acceleration = twists[:, 0], changes / self._timestep
+        arm = rotations @ self._imu_position
+        felt = acceleration[:, 1] + np.cross(acceleration[:, 0], arm) + np.cross(turning, np.cross(turning, arm))
+        felt -= self._world.getGravity()
+        axes = rotations @ self._imu_rotation
+        return np.einsum("nji,nj->ni", axes, turning), np.einsum("nji,nj->ni", axes, felt)

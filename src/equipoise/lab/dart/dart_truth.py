@@ -1,0 +1,66 @@
+"""What the robot in DART really weighs and does: computed by DART, by no code that an estimator uses."""
+
+from __future__ import annotations
+
+import numpy as np
+from dartpy import dynamics
+
+from equipoise.conventions import FloatArray
+from equipoise.lab.dart.dart_model import SimulatedDartRobot
+from equipoise.robot.inertial import InertialParameters, RobotInertia
+from equipoise.robot.model import RobotModel
+from equipoise.simulation.glimpse import Glimpse
+from equipoise.simulation.leg_errors import in_frame_of_hips
+
+
+def dart_truth(robot: RobotModel, simulated: SimulatedDartRobot, joint_position: FloatArray) -> RobotInertia:
+    """The truth at a stance, payload and leg errors included; `robot` only tells which joints are knees.
+
+    The base's frame is the one that the hips define.
+
+    Args:
+        joint_position: (nj,) true joint positions of the stance [rad].
+    """
+    skeleton = simulated.skeleton.clone()
+    positions = np.zeros(skeleton.getNumDofs())
+    positions[simulated.dofs] = joint_position
+    skeleton.setPositions(positions)
+    composite = _frozen(skeleton)
+    for leg in robot.legs.values():
+        skeleton.getJoint(leg.joint_names[-1]).getChildBodyNode().remove()
+    stance_effective = _frozen(skeleton)
+    base = skeleton.getRootBodyNode()
+    while base.getNumChildBodyNodes():
+        base.getChildBodyNode(0).remove()
+    bodies = (composite, _frozen(skeleton), stance_effective)
+    return RobotInertia(*(in_frame_of_hips(body, simulated.errors) for body in bodies))
+
+
+def _frozen(skeleton: dynamics.Skeleton) -> InertialParameters:
+    """All bodies as one, in the base frame, which is in the world's: the mass matrix has their inertia about its origin."""
+    mass, com = skeleton.getMass(), np.array(skeleton.getCOM())
+    about_origin = np.array(skeleton.getMassMatrix())[:3, :3]
+    return InertialParameters(mass, com, about_origin - mass * (com @ com * np.eye(3) - np.outer(com, com)))
+
+
+class DartWitness:
+    """Sees what the simulated robot really does, beside the platform: for judging, never for control."""
+
+    def __init__(self, simulated: SimulatedDartRobot) -> None:
+        self._simulated = simulated
+        self._up = -np.array(simulated.errors.gravity_direction)
+        self._radii = np.array([foot.getShape().getRadius() for foot in simulated.feet])
+
+    def look(self) -> Glimpse:
+        """The present moment."""
+        simulated = self._simulated
+        feet = np.array([foot.getWorldTransform().translation() for foot in simulated.feet])
+        cosine = float(simulated.base.getTransform().rotation()[:, 2] @ self._up)
+        return Glimpse(
+            float(simulated.world.getTime()),
+            feet,
+            feet[:, 2] - self._radii,
+            np.array(simulated.skeleton.getCOM()),
+            self._up,
+            float(np.arccos(np.clip(cosine, -1, 1))),
+        )

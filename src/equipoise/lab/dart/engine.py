@@ -1,0 +1,43 @@
+"""DART, the engine of Gazebo, as `simulate(robot, engine="dart")` finds it by its entry point."""
+
+from __future__ import annotations
+
+from equipoise.errors import MissingDependencyError, SettingsError
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+from equipoise.simulation.effects import Contacts
+from equipoise.simulation.payload import Payload
+from equipoise.simulation.sensors import DrawnErrors
+from equipoise.simulation.simulated import Start
+from equipoise.simulation.simulation import Simulation
+
+
+def build(
+    robot: RobotModel,
+    stance: Stance,
+    errors: DrawnErrors,
+    payload: Payload | None,
+    start: Start,
+    timestep: float | None,
+    contacts: Contacts,
+) -> Simulation:
+    """Return a simulated robot in DART; arguments are those of `equipoise.simulation.simulation.build`.
+
+    Raises:
+        MissingDependencyError: DART is not installed.
+        SettingsError: contacts are asked for that only MuJoCo has.
+    """
+    if contacts != "own":
+        raise SettingsError("dart cannot take contacts from the model file; leave --contacts out, or use mujoco")
+    try:
+        import dartpy  # noqa: PLC0415
+
+        from equipoise.lab.dart.dart_model import build_dart_robot  # noqa: PLC0415
+        from equipoise.lab.dart.dart_platform import DartPlatform  # noqa: PLC0415
+        from equipoise.lab.dart.dart_truth import DartWitness, dart_truth  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError("simulation in DART needs dartpy: pip install 'equipoise[dart]'") from error
+    simulated = build_dart_robot(robot, stance, errors, payload, timestep)
+    truth = dart_truth(robot, simulated, stance.joint_position)
+    platform = DartPlatform(robot, simulated, stance, start)
+    return Simulation(platform, truth, dartpy.__version__, errors, DartWitness(simulated))

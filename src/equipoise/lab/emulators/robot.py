@@ -1,0 +1,213 @@
+"""A simulated robot in real time, with what a real one has between its wire and its joints: motor boards with a watchdog."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from typing import Annotated, Literal, Protocol, TextIO
+
+import numpy as np
+from tyro.conf import arg
+
+from equipoise.conventions import FloatArray
+from equipoise.lab.emulators.faults import (
+    ActiveFaults,
+    CrossedWiring,
+    FaultLines,
+    FaultyBody,
+    Wiring,
+    WiringOf,
+    lifted,
+)
+from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.platform.realtime import claim_priority
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import nominal_stance
+from equipoise.simulation.effects import Noise, read_effects, read_names
+from equipoise.simulation.simulation import Simulation, simulate
+
+_SILENCE = 0.1  # [s] without a command after which the motor boards damp
+_DAMPING = 1.0  # of the model's own kd, when they do
+_LOST = 10  # control periods behind after which real time starts again
+_TRACE = 0.1  # [s] between lines of the trace
+
+Mode = Literal["own stance", "commanded", "damped", "released", "silence"]
+
+
+class Wire(Protocol):
+    """The robot's side of a protocol."""
+
+    def commands(self) -> list[JointCommand]:
+        """Commands that arrived since the last call, in order, joint vectors in the model's order; never waits."""
+        ...
+
+    def publish(self, state: RobotState, faults: ActiveFaults) -> None:
+        """Send a sample, with the faults of the remote control and of the wire."""
+        ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class PeerSettings:
+    """What robot the peer simulates, as the flags of `calibrate` say it.
+
+    Attributes:
+        noise: preset of effects.
+        effects: effects besides, or of another size, as springs=3000,cable.
+        without: effects that are left out, as springs,cable.
+        payload: payload as MASS,X,Y,Z, or None.
+        seed: seed of everything drawn.
+        start: state at the start, "standing" (it holds its own stance until the first command comes) or "lying" (it is
+            limp until then).
+        duration: time after which it ends [s].
+        wiring: wiring error, which acts from the start.
+        wiring_of: part that the wiring error is in.
+        trace: whether to log the motion of the base and the largest joint torque every 0.1 s, not only with a mode.
+    """
+
+    noise: Noise = "realistic"
+    effects: Annotated[tuple[str, ...], arg(name="with")] = ()
+    without: tuple[str, ...] = ()
+    payload: str | None = None
+    seed: int = 0
+    start: Literal["standing", "lying"] = "standing"
+    duration: float = 3600.0
+    wiring: Wiring = "right"
+    wiring_of: WiringOf = "both"
+    trace: bool = False
+
+
+class PeerRobot:
+    """The simulated robot and its log: one JSON object a line, as {"time": 1.204, "mode": "damped"}.
+
+    A mode comes with the number of stiff and of limp commands until then and the true motion: "tilt" of the base [deg],
+    "height" of the CoM above the floor [m], and since the last such line its fastest vertical "speed", upward [m/s], and the
+    largest joint "torque" [Nm] with its "joint".
+    """
+
+    def __init__(self, robot: RobotModel, settings: PeerSettings, log: TextIO = sys.stdout) -> None:
+        self.robot, self.settings = robot, settings
+        self._log = log
+        self._simulation: Simulation = simulate(
+            robot, settings.noise, settings.payload, settings.seed, settings.start,
+            effects=read_effects(settings.effects), without=read_names(settings.without),
+        )  # fmt: skip
+        self._platform = self._simulation.platform
+        stance = nominal_stance(robot)
+        gains = robot.gains(stance.hip_height)
+        self._kd = np.full(len(robot.joint_names), gains[1])
+        self._state = self._platform.read()
+        self._hold = stance.joint_position  # not where its legs have sagged to: they would sag again
+        self._command: JointCommand | None = None
+        self._commanded_since: float | None = None
+        self._heard = -np.inf
+        self._mode: Mode | None = None
+        self._stiff = self._limp = 0
+        self._lines, self._body = FaultLines(robot, self.say), FaultyBody(robot, gains)
+        self._wiring = CrossedWiring(robot, settings.wiring, settings.wiring_of)
+        seen = self._simulation.witness.look()
+        self._com_height, self._speed, self._tilt = float(seen.com[2]), 0.0, float(np.degrees(seen.tilt))
+        self._largest: FloatArray = np.zeros(len(robot.joint_names))
+        self._traced = -np.inf
+
+    @property
+    def control_period(self) -> float:
+        return self._platform.control_period
+
+    def hear(self, command: JointCommand) -> None:
+        """Take a command that arrived."""
+        limp = command.kp is not None and not command.kp.any()
+        self._stiff, self._limp = self._stiff + (not limp), self._limp + limp
+        self._command, self._heard = self._wiring.commanded(command), self._state.time
+        if self._commanded_since is None:
+            self._commanded_since = self._state.time
+
+    def step(self) -> RobotState:
+        """Let one control period pass; return the sample that leaves the robot."""
+        faults = self._lines.active
+        if self._simulation.disturbance is not None:
+            self._simulation.disturbance.push(np.array(faults.push))
+        self._state = self._platform.step(self._body.moved(self._in_force(), faults, self._state))
+        sensed = self._body.sensed(self._state, faults)
+        self._look(sensed)
+        return self._wiring.sensed(sensed)
+
+    def serve(self, wire: Wire) -> None:
+        """Run in real time until the settings' duration is over or Ctrl-C; log {"ready": true} when it listens."""
+        claim_priority()  # a robot keeps its time, whatever else this computer does
+        self.say(ready=True)
+        begin = deadline = time.monotonic()
+        try:
+            while time.monotonic() - begin < self.settings.duration:
+                commands, cut = wire.commands(), self._lines.active.cut
+                for command in [] if cut else commands:
+                    self.hear(command)
+                state = self.step()
+                if not cut:
+                    wire.publish(state, self._lines.active)
+                deadline += self.control_period
+                left = deadline - time.monotonic()
+                if left > 0:
+                    time.sleep(left)
+                elif -left > _LOST * self.control_period:
+                    self.say(behind=round(-left, 4))
+                    deadline = time.monotonic()
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.say(ended=True, stiff=self._stiff, limp=self._limp)
+            wire.close()
+            self._platform.close()
+
+    def say(self, **what: object) -> None:
+        """Append a line to the log in one write: Ctrl-C must not separate a line from its end."""
+        self._log.write(json.dumps({"time": round(self._state.time, 4), **what}) + "\n")
+        self._log.flush()
+
+    def _look(self, sensed: RobotState) -> None:
+        """Note how the robot really moves, and begin the faults that are due."""
+        seen, before = self._simulation.witness.look(), self._com_height
+        self._com_height, self._tilt = float(seen.com[2]), float(np.degrees(seen.tilt))
+        self._speed = max(self._speed, (self._com_height - before) / self.control_period, key=abs)
+        if sensed.joint_torque is not None:
+            self._largest = np.maximum(self._largest, np.abs(sensed.joint_torque))
+        now = self._state.time
+        if self.settings.trace and now - self._traced >= _TRACE:
+            self._traced = now
+            self.say(**self._motion())
+        since = -np.inf if self._commanded_since is None else now - self._commanded_since
+        self._lines.update(now, since, lifted(seen.clearance))
+
+    def _motion(self) -> dict[str, object]:
+        """Return the motion since the last call."""
+        joint, largest, speed = int(np.argmax(self._largest)), self._largest, self._speed
+        self._largest, self._speed = np.zeros_like(largest), 0.0
+        return {
+            "tilt": round(self._tilt, 2),
+            "height": round(self._com_height, 4),
+            "speed": round(speed, 4),
+            "torque": round(float(largest[joint]), 2),
+            "joint": self.robot.joint_names[joint],
+        }
+
+    def _in_force(self) -> JointCommand:
+        """Return what the motor boards do now."""
+        limp = JointCommand.damping(self._hold, _DAMPING * self._kd)
+        command, mode = self._command, "commanded"
+        if command is None:
+            lying = self.settings.start == "lying"
+            command, mode = (limp if lying else JointCommand(self._hold)), "own stance"
+        elif self._state.time - self._heard > _SILENCE:
+            command, mode = limp, "silence"
+        elif command.kp is not None and not command.kp.any():
+            mode = "damped" if command.kd is not None and command.kd.any() else "released"
+        self._enter(mode)  # pyright: ignore[reportArgumentType]
+        return command
+
+    def _enter(self, mode: Mode) -> None:
+        if mode != self._mode:
+            self._mode = mode
+            self.say(mode=mode, stiff=self._stiff, limp=self._limp, **self._motion())

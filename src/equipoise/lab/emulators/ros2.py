@@ -1,0 +1,378 @@
+"""A simulated robot with ROS 2's topics: a joint state broadcaster, an IMU broadcaster and controllers that take commands.
+
+    python -m equipoise.lab.emulators.ros2 --robot unitree_a1 --domain 1 --stiffness 100 --imu-rate 200 --permute 3
+    python -m equipoise.lab.emulators.ros2 --domain 1 --stack quadruped_ros2_control --start lying
+
+No ROS is needed, and nothing of it runs: the process publishes and listens as those controllers do. Like them it holds the
+last command for ever: they have no watchdog.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from tyro.conf import OmitArgPrefixes
+
+from equipoise.conventions import FloatArray
+from equipoise.drivers.dds.domain import DdsDomain
+from equipoise.drivers.ros2.messages import (
+    Float64MultiArray,
+    Header,
+    Imu,
+    JointState,
+    JointTrajectory,
+    Quaternion,
+    Time,
+    Vector3,
+    dds_topic,
+)
+from equipoise.errors import SettingsError
+from equipoise.lab.emulators.faults import ActiveFaults
+from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
+from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.stance import nominal_stance
+
+_STIFF = 10.0  # times the gain of the robot's own soft legs
+_INTERFACES = ("position", "velocity", "effort", "kp", "kd")
+_TRAJECTORIES_TO_TORQUES: dict[str, Any] = {
+    "trajectory_topic": "/joint_group_effort_controller/joint_trajectory",
+    "stiffness": 100.0, "damping": 1.0, "integral": 0.2, "most_integral": 2.5, "joint_rate": 250.0,
+}  # fmt: skip
+STACKS: dict[str, dict[str, Any]] = {
+    "champ": {**_TRAJECTORIES_TO_TORQUES, "imu_rate": 50.0},
+    "unitree-go2-ros2": {**_TRAJECTORIES_TO_TORQUES, "imu_rate": 100.0},
+    "quadruped_ros2_control": {
+        "impedance_topic": "/{interface}_controller/commands", "imu_topic": "/imu_sensor_broadcaster/imu",
+    },
+}  # fmt: skip
+"""What their simulations do, by their files; of the last the controllers are those of docs/ros2.md, which it has not."""
+
+
+@dataclass(frozen=True)
+class Controllers:
+    """What the robot publishes and listens to.
+
+    Attributes:
+        stack: software whose simulation it does as: "champ", "unitree-go2-ros2" or "quadruped_ros2_control"; settings that
+            are left as they are, are then that's.
+        interface: network interface.
+        domain: number of the domain, its ROS_DOMAIN_ID.
+        joint_state_topic: topic on which the joints are published.
+        imu_topic: topic on which the IMU is published.
+        array_topic: topic on which the forwarding controller listens.
+        trajectory_topic: topic on which the joint trajectory controller listens.
+        impedance_topic: topics on which impedance controllers listen: "{interface}" or "{joint}" in it stands for what each
+            is for; with it the joints are limp until gains come, and nothing else is heard. Empty: positions are taken.
+        idle: command interfaces whose controllers listen and do nothing, as inactive ones.
+        unloaded: command interfaces without a controller.
+        stiffness: stiffness of the joints' position control [Nm/rad]; 0: ten times the robot's own soft legs.
+        damping: damping of the joints' position control [Nm s/rad]; 0: in proportion to the robot's own.
+        integral: integral gain of the joint trajectory controller [Nm/(rad s)].
+        most_integral: largest torque that it makes [Nm].
+        joint_rate: rate of JointState messages [Hz]; at most the simulation's 500.
+        imu_rate: rate of Imu messages [Hz]; at most the simulation's 500.
+        permute: seed of the orders of joints in messages and controllers; 0: as the model lists them.
+        extra_joints: names of joints that are published with them, at zero.
+        unreported: quantities that the joints do not report: "velocity", "effort", or both.
+        clock: clock of the stamps: from the start of the simulation, or this computer's time of day.
+        interpolate_from_desired_state: the joint trajectory controller's parameter of this name.
+    """
+
+    stack: Literal["", "champ", "unitree-go2-ros2", "quadruped_ros2_control"] = ""
+    interface: str = "lo"
+    domain: int = 1
+    joint_state_topic: str = "/joint_states"
+    imu_topic: str = "/imu/data"
+    array_topic: str = "/forward_position_controller/commands"
+    trajectory_topic: str = "/joint_trajectory_controller/joint_trajectory"
+    impedance_topic: str = ""
+    idle: tuple[str, ...] = ()
+    unloaded: tuple[str, ...] = ()
+    stiffness: float = 0.0
+    damping: float = 0.0
+    integral: float = 0.0
+    most_integral: float = 0.0
+    joint_rate: float = 500.0
+    imu_rate: float = 500.0
+    permute: int = 0
+    extra_joints: tuple[str, ...] = ()
+    unreported: tuple[Literal["velocity", "effort"], ...] = ()
+    clock: Literal["simulation", "day"] = "simulation"
+    interpolate_from_desired_state: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping", "integral", "most_integral", "joint_rate", "imu_rate"):
+            if not getattr(self, name) >= 0:
+                raise SettingsError(f"{name} is {getattr(self, name)}; it must be zero or more")
+
+    def as_stack(self) -> Controllers:
+        """With what the stack has where nothing was said."""
+        plain, known = Controllers(), STACKS.get(self.stack, {})
+        return replace(self, **{name: v for name, v in known.items() if getattr(self, name) == getattr(plain, name)})
+
+
+class Interpolation:
+    """What a joint trajectory controller makes of a trajectory: straight lines from where it begins, through its points.
+
+    Args:
+        begin: robot time at which it arrived [s].
+        start: (nj,) joint positions that it begins at [rad].
+        times: (n,) increasing times of its points, from then on [s].
+        positions: (n, nj) joint positions at its points [rad].
+    """
+
+    def __init__(self, begin: float, start: FloatArray, times: FloatArray, positions: FloatArray) -> None:
+        self._times = np.concatenate([[begin], begin + times])
+        self._positions = np.vstack([start, positions])
+
+    def at(self, now: float) -> FloatArray:
+        """(nj,) targets [rad]; the last point's after the last, at once if its time is zero."""
+        after = int(np.searchsorted(self._times, now, side="right"))
+        if after >= len(self._times):
+            return self._positions[-1]
+        before, next_ = self._times[after - 1 : after + 1]
+        part = (now - before) / (next_ - before)
+        return (1 - part) * self._positions[after - 1] + part * self._positions[after]
+
+
+class Impedance:
+    """Command interfaces of hardware that takes gains: each keeps what a controller wrote last, zero before.
+
+    Args:
+        domain: domain to listen in.
+        controllers: topics, and what is the matter with some.
+        controlled: names of joints, as the controllers list them.
+        order: (nj,) place of each of the model's joints among them.
+        hold: values by interface that another controller left; empty: none.
+    """
+
+    def __init__(
+        self,
+        domain: DdsDomain,
+        controllers: Controllers,
+        controlled: list[str],
+        order: NDArray[np.intp],
+        hold: dict[str, FloatArray],
+    ) -> None:
+        pattern, self._idle, self._order = controllers.impedance_topic, controllers.idle, order
+        self._by_interface = "{interface}" in pattern
+        self._values = {name: hold.get(name, np.zeros(len(controlled))) for name in _INTERFACES}
+        loaded = [name for name in _INTERFACES if name not in controllers.unloaded]
+        self._inboxes = {
+            name: domain.inbox(dds_topic(pattern.replace(mark, name)), Float64MultiArray)
+            for mark, names in (("{interface}", loaded), ("{joint}", controlled))
+            if mark in pattern
+            for name in names
+        }
+        self._controlled = controlled
+
+    def take(self, accept: Callable[[bool], bool]) -> None:
+        """What has arrived; `accept` is told whether each message is of the right size, and returns it."""
+        size = len(self._controlled) if self._by_interface else len(_INTERFACES)
+        for name, inbox in self._inboxes.items():
+            for _, message in inbox.take():
+                if accept(len(message.data) == size):
+                    self._write(name, np.array(message.data))
+
+    def command(self) -> JointCommand:
+        return JointCommand(*(self._values[name] for name in _INTERFACES))
+
+    def _write(self, name: str, values: FloatArray) -> None:
+        if self._by_interface:
+            self._set(name, slice(None), values[self._order])
+        else:
+            joint = int(np.flatnonzero(self._order == self._controlled.index(name))[0])
+            for interface, value in zip(_INTERFACES, values, strict=True):
+                self._set(interface, joint, value)
+
+    def _set(self, interface: str, joints: int | slice, value: Any) -> None:
+        if interface not in self._idle:
+            values = self._values[interface].copy()  # a command may still hold them
+            values[joints] = value
+            self._values[interface] = values
+
+
+class Ros2Wire:
+    """The robot's side: broadcasters and controllers of a controller manager.
+
+    Args:
+        joint_names: names of the joints, in the model's order.
+        controllers: topics that are published and heard.
+        gains: kp and kd of the position control, the same for all joints.
+        hold: (nj,) joint positions that are held before the first command [rad]; None: they are limp.
+        say: function that takes what is worth noting.
+    """
+
+    def __init__(
+        self,
+        joint_names: tuple[str, ...],
+        controllers: Controllers,
+        gains: tuple[float, float],
+        hold: FloatArray | None,
+        say: Callable[..., None],
+    ) -> None:
+        self._names, self._controllers, self._say = joint_names, controllers, say
+        self._kp, self._kd = (np.full(len(joint_names), gain) for gain in gains)
+        published = list(joint_names + controllers.extra_joints)
+        controlled = list(joint_names)
+        if controllers.permute:
+            draw = np.random.default_rng(controllers.permute)
+            draw.shuffle(published)
+            draw.shuffle(controlled)
+        self._published, self._controlled = published, controlled
+        self._day = time.time_ns() if controllers.clock == "day" else 0
+        self._state: RobotState | None = None
+        self._target = hold
+        self._interpolation: Interpolation | None = None
+        self.received = self.refused = 0
+        domain = self._domain = DdsDomain(controllers.domain, controllers.interface)
+        self._pull, self._pulled_at = np.zeros(len(joint_names)), 0.0
+        self._impedance: Impedance | None = None
+        if controllers.impedance_topic:
+            held = {} if hold is None else {"position": hold, "kp": self._kp, "kd": self._kd}
+            order = np.array([controlled.index(name) for name in joint_names])
+            self._impedance = Impedance(domain, controllers, controlled, order, held)
+        else:
+            self._arrays = domain.inbox(dds_topic(controllers.array_topic), Float64MultiArray)
+            self._trajectories = domain.inbox(dds_topic(controllers.trajectory_topic), JointTrajectory)
+        self._joint_box = domain.outbox(dds_topic(controllers.joint_state_topic), JointState)
+        self._imu_box = domain.outbox(dds_topic(controllers.imu_topic), Imu)
+        say(published=published, controlled=controlled, kp=gains[0], kd=gains[1])
+
+    def commands(self) -> list[JointCommand]:
+        """What the controllers want now: hardware gets it in every period, until another command comes."""
+        if self._impedance is not None:
+            self._impedance.take(self._accept)
+            return [self._impedance.command()]
+        for _, array in self._arrays.take():
+            self._take_array(array)
+        for _, trajectory in self._trajectories.take():
+            self._take_trajectory(trajectory)
+        if self._interpolation is not None and self._state is not None:
+            self._target = self._interpolation.at(self._state.time)
+        return [] if self._target is None else [self._towards(self._target)]
+
+    def publish(self, state: RobotState, faults: ActiveFaults) -> None:
+        del faults  # messages have neither keys nor checksums
+        before, self._state = (-1.0 if self._state is None else self._state.time), state
+        if _due(before, state.time, self._controllers.joint_rate):
+            self._joint_box.send(self._joint_state(state))
+        if _due(before, state.time, self._controllers.imu_rate):
+            self._imu_box.send(self._imu(state))
+
+    def close(self) -> None:
+        self._say(received=self.received, refused=self.refused)
+        self._domain.close()
+
+    def _accept(self, whether: bool) -> bool:
+        """Count a command, and tell of the first."""
+        self.refused += not whether
+        self.received += whether
+        if whether and self.received == 1:
+            self._say(commanded=True)
+        return whether
+
+    def _towards(self, target: FloatArray) -> JointCommand:
+        if self._controllers.integral and self._state is not None:
+            since, self._pulled_at = self._state.time - self._pulled_at, self._state.time
+            grown = self._pull + self._controllers.integral * since * (target - self._state.joint_position)
+            most = self._controllers.most_integral
+            self._pull = np.clip(grown, -most, most)
+        return JointCommand(target, torque=self._pull, kp=self._kp, kd=self._kd)
+
+    def _take_array(self, message: Float64MultiArray) -> None:
+        if not self._accept(len(message.data) == len(self._controlled)):
+            return
+        self._interpolation = None
+        self._target = self._in_model_order(self._controlled, message.data)
+
+    def _take_trajectory(self, message: JointTrajectory) -> None:
+        """A trajectory of all joints, as it begins at once; a controller has more to say to other ones."""
+        all_joints = set(message.joint_names) == set(self._names)
+        if not self._accept(all_joints and bool(message.points)) or self._state is None:
+            return
+        starts = [point.time_from_start for point in message.points]
+        times = np.array([start.sec + 1e-9 * start.nanosec for start in starts])
+        positions = [self._in_model_order(message.joint_names, point.positions) for point in message.points]
+        desired = self._target if self._controllers.interpolate_from_desired_state else None
+        start = self._state.joint_position if desired is None else desired
+        self._interpolation = Interpolation(self._state.time, start, times, np.array(positions))
+
+    def _in_model_order(self, names: list[str], values: list[float]) -> FloatArray:
+        return np.array([values[names.index(name)] for name in self._names])
+
+    def _joint_state(self, state: RobotState) -> JointState:
+        velocity = None if "velocity" in self._controllers.unreported else state.joint_velocity
+        torque = None if "effort" in self._controllers.unreported else state.joint_torque
+        return JointState(
+            self._header(state, ""),
+            self._published,
+            self._as_published(state.joint_position),
+            [] if velocity is None else self._as_published(velocity),
+            [] if torque is None else self._as_published(torque),
+        )
+
+    def _as_published(self, values: FloatArray) -> list[float]:
+        known = dict(zip(self._names, values.tolist(), strict=True))
+        return [known.get(name, 0.0) for name in self._published]
+
+    def _imu(self, state: RobotState) -> Imu:
+        unknown = [-1.0] + 8 * [0.0]  # there is no orientation filter
+        return Imu(
+            self._header(state, "imu_link"),
+            Quaternion(),
+            unknown,
+            Vector3(*state.angular_velocity_in_imu.tolist()),
+            linear_acceleration=Vector3(*state.acceleration_in_imu.tolist()),
+        )
+
+    def _header(self, state: RobotState, frame: str) -> Header:
+        return Header(Time(*divmod(self._day + round(1e9 * state.time), 10**9)), frame)
+
+
+def _due(before: float, now: float, rate: float) -> bool:
+    """Whether something that happens so often [Hz] happens after one moment and up to another [s]."""
+    return np.floor(now * rate + 1e-6) > np.floor(before * rate + 1e-6)
+
+
+@dataclass(frozen=True)
+class Ros2Options:
+    """A simulated robot on ROS 2's topics; logs JSON, one object a line.
+
+    Attributes:
+        robot: quadruped that it is: a name, or a URDF or MJCF file.
+        peer: settings of the simulated robot.
+        controllers: topics that are published and heard.
+    """
+
+    robot: str = "unitree_a1"
+    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
+    controllers: OmitArgPrefixes[Controllers] = field(default_factory=Controllers)
+
+
+def serve(options: Ros2Options) -> None:
+    """Run until it is ended."""
+    robot = load_robot(options.robot)
+    peer = PeerRobot(robot, options.peer)
+    stance, controllers = nominal_stance(robot), options.controllers.as_stack()
+    kp, kd = robot.gains(stance.hip_height)
+    stiffness = controllers.stiffness or (kp if controllers.impedance_topic else _STIFF * kp)
+    gains = stiffness, controllers.damping or kd * float(np.sqrt(stiffness / kp))  # the same damping ratio
+    hold = stance.joint_position if options.peer.start == "standing" else None
+    peer.serve(Ros2Wire(robot.joint_names, controllers, gains, hold, peer.say))
+
+
+def main() -> None:
+    """Run with the flags of the command line."""
+    serve(tyro.cli(Ros2Options))
+
+
+if __name__ == "__main__":
+    main()

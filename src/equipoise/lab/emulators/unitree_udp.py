@@ -1,0 +1,263 @@
+"""A simulated A1 or Go1 that speaks its packets over UDP, through a network that loses, repeats and mixes them up.
+
+    python -m equipoise.lab.emulators.unitree_udp --protocol go1 --robot unitree_a1 --loss 0.02 --reorder 0.02
+
+Any quadruped with three joints a leg can speak either protocol. It speaks one form of its packets, and answers the first
+address from which a good command in that form comes, as the robots do; it sends nothing before, and heeds no other packets.
+"""
+
+from __future__ import annotations
+
+import signal
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import tyro
+from tyro.conf import OmitArgPrefixes
+
+from equipoise.drivers.unitree.formats import PacketFormat, forms_of
+from equipoise.drivers.unitree.motors import MOTORS, joints_of_motors
+from equipoise.drivers.unitree.packets import (
+    POSITION_STOP,
+    VELOCITY_STOP,
+    Damage,
+    MotorCommands,
+    SensorReadings,
+)
+from equipoise.drivers.unitree.remote_control import keys_of
+from equipoise.drivers.unitree.udp import CONTROL_PERIOD
+from equipoise.drivers.unitree.udp_settings import Protocol
+from equipoise.drivers.unitree.udp_socket import Address
+from equipoise.errors import SettingsError
+from equipoise.lab.emulators.faults import ActiveFaults, FaultySamples
+from equipoise.lab.emulators.robot import PeerRobot, PeerSettings
+from equipoise.lab.emulators.udp_packets import StatePacket, read_command
+from equipoise.platform.platform import JointCommand, RobotState
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.model import RobotModel
+
+_VOLTAGE = 24.96  # [V] of a Go1's battery
+_LARGEST = 2048  # [bytes] of a datagram
+_LATEST = 4  # packets that may overtake another
+_RAMP_STEP = 0.25  # [s] between lines about gains
+
+
+@dataclass(frozen=True)
+class NetworkFaults:
+    """What happens to packets on their way, in both directions.
+
+    Attributes:
+        loss: share of the packets that are lost.
+        duplicate: share of the packets that arrive twice.
+        reorder: share of the packets that others overtake.
+        network_seed: seed of what is drawn.
+    """
+
+    loss: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    network_seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("loss", "duplicate", "reorder"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise SettingsError(f"{name} is {getattr(self, name)}; it is a share, from 0 to 1")
+
+
+class FaultyNetwork:
+    """One direction of it."""
+
+    def __init__(self, faults: NetworkFaults, direction: int) -> None:
+        self._faults = faults
+        self._draw = np.random.default_rng([faults.network_seed, direction])
+        self._late: list[tuple[int, bytes]] = []
+        self._passed = 0
+
+    def carry(self, packet: bytes) -> list[bytes]:
+        """What arrives as a packet is sent: none, one or several, some of them sent before."""
+        lost, doubled, overtaken = self._draw.random(3) < (
+            self._faults.loss,
+            self._faults.duplicate,
+            self._faults.reorder,
+        )
+        self._passed += 1
+        due = [late for until, late in self._late if until <= self._passed]
+        self._late = [(until, late) for until, late in self._late if until > self._passed]
+        if lost:
+            return due
+        copies = [packet] * (2 if doubled else 1)
+        if overtaken:
+            self._late.append((self._passed + int(self._draw.integers(1, _LATEST + 1)), copies.pop()))
+        return copies + due
+
+
+class UnitreeUdpWire:
+    """The robot's side.
+
+    Args:
+        robot: model of the simulated robot.
+        packets: packet format in which it writes.
+        local: address and port on which it listens.
+        faults: faults of the network.
+        clock: first count and step [s] of its clock, which begins anew at 2^32; a step of 0: it stands still.
+        say: function that takes what is worth noting.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        packets: PacketFormat,
+        local: Address,
+        faults: NetworkFaults,
+        clock: tuple[int, float],
+        say: Callable[..., None],
+    ) -> None:
+        self._joint_of_motor = joints_of_motors(robot, "the protocol")
+        self._motor_of_joint = np.argsort(self._joint_of_motor)
+        self._packets, self._packet, self._faulty = packets, StatePacket(packets), FaultySamples(CONTROL_PERIOD)
+        self._inward, self._outward = FaultyNetwork(faults, 0), FaultyNetwork(faults, 1)
+        (self._first_tick, self._tick), self._say = clock, say
+        self._client: Address | None = None
+        self._gains: tuple[float, float] | None = None
+        self._gains_said = -np.inf
+        self._position: np.ndarray | None = None
+        self.received = self.damaged = self.sent = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(local)
+
+    def commands(self) -> list[JointCommand]:
+        """As a wire's. Packets without torque ask for samples; before the first other one they command nothing."""
+        commands: list[JointCommand] = []
+        for data in self._arrived():
+            read = read_command(self._packets, data)
+            if isinstance(read, Damage):
+                self.damaged += 1
+                continue
+            self.received += 1
+            if self._gains is not None or not _asks(read):
+                commands.append(self._for_joints(read))
+        return commands
+
+    def publish(self, state: RobotState, faults: ActiveFaults) -> None:
+        self._position = state.joint_position
+        if self._client is None:
+            return
+        packet = bytes(self._packet.write(self._from_joints(state, faults)))
+        for sample in self._faulty.sent(packet, faults):
+            for data in self._outward.carry(sample):
+                self._socket.sendto(data, self._client)
+                self.sent += 1
+
+    def close(self) -> None:
+        self._say(received=self.received, damaged=self.damaged, sent=self.sent)
+        self._socket.close()
+
+    def _arrived(self) -> list[bytes]:
+        arrived: list[bytes] = []
+        while True:
+            try:
+                data, sender = self._socket.recvfrom(_LARGEST)
+            except (BlockingIOError, ConnectionError):
+                return arrived
+            if self._client is None and not isinstance(read_command(self._packets, data), Damage):
+                self._client = sender
+                self._say(client=sender)
+            arrived += self._inward.carry(data) if sender == self._client else []
+
+    def _for_joints(self, motors: MotorCommands) -> JointCommand:
+        """What the motor boards make of it: a stopped position or velocity is not controlled."""
+        order = self._motor_of_joint
+        position, velocity, torque, kp, kd = (
+            getattr(motors, name)[order] for name in ("position", "velocity", "torque", "kp", "kd")
+        )
+        self._note_gains((round(float(kp.mean()), 3), round(float(kd.mean()), 3)))
+        free, coasting = np.abs(position) >= POSITION_STOP / 2, np.abs(velocity) >= VELOCITY_STOP / 2
+        here = np.zeros(MOTORS) if self._position is None else self._position
+        return JointCommand(
+            np.where(free, here, position),
+            np.where(coasting, 0.0, velocity),
+            torque,
+            np.where(free, 0.0, kp),
+            np.where(coasting, 0.0, kd),
+        )
+
+    def _note_gains(self, gains: tuple[float, float]) -> None:
+        """Say new gains, those of a ramp now and then."""
+        if gains != self._gains and time.monotonic() - self._gains_said > _RAMP_STEP:
+            self._gains_said = time.monotonic()
+            self._say(kp=gains[0], kd=gains[1])
+            self._gains = gains
+
+    def _from_joints(self, state: RobotState, faults: ActiveFaults) -> SensorReadings:
+        order = self._joint_of_motor
+        velocity, torque = state.joint_velocity, state.joint_torque
+        if velocity is None or torque is None:
+            raise SettingsError("the simulated robot must sense joint velocities and torques")
+        return SensorReadings(
+            state.joint_position[order],
+            velocity[order],
+            torque[order],
+            np.full(MOTORS, faults.temperature),
+            state.angular_velocity_in_imu,
+            state.acceleration_in_imu,
+            self._first_tick + (round(state.time / self._tick) if self._tick else 0),
+            faults.charge,
+            _VOLTAGE,
+            keys_of(faults.press),
+        )
+
+
+def _asks(motors: MotorCommands) -> bool:
+    return not (motors.kp.any() or motors.kd.any() or motors.torque.any())
+
+
+@dataclass(frozen=True)
+class UnitreeUdpOptions:
+    """A simulated A1 or Go1 on UDP; logs JSON, one object a line.
+
+    Attributes:
+        protocol: name of the robot whose packets it speaks.
+        robot: quadruped that it is: a name, or a URDF or MJCF file.
+        address: address that it listens on.
+        port: port that it listens on.
+        form: format of its packets; default: the likeliest.
+        first_tick: first count of its clock.
+        tick: time step of its clock [s].
+        peer: settings of the simulated robot.
+        faults: faults of the network.
+    """
+
+    protocol: Protocol = "a1"
+    robot: str = "unitree_a1"
+    address: str = "127.0.0.1"
+    port: int = 8007
+    form: str | None = None
+    first_tick: int = 0
+    tick: float = 1e-3
+    peer: OmitArgPrefixes[PeerSettings] = field(default_factory=PeerSettings)
+    faults: OmitArgPrefixes[NetworkFaults] = field(default_factory=NetworkFaults)
+
+
+def serve(options: UnitreeUdpOptions) -> None:
+    """Run until Ctrl-C or SIGTERM."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a process in the background may be deaf to Ctrl-C
+    packets = next(iter(forms_of(options.protocol, options.form).values()))
+    robot = load_robot(options.robot)
+    peer = PeerRobot(robot, options.peer)
+    local = (options.address, options.port)
+    clock = (options.first_tick, options.tick)
+    wire = UnitreeUdpWire(robot, packets, local, options.faults, clock, peer.say)
+    peer.serve(wire)
+
+
+def main() -> None:
+    """Run with the flags of the command line."""
+    serve(tyro.cli(UnitreeUdpOptions))
+
+
+if __name__ == "__main__":
+    main()

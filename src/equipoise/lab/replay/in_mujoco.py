@@ -1,0 +1,138 @@
+"""Motions on two feet played again in MuJoCo: the joints do what was measured, the base is free.
+
+So what tips the robot is where its mass is, and nothing else: no motor's torque, friction or gain. Joints are held to what was
+measured by a control a thousand times as stiff as the robot's own. The floor runs through both standing feet, and gravity is
+as the accelerometer had it, wherever the floor slopes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from equipoise.conventions import GRAVITY, FloatArray
+from equipoise.errors import FallError
+from equipoise.lab.replay.motion import TwoFootMotion
+from equipoise.robot.inertial import InertialParameters
+from equipoise.robot.model import LEG_NAMES, RobotModel
+from equipoise.robot.stance import nominal_stance
+from equipoise.simulation.effects import SensorErrors
+from equipoise.simulation.mujoco_contacts import foot_name
+from equipoise.simulation.mujoco_legs import set_inertia
+from equipoise.simulation.mujoco_model import TIMESTEP, SimulatedRobot, build_simulated_robot
+from equipoise.simulation.sensors import DrawnErrors
+
+# Of the control, over the robot's own: joints then follow to 0.2 mrad, and it is damped as much.
+_STIFFER, _DAMPED_MORE = 1000.0, 30.0
+_PRESSED = 3e-6  # [m] that feet which carry the robot are pressed into the floor
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """What the simulated robot did.
+
+    Attributes:
+        angular_velocity_base_in_base: (n, 3) at the motion's samples [rad/s].
+        joint_error: largest difference of any joint's position from the motion's [rad].
+    """
+
+    angular_velocity_base_in_base: FloatArray
+    joint_error: float
+
+
+class MujocoReplay:
+    """A robot without errors in MuJoCo, as its file says or with another base.
+
+    Args:
+        base: mass, CoM and inertia of the base link with all that is fixed to it, in the base frame; None: the file's.
+    """
+
+    def __init__(self, robot: RobotModel, base: InertialParameters | None = None) -> None:
+        stance, joints = nominal_stance(robot), len(robot.joint_names)
+        perfect = DrawnErrors.draw(SensorErrors(), joints, seed=0)
+        self._robot, self._simulated = robot, build_simulated_robot(robot, stance, perfect, None, TIMESTEP)
+        kp, kd = robot.gains(stance.hip_height)
+        self._kp, self._kd = np.full(joints, _STIFFER * kp), np.full(joints, _DAMPED_MORE * kd)
+        self._simulated.set_gains(self._kp, self._kd)
+        self._model = self._simulated.model
+        self._model.actuator_forcelimited[:] = 0
+        if base is not None:
+            _replace_base(self._simulated, base)
+        mujoco.mj_setConst(self._model, mujoco.MjData(self._model))  # how hard contacts are hangs on masses and gains
+        self._data, self._rollout = mujoco.MjData(self._model), rollout.Rollout(nthread=0)
+        self._feet = [self._model.geom(foot_name(leg)).id for leg in LEG_NAMES]
+
+    def play(self, motion: TwoFootMotion) -> Replayed:
+        """Play a motion from its first sample to its last.
+
+        Raises:
+            FallError: the simulation became unstable.
+        """
+        self._begin(motion)
+        model, data = self._model, self._data
+        steps = int(np.ceil(motion.time[-1] / TIMESTEP))
+        time: FloatArray = np.asarray(TIMESTEP * np.arange(steps + 1), dtype=float)
+        position, velocity = motion.joints_at(time)
+        # A step's damping acts on the speed that it ends with.
+        control = position[:-1] + velocity[1:] * self._kd / self._kp
+        initial = np.zeros(mujoco.mj_stateSize(model, _STATE))
+        mujoco.mj_getState(model, data, initial, _STATE)
+        states, _ = self._rollout.rollout(
+            [model], [data], initial[None], control[None], initial_warmstart=np.array(data.qacc_warmstart)[None]
+        )
+        path: FloatArray = np.concatenate([initial[None], np.asarray(states[0], dtype=float)])
+        if not (np.diff(path[:, 0]) > 0).all():  # the engine restarts at time zero when it diverges
+            raise FallError(f"the replay of {self._robot.name!r} became unstable; are its inertias plausible?")
+        speeds = path[:, 1 + int(model.nq) :][:, 3:6]
+        turning = np.column_stack([np.interp(motion.time, time, speeds[:, axis]) for axis in range(3)])
+        missed = np.abs(path[:, 1 + self._simulated.qpos] - position).max()
+        return Replayed(turning, float(missed))
+
+    def _begin(self, motion: TwoFootMotion) -> None:
+        """Put the robot on its two feet, which roll."""
+        model, data, feet = self._model, self._data, [self._feet[foot] for foot in motion.stance_feet]
+        mujoco.mj_resetData(model, data)
+        data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+        data.qpos[self._simulated.qpos] = motion.joint_position[0]
+        mujoco.mj_kinematics(model, data)
+        left, right = np.array(data.geom_xpos[feet])
+        base_to_floor = _onto_the_floor((left - right) / np.linalg.norm(left - right), motion.up_in_base)
+        mujoco.mju_mat2Quat(data.qpos[3:7], base_to_floor.reshape(9).copy())
+        model.opt.gravity[:] = -GRAVITY * base_to_floor @ motion.up_in_base
+        mujoco.mj_kinematics(model, data)
+        contacts = np.array(data.geom_xpos[feet]) - model.geom_size[feet, :1] * [0, 0, 1]
+        data.qpos[2] -= contacts[:, 2].min() + _PRESSED
+        data.qvel[3:6] = motion.angular_velocity_base_in_base
+        data.qvel[self._simulated.dof] = motion.joint_velocity[0]
+        mujoco.mj_forward(model, data)
+        data.qvel[:3] = -np.mean([self._velocity(foot) for foot in feet], axis=0)
+        mujoco.mj_forward(model, data)
+
+    def _velocity(self, foot: int) -> FloatArray:
+        """(3,) velocity of the point of a foot that touches the floor [m/s]."""
+        model, data, jacobian = self._model, self._data, np.zeros((3, self._model.nv))
+        point = data.geom_xpos[foot] - [0, 0, model.geom_size[foot, 0]]
+        mujoco.mj_jac(model, data, jacobian, None, point, model.geom_bodyid[foot])
+        return np.asarray(jacobian @ data.qvel, dtype=float)
+
+
+def _onto_the_floor(line: FloatArray, up: FloatArray) -> FloatArray:
+    """(3, 3) rotation from base axes to those of a floor that holds a line and is else as level as it can be."""
+    normal = up - (up @ line) * line
+    normal /= np.linalg.norm(normal)
+    return np.array([np.cross(line, normal), line, normal])
+
+
+def _replace_base(simulated: SimulatedRobot, base: InertialParameters) -> None:
+    """Give the base body all that the base weighs, and nothing to what is fixed to it."""
+    model, body = simulated.model, simulated.base_body
+    fixed = model.body_weldid == model.body_weldid[body]
+    model.body_mass[fixed] = 0.0
+    model.body_inertia[fixed] = 0.0
+    model.body_mass[body], model.body_ipos[body] = base.mass, base.com
+    set_inertia(model, body, base.inertia)
+    model.body_sameframe[:] = 0  # the compiler notes which frames are the same, and never looks again

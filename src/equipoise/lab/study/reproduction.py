@@ -1,0 +1,170 @@
+"""The paper's claims, made again: Table I, Fig. 3, the Monte Carlo rate, and the proportionality to joint errors."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from equipoise.calibration.routine import calibrate
+from equipoise.conventions import AXES, FloatArray
+from equipoise.lab.study.rows import SUCCEEDED, Table, column, having
+from equipoise.lab.study.runner import StudyProgress, run_study
+from equipoise.lab.study.statistics import MethodSummary, lines_in_squares, planar_errors, summarize
+from equipoise.lab.study.study import Study
+from equipoise.method.method import Method
+from equipoise.paper.method import Paper
+from equipoise.paper.trial_runner import ComSearchSettings
+from equipoise.precise.method import Precise
+from equipoise.robot.catalog import BUILT_IN_ROBOT, load_robot
+from equipoise.simulation.simulation import simulate
+
+QUANTITIES = ("I_x", "I_y", "I_z", "p_x", "p_y")
+"""Table I's columns: moments of base, hips and thighs about their own CoM [kg m2], planar CoM of the robot [m]."""
+
+PAPER_TRUTH = (0.116, 0.349, 0.399, -0.0093, 0.00085)
+PAPER_ESTIMATE = (0.0856, 0.306, 0.363, -0.0073, 0.00089)
+PAPER_ITERATIONS = 6
+"""After which the paper's search is within 5 mm."""
+
+TRUTH = "truth"
+SEED = 4
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """A row of Table I, ours.
+
+    Attributes:
+        method: name of the method that estimated, or "truth".
+        noise: noise preset of the simulated robot, whose legs weigh other than the model's where it is not "ideal".
+        values: estimates by QUANTITIES; None where the method has none.
+    """
+
+    method: str
+    noise: str
+    values: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Proportion:
+    """The CoM error against what the joint errors do to the feet, nothing else being wrong.
+
+    Attributes:
+        foot_error: (n,) rms planar displacement of the feet by the joint zeros [m].
+        joint_error: (n,) rms of the joint zeros [rad].
+        com_error: (n,) planar error of the CoM [m].
+        per_foot_error: slope of the CoM error over the feet's error [m/m].
+        per_joint_error: slope of the CoM error over the joint zeros [m/rad].
+        floor: CoM error that is left without any joint error [m].
+    """
+
+    foot_error: FloatArray
+    joint_error: FloatArray
+    com_error: FloatArray
+    per_foot_error: float
+    per_joint_error: float
+    floor: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """All that is reproduced.
+
+    Attributes:
+        table: rows of Table I; each truth, then the estimates of it.
+        summaries: summaries of the methods.
+        iterations: (n trials, k) norm of the planar CoM error after each halving [m]; nan for trials that failed.
+        precise_errors: planar CoM errors of the precise method [m]; nan for trials that failed.
+        proportion: proportion of the CoM error to joint and end-effector error.
+    """
+
+    table: tuple[TableRow, ...]
+    summaries: tuple[MethodSummary, ...]
+    iterations: FloatArray
+    precise_errors: FloatArray
+    proportion: Proportion
+
+
+def reproduce(
+    folder: Path,
+    trials: int,
+    precise_trials: int,
+    workers: int | None = None,
+    report: Callable[[str, StudyProgress | None], None] = lambda doing, progress: None,
+) -> Reproduction:
+    """Do it all; the studies' rows are kept in a folder, and gone on with after an interruption.
+
+    Args:
+        folder: folder for the rows.
+        trials: number of trials of the paper's method, and of the proportionality.
+        precise_trials: number of the same robots, the first ones, that the precise method calibrates.
+        workers: number of processes; default one for each core.
+        report: function that is told what is being done.
+    """
+    report("Table I", None)
+    table = _table()
+
+    def run(study: Study, count: int, name: str, doing: str) -> Table:
+        return run_study(study, count, folder / name, None, workers, lambda progress: report(doing, progress))
+
+    study = Study(BUILT_IN_ROBOT, (Paper(),), seed=SEED)
+    precise = Study(BUILT_IN_ROBOT, (Precise(),), seed=SEED)
+    exact = Paper(com_search=ComSearchSettings(tolerance=1e-3))
+    zeros = Study(BUILT_IN_ROBOT, (exact,), only=("joint_zero",), vary_noise=True, payload="none", seed=SEED)
+    rows = run(study, trials, "paper", "Monte Carlo of the paper's method")
+    proportional = run(zeros, trials, "joint-zeros", "joint errors alone")
+    ours = run(precise, precise_trials, "precise", "Monte Carlo of the precise method")
+    return Reproduction(
+        table,
+        (*summarize(rows), *summarize(ours)),
+        _iterations(rows),
+        planar_errors(ours),
+        _proportion(proportional),
+    )
+
+
+def _table() -> tuple[TableRow, ...]:
+    robot = load_robot(BUILT_IN_ROBOT)
+    rows: list[TableRow] = []
+    for noise in ("ideal", "realistic"):
+        for index, method in enumerate(_TABLE_METHODS):
+            with warnings.catch_warnings(), simulate(robot, noise, seed=SEED) as simulation:
+                warnings.simplefilter("ignore")
+                result = calibrate(simulation.platform, robot, method)
+            if index == 0:
+                effective, com = simulation.truth.stance_effective.inertia, simulation.truth.composite.com
+                truth = (*(float(effective[i, i]) for i in range(3)), float(com[0]), float(com[1]))
+                rows.append(TableRow(TRUTH, noise, truth))
+            found = [one.value for one in result.stance_effective.inertia.moments]
+            moments = [result.sways[axis].moment for axis in AXES] if None in found else found
+            com = result.composite.com_in_base
+            rows.append(TableRow(method.name, noise, (*moments, com.x.value, com.y.value)))
+    return tuple(rows)
+
+
+_TABLE_METHODS: tuple[Method, ...] = (Paper(), Precise())
+
+
+def _iterations(rows: Table) -> FloatArray:
+    """Norms by halving; a search that ended early, on a balanced robot, stays where it ended."""
+    searches = rows.select(["status", "iteration_x", "iteration_y", "true_com_x", "true_com_y"]).to_pylist()
+    length = max((len(row["iteration_x"] or ()) for row in searches if row["status"] == SUCCEEDED), default=0)
+    norms = np.full((rows.num_rows, length), np.nan)
+    for index, row in enumerate(searches):
+        if row["status"] == SUCCEEDED:
+            path = np.column_stack([row["iteration_x"], row["iteration_y"]]) - [row["true_com_x"], row["true_com_y"]]
+            norms[index] = np.hypot(*path[np.minimum(np.arange(length), len(path) - 1)].T)
+    return norms
+
+
+def _proportion(rows: Table) -> Proportion:
+    succeeded = having(rows, "status", SUCCEEDED)
+    foot, joint = (column(succeeded, name) for name in ("foot_error_rms", "joint_zero_rms"))
+    error = planar_errors(succeeded)
+    floor, per_foot = lines_in_squares(foot[:, None], error)
+    _, per_joint = lines_in_squares(joint[:, None], error)
+    return Proportion(foot, joint, error, float(per_foot[0]), float(per_joint[0]), floor)

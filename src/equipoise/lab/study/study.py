@@ -1,0 +1,209 @@
+"""What a study is: settings and a trial's number give the same robot, payload and noise, wherever it runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from equipoise.errors import SettingsError
+from equipoise.lab.study.variation import LARGEST_SPREAD, vary
+from equipoise.method.method import Method
+from equipoise.method.table import METHODS
+from equipoise.paper.method import Paper
+from equipoise.robot.catalog import load_robot
+from equipoise.robot.description import RobotDescription
+from equipoise.robot.model import RobotModel
+from equipoise.robot.scale import Scale
+from equipoise.robot.stance import Stance, nominal_stance
+from equipoise.simulation.effects import Contacts, Noise, SensorErrors
+from equipoise.simulation.payload import Payload
+from equipoise.simulation.sensors import named_generator
+from equipoise.simulation.simulation import sizes_of
+
+SOURCES = tuple(row.name for row in SensorErrors.rows() if row.varied)
+"""What a simulated robot can be wrong in."""
+# The first ones share a random stream; all others have one each, so that a new one changes nobody else's draw.
+_ONE_STREAM = SOURCES[: SOURCES.index("floor_slope") + 1]
+
+# Random payloads: 5 to 30 % of the base's mass, in a box on its back, as large as a battery and a computer.
+_PAYLOAD_SHARE = (0.05, 0.30)
+_PAYLOAD_BOX = ((-0.12, 0.12), (-0.05, 0.05), (0.03, 0.12))  # [m] on an A1
+_PAYLOAD_GYRATION = (0.08, 0.12, 0.10)  # [m] on an A1
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is drawn for each trial, and what is done with it.
+
+    Attributes:
+        robot: name or model file of the robot.
+        methods: methods that calibrate each drawn robot, with settings; each on a fresh simulation of it with the same
+            noise.
+        noise: name of a preset of effects, scaled to the robot.
+        effects: effects besides, or of other sizes, as in `simulate`.
+        without: names of effects that are left out.
+        contacts: how feet touch the floor, as in `simulate`.
+        only: effects that are kept, all others being left out; empty: all.
+        vary_noise: each effect's size is multiplied by its own random factor between 0 and 2, so that a study shows what
+            each source does.
+        payload: "random", "none", or MASS,X,Y,Z[,IXX,IYY,IZZ].
+        spread: of random robots around the model (see `robot.variation`); 0: always the model itself.
+        scale_error: the robot is weighed with this relative error, for the methods that use it; None: it is not weighed.
+        timestep: of the engine [s]; None: the largest that leaves a method's results as they are.
+        seed: seed of everything drawn.
+        description: facts that the user overrides in the model file.
+    """
+
+    robot: str = "unitree_a1"
+    methods: tuple[Method, ...] = (Paper(),)
+    noise: Noise = "realistic"
+    effects: Mapping[str, float | None] = field(default_factory=dict[str, "float | None"])
+    without: tuple[str, ...] = ()
+    contacts: Contacts = "own"
+    only: tuple[str, ...] = ()
+    vary_noise: bool = False
+    payload: str = "random"
+    spread: float = 0.0
+    scale_error: float | None = None
+    timestep: float | None = None
+    seed: int = 0
+    description: RobotDescription = field(default_factory=RobotDescription)
+
+    def __post_init__(self) -> None:
+        self._check_methods()
+        sizes_of(self.noise, Scale(1.0, 1.0), self.effects, self.without)
+        if unknown := [name for name in self.only if name not in SOURCES]:
+            raise SettingsError(f"{unknown[0]!r} is no error source; those are {', '.join(SOURCES)}")
+        if self.payload not in ("random", "none"):
+            Payload.parse(self.payload)
+        if self.seed < 0:
+            raise SettingsError(f"the seed is {self.seed}; it must be zero or more")
+        if not 0 <= self.spread <= LARGEST_SPREAD:
+            raise SettingsError(
+                f"the spread of random robots is {self.spread:g}; it must be from 0 to {LARGEST_SPREAD:g}"
+            )
+        if self.scale_error is not None and not 0 < self.scale_error < 1:
+            raise SettingsError(f"the scale's error is {self.scale_error:g}; give a fraction, as 0.005 for 0.5 %")
+        if self.timestep is not None and not 0 < self.timestep < math.inf:
+            raise SettingsError(f"the time step is {self.timestep:g} s; it must be positive, as 0.001")
+        if "imu_clock_offset" in self.only and "sensor_delay" not in self.only:
+            raise SettingsError(
+                "imu_clock_offset alone would be none: without a delay IMU samples would be younger than the moment at which "
+                "they are read; keep sensor_delay too"
+            )
+
+    def _check_methods(self) -> None:
+        if not self.methods:
+            raise SettingsError(f"name a method at least: {', '.join(METHODS)}")
+        names = [method.name for method in self.methods]
+        if len(set(names)) < len(names):
+            raise SettingsError(f"each method once, not {', '.join(names)}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        methods = [method.to_dict() for method in self.methods]
+        other = {"effects": dict(self.effects), "without": list(self.without), "contacts": self.contacts}
+        usual: dict[str, Any] = {"effects": {}, "without": [], "contacts": "own"}
+        # What is as usual is left out: a study of before goes on.
+        table = {name: value for name, value in dataclasses.asdict(self).items() if name not in usual}
+        table |= {name: value for name, value in other.items() if value != usual[name]}
+        return {**table, "methods": methods, "only": list(self.only)}
+
+    @property
+    def fingerprint(self) -> str:
+        """Tells studies apart: trials of one fingerprint belong together. A model file counts by what it says."""
+        table = self.to_dict()
+        if Path(self.robot).is_file():
+            table["model"] = hashlib.sha256(Path(self.robot).read_bytes()).hexdigest()
+        return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """One trial's robot and its errors.
+
+    Attributes:
+        robot: model that the estimator knows.
+        stance: nominal stance of that model.
+        payload: payload that it does not know, or None.
+        sizes: sizes of the simulated robot's sensor and actuator errors.
+        seed: seed of the simulation: the errors themselves, and the noise.
+        scale_reading: relative error of the scale's reading, or None.
+    """
+
+    robot: RobotModel
+    stance: Stance
+    payload: Payload | None
+    sizes: SensorErrors
+    seed: int
+    scale_reading: float | None
+
+
+def draw(study: Study, trial: int) -> Draw:
+    """What trial number `trial` of a study is. Depends on nothing else: each number has a random stream of its own."""
+    stream = np.random.SeedSequence(study.seed, spawn_key=(trial,))
+    # One stream for each thing that is drawn, so that switching one off leaves the others as they were.
+    robots, payloads, sizes, scales, noise = (np.random.default_rng(child) for child in stream.spawn(5))
+    robot, stance = nominal_robot(study)
+    if study.spread:
+        robot = vary(robot, study.spread, robots)
+        stance = nominal_stance(robot)
+    return Draw(
+        robot,
+        stance,
+        _payload(study.payload, robot, stance, payloads),
+        _sizes(study, robot, stance, sizes),
+        int(noise.integers(2**62)),
+        None if study.scale_error is None else study.scale_error * float(scales.standard_normal()),
+    )
+
+
+def nominal_robot(study: Study) -> tuple[RobotModel, Stance]:
+    """A study's robot as its model file has it, and its stance; they are shared by all who ask."""
+    return _load(study.robot, json.dumps(dataclasses.asdict(study.description)))
+
+
+@lru_cache(maxsize=8)  # a worker runs many trials of one robot
+def _load(robot: str, description: str) -> tuple[RobotModel, Stance]:
+    model = load_robot(robot, RobotDescription.from_dict(json.loads(description)))
+    return model, nominal_stance(model)
+
+
+def _payload(wanted: str, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> Payload | None:
+    if wanted == "none":
+        return None
+    if wanted != "random":
+        return Payload.parse(wanted)
+    size = stance.scale.length
+    mass = generator.uniform(*_PAYLOAD_SHARE) * float(robot.pinocchio.inertias[1].mass)
+    place = [size * generator.uniform(*bounds) for bounds in _PAYLOAD_BOX]
+    inertia = mass * (size * np.array(_PAYLOAD_GYRATION)) ** 2
+    return Payload.parse(",".join(repr(float(value)) for value in (mass, *place, *inertia)))
+
+
+def _sizes(study: Study, robot: RobotModel, stance: Stance, generator: np.random.Generator) -> SensorErrors:
+    sizes = sizes_of(study.noise, stance.scale, study.effects, study.without)
+    factors = _factors(generator) if study.vary_noise else dict.fromkeys(SOURCES, 1.0)
+    kept = study.only or SOURCES
+    rows = {name: sizes.row(name) for name in SOURCES}
+    changed = {n: row.times(getattr(sizes, n), factors[n]) if n in kept else row.none for n, row in rows.items()}
+    # The IMU's clock may not lead the moment at which it is read.
+    changed["imu_clock_offset"] = min(changed["imu_clock_offset"], changed["sensor_delay"])
+    return dataclasses.replace(sizes, **changed)
+
+
+def _factors(generator: np.random.Generator) -> dict[str, float]:
+    """A factor for each source."""
+    factors = dict(zip(_ONE_STREAM, generator.uniform(0, 2, len(_ONE_STREAM)).tolist(), strict=True))
+    seed = int(generator.integers(2**62))
+    others = {name: named_generator(seed, name).uniform(0, 2) for name in SOURCES if name not in _ONE_STREAM}
+    return factors | {name: float(factor) for name, factor in others.items()}

@@ -1,0 +1,168 @@
+"""A Monte Carlo study in words and tables: Markdown for people, JSON for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from equipoise.lab.study.statistics import LEVELS, ErrorStatistics, MethodSummary, Rate, Slope, to_dict
+from equipoise.lab.study.study import Study
+from equipoise.simulation.effects import SensorErrors
+from equipoise.user_file import write_file
+
+SCHEMA = "equipoise.study-summary/1"
+
+# What a source's size is counted in: unit, units per SI unit.
+_BY_UNIT = {"rad": ("mrad", 1e3), "m": ("mm", 1e3), "s": ("ms", 1e3), "": ("%", 1e2)}
+_UNITS = {
+    **dict.fromkeys(("size_gyro_noise", "size_gyro_bias", "size_gyro_drift"), ("mrad/s", 1e3)),
+    **{"payload_mass": ("kg", 1.0), "joint_zero_rms": ("mrad", 1e3), "foot_error_rms": ("mm", 1e3)},
+    **{"imu_tilt_size": ("mrad", 1e3)},
+}
+
+
+def source_label(source: str) -> str:
+    """A column of error sizes, for people."""
+    return source.removeprefix("size_").replace("_", " ")
+
+
+def source_unit(source: str) -> tuple[str, float]:
+    """The unit that people count a source in, and how many of it make one SI unit."""
+    if source in _UNITS:
+        return _UNITS[source]
+    row = SensorErrors.row(source.removeprefix("size_"))
+    return (f"1/({row.unit})", 1.0) if row.inverse else _BY_UNIT.get(row.unit, (row.unit, 1.0))
+
+
+def slope_numbers(slope: Slope) -> tuple[float, float, str]:
+    """A slope and its standard error for people, and their unit."""
+    unit, factor = source_unit(slope.source)
+    return 1000 * slope.slope / factor, 1000 * slope.deviation / factor, f"mm per {unit}"
+
+
+def failures_text(summary: MethodSummary) -> str:
+    """How many calibrations failed, by kind."""
+    return ", ".join(f"{count} {kind}" for kind, count in summary.failures.items()) or "none"
+
+
+def summary_table(study: Study, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> dict[str, Any]:
+    """JSON form of a study's summary."""
+    table = {
+        "schema": SCHEMA,
+        "study": study.to_dict(),
+        "methods": to_dict(summaries),
+        "slopes": [vars(slope) for slope in slopes],
+    }
+    return _without_infinities(table)
+
+
+def summary_markdown(study: Study, summaries: Sequence[MethodSummary], slopes: Sequence[Slope]) -> str:
+    """The study as a page of Markdown."""
+    payload = study.payload if study.payload in ("random", "none") else f"`{study.payload}`"
+    others = [name if size is None else f"{name} {size:g}" for name, size in study.effects.items()]
+    noise = (
+        study.noise + "".join(f", with {other}" for other in others) + "".join(f", without {n}" for n in study.without)
+    )
+    noise += ", contacts of the model file" if study.contacts == "file" else ""
+    noise += f", only {', '.join(study.only)}" if study.only else ""
+    noise += ", each source's size times a random factor from 0 to 2" if study.vary_noise else ""
+    lines = [
+        f"# Monte Carlo study of {study.robot}",
+        "",
+        f"{max((s.trials for s in summaries), default=0)} trials; noise {noise}; payload {payload}; seed {study.seed}"
+        + (f"; random robots with a spread of {study.spread:g}" if study.spread else "")
+        + (f"; weighed to {study.scale_error:.1%}" if study.scale_error else "")
+        + ". Errors are estimate less truth, of the whole robot at its nominal stance.",
+        "",
+        "| method | within 5 mm (95 % interval) | failed | robot time, median | CPU time, median |",
+        "|---|---|---|---|---|",
+    ]
+    for summary in summaries:
+        lines.append(
+            f"| {summary.method} | {rate_text(summary.within)} | {failures_text(summary)} | {_time(summary.robot_time, 0)} | "
+            f"{_time(summary.cpu_time, 2)} |"
+        )
+    for summary in summaries:
+        lines += ["", f"## {summary.method}", "", *_error_table(summary)]
+    for method in dict.fromkeys(slope.method for slope in slopes):
+        lines += ["", f"## What costs {method} its planar accuracy", "", *_slope_table(slopes, method)]
+    return "\n".join(lines) + "\n"
+
+
+def _time(value: float, digits: int) -> str:
+    return f"{value:.{digits}f} s" if math.isfinite(value) else ""
+
+
+def _error_table(summary: MethodSummary) -> list[str]:
+    covered = any(error.coverage for error in summary.errors)
+    head = "| quantity | unit | n | bias | RMS | 95th percentile |"
+    lines = [
+        head + "".join(f" in the {level} % interval |" for level in LEVELS if covered),
+        "|---" * (6 + covered * len(LEVELS)) + "|",
+    ]
+    for error in summary.errors:
+        cells = [error.quantity, error.unit, str(error.count), *(error_numbers(error))]
+        cells += [coverage_text(error, level) for level in LEVELS if covered]
+        lines.append("| " + " | ".join(cells) + " |")
+    failed = sum(summary.failures.values())
+    if failed:
+        lines += [
+            "",
+            f"Bias and RMS are of those that succeeded; in the 95th percentile the {failed} failed ones count as worse.",
+            "",
+            *(f"- {kind}, the first in {reason}" for kind, reason in summary.reasons.items()),
+        ]
+    return lines
+
+
+def error_numbers(error: ErrorStatistics) -> tuple[str, str, str]:
+    """Bias, RMS and 95th percentile."""
+    largest = "more than 5 % failed" if math.isinf(error.percentile_95) else f"{error.percentile_95:.2f}"
+    return f"{error.bias:+.2f}", f"{error.rms:.2f}", largest
+
+
+def coverage_text(error: ErrorStatistics, level: int) -> str:
+    """How often an interval held the truth, with its binomial interval."""
+    return rate_text(error.coverage[level]) if level in error.coverage else ""
+
+
+def rate_text(rate: Rate) -> str:
+    """A rate in percent with its 95 % interval."""
+    lower, upper = rate.interval
+    return f"{100 * rate.value:.1f} % ({100 * lower:.1f} to {100 * upper:.1f})"
+
+
+def _slope_table(slopes: Sequence[Slope], method: str) -> list[str]:
+    lines = [
+        "RMS planar error = slope x size of the source; independent sources add in squares.",
+        "",
+        "| source | slope | standard error | unit |",
+        "|---|---|---|---|",
+    ]
+    for slope in slopes:
+        if slope.method == method:
+            value, deviation, unit = slope_numbers(slope)
+            lines.append(f"| {source_label(slope.source)} | {value:.3g} | {deviation:.2g} | {unit} |")
+    return lines
+
+
+def save_summary(folder: str | Path, table: dict[str, Any], markdown: str) -> list[Path]:
+    """Write summary.json and summary.md; raises OutputError if they cannot be written."""
+    paths = [Path(folder) / "summary.json", Path(folder) / "summary.md"]
+    write_file(paths[0], json.dumps(table, indent=2, allow_nan=False) + "\n", "the summary ")
+    write_file(paths[1], markdown, "the summary ")
+    return paths
+
+
+def _without_infinities(value: Any) -> Any:
+    """Infinities and nan have no form in JSON; they are null there."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _without_infinities(item) for key, item in value.items()}  # pyright: ignore[reportUnknownVariableType]
+    if isinstance(value, (list, tuple)):
+        return [_without_infinities(item) for item in value]  # pyright: ignore[reportUnknownVariableType]
+    return value

@@ -1,0 +1,116 @@
+"""What people see of a Monte Carlo study in the terminal."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+
+from equipoise.lab.study.runner import StudyProgress
+from equipoise.lab.study.statistics import LEVELS, MethodSummary, Slope
+from equipoise.lab.study.summary import (
+    coverage_text,
+    error_numbers,
+    failures_text,
+    rate_text,
+    slope_numbers,
+    source_label,
+)
+
+_PLAIN_INTERVAL = 10.0  # [s] between lines where nothing can be overwritten
+
+
+class StudyLine:
+    """Trials done, rate, time left and failures: a live line in a terminal, a plain one now and then elsewhere."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._console = Console(stderr=True)
+        self._quiet = quiet
+        self._told, self._what = time.monotonic(), ""
+        self._live = Progress(
+            TextColumn("trials"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TextColumn("{task.description}"),
+            console=self._console,
+            transient=True,
+            disable=quiet or not self._console.is_terminal,
+        )
+        self._task = self._live.add_task("starting workers", total=None)
+
+    def update(self, progress: StudyProgress) -> None:
+        """Show how far it is."""
+        left = "" if progress.remaining is None else f", about {_duration(progress.remaining)} left"
+        failed = f", {progress.failed} failed" if progress.failed else ""
+        text = f"{progress.rate:.2f} a second{left}{failed}"
+        self._live.update(self._task, description=text, completed=progress.done, total=progress.total)
+        due = time.monotonic() - self._told > _PLAIN_INTERVAL or progress.done == progress.total
+        if due and not self._quiet and not self._console.is_terminal:
+            self._told = time.monotonic()
+            print(f"[{progress.done}/{progress.total}] {text}", file=sys.stderr, flush=True)
+
+    def doing(self, what: str, progress: StudyProgress | None) -> None:
+        """Show how far one of several studies is."""
+        if what != self._what:
+            self._what = what
+            self._live.reset(self._task, total=None, description="starting")
+            if not self._quiet:
+                self._console.print(what, highlight=False)
+        if progress is not None:
+            self.update(progress)
+
+    def __enter__(self) -> StudyLine:
+        self._live.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._live.stop()
+
+
+def print_study(summaries: Sequence[MethodSummary], slopes: Sequence[Slope], files: Sequence[Path]) -> None:
+    """What a study showed."""
+    console = Console()
+    for summary in summaries:
+        _print_method(console, summary)
+    for method in dict.fromkeys(slope.method for slope in slopes):
+        table = Table(title=f"what costs {method} its planar accuracy", title_justify="left", box=box.SIMPLE_HEAD)
+        for name in ("source", "RMS error", "+-"):
+            table.add_column(name, justify="left" if name == "source" else "right")
+        for slope in slopes:
+            if slope.method == method:
+                value, deviation, unit = slope_numbers(slope)
+                table.add_row(source_label(slope.source), f"{value:.3g} {unit}", f"{deviation:.2g}")
+        console.print(table)
+    console.print("saved: " + escape(", ".join(str(file) for file in files)), soft_wrap=True)
+
+
+def _print_method(console: Console, summary: MethodSummary) -> None:
+    console.print(
+        f"[bold]{summary.method}[/bold]: {summary.trials} trials, within 5 mm {escape(rate_text(summary.within))}, "
+        f"failed: {failures_text(summary)}"
+    )
+    for kind, reason in summary.reasons.items():
+        console.print(escape(f"  {kind}, the first in {reason}"), soft_wrap=True)
+    if not summary.errors:
+        return
+    covered = any(error.coverage for error in summary.errors)
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("error of", "unit", "bias", "RMS", "95th pct.", *(f"in {level} %" for level in LEVELS if covered)):
+        table.add_column(name, justify="left" if name in ("error of", "unit") else "right")
+    for error in summary.errors:
+        inside = [coverage_text(error, level).split(" (")[0] for level in LEVELS if covered]
+        table.add_row(error.quantity, error.unit, *error_numbers(error), *inside)
+    console.print(table)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

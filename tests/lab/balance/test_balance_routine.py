@@ -1,0 +1,287 @@
+"""A simulated robot stands on two feet, or falls, and is judged."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from equipoise import nominal_stance, simulate
+from equipoise.errors import FallError, MotionError, SettingsError
+from equipoise.lab.balance.belief import calibrated, displaced, error_along, model_file, with_composite
+from equipoise.lab.balance.judge import felt_traces, judge, seen_traces
+from equipoise.lab.balance.routine import BalanceSettings, balance
+from equipoise.lab.balance.senses import Senses, SensorKnowledge, leveling
+from equipoise.platform.platform import MotionInterrupted, RobotState
+from equipoise.result.body import Body
+from equipoise.robot.inertial import composite_parameters
+from equipoise.simulation.glimpse import Bystander
+
+pytestmark = pytest.mark.usefixtures("coarse_engine")
+
+
+class Meddled:
+    """A platform that shows nothing but the seam, with something done to every state that `step` returns."""
+
+    def __init__(self, platform, meddle=lambda state: state):
+        self._platform, self._meddle = platform, meddle
+        self.control_period, self.joint_names = platform.control_period, platform.joint_names
+        self.commands = []
+
+    def read(self):
+        return self._platform.read()
+
+    def play(self, trajectory, stop=None):
+        return self._platform.play(trajectory, stop)
+
+    def step(self, command):
+        self.commands.append(command)
+        return self._meddle(self._platform.step(command))
+
+    def close(self):
+        self._platform.close()
+
+
+def stand(robot, error, diagonal="FL_RR", noise="ideal", seconds=3.0, seed=0):
+    stance = nominal_stance(robot)
+    with simulate(robot, noise, seed=seed) as simulation:
+        belief = displaced(robot, stance, simulation.truth, diagonal, error)
+        bystander = Bystander(simulation.witness.look, 5)
+        run = balance(
+            Meddled(simulation.platform), robot, belief.model, diagonal, BalanceSettings(seconds), watch=bystander.watch
+        )
+        last = simulation.witness.look()
+    return SimpleNamespace(run=run, glimpses=bystander.glimpses, verdict=judge(run, bystander.glimpses), last=last)
+
+
+@pytest.fixture(scope="module")
+def balanced(a1):
+    return stand(a1, 0.0)
+
+
+@pytest.fixture(scope="module")
+def fallen(a1):
+    return stand(a1, 0.02)
+
+
+def test_an_a1_with_the_true_model_balances(balanced):
+    verdict = balanced.verdict
+    assert verdict.balanced
+    assert verdict.failure is None
+    assert verdict.time_balanced == 3.0
+    assert verdict.judged_by == "truth"
+    assert verdict.sway < 0.5e-3
+    assert verdict.largest_tilt < np.radians(2)
+    assert verdict.largest_torque < 15
+    assert verdict.foot_travel < 1e-3
+    assert verdict.observed_error is None
+
+
+def test_what_the_robot_feels_of_itself_is_what_a_bystander_sees(balanced):
+    felt, seen = felt_traces(balanced.run), seen_traces(balanced.run, balanced.glimpses)
+    at = np.searchsorted(felt.time, seen.time[:-1] - 1e-9)
+    later = seen.time[:-1] > 0.2
+    for name, tolerance in (("tilt", np.radians(0.3)), ("com_ahead", 0.5e-3), ("clearance", 3e-3)):
+        difference = getattr(felt, name)[at] - getattr(seen, name)[:-1]
+        assert np.abs(difference[later]).max() < tolerance, name
+    assert judge(balanced.run).balanced
+    assert judge(balanced.run).judged_by == "senses"
+
+
+def test_the_recording_holds_the_phases_and_every_sample(balanced):
+    recording = balanced.run.recording
+    for name in ("rest", "move", "unload", "lift", "balance", "lower"):
+        assert recording.has_phase(name)
+    assert np.allclose(np.diff(recording.joints.time), 2e-3)
+    assert recording.commands.position.shape == recording.joints.position.shape
+    assert recording.phase("lift").joints.time[0] == pytest.approx(balanced.run.lift_off)
+
+
+def test_the_feet_are_put_back(balanced):
+    assert np.abs(balanced.last.clearance).max() < 1e-3
+    assert balanced.last.tilt < 0.02
+
+
+def test_an_a1_that_believes_its_centre_of_mass_20_mm_off_falls_and_its_joints_are_held(a1, fallen):
+    verdict = fallen.verdict
+    assert not verdict.balanced
+    assert verdict.failure is not None
+    assert 0.1 < verdict.time_balanced < 1.5
+    assert verdict.sway is None
+    assert not judge(fallen.run).balanced
+    assert fallen.run.ending in ("touched", "tilted")
+    recording = fallen.run.recording
+    assert recording.has_phase("catch")
+    assert np.allclose(recording.commands.position[-1], nominal_stance(a1).joint_position)
+
+
+def test_a_robot_leans_to_where_its_true_centre_of_mass_is_over_the_line(a1):
+    leaning = stand(a1, -0.004, diagonal="FR_RL", noise="realistic", seconds=3.0, seed=3)
+    assert leaning.verdict.balanced
+    assert leaning.verdict.off_line == pytest.approx(0, abs=1e-3)
+    assert np.radians(2) < leaning.verdict.tilt < np.radians(9)
+    assert leaning.run.felt.com_ahead[-500:].mean() == pytest.approx(-0.004, abs=2e-3)
+
+
+def test_ctrl_c_puts_the_feet_down_and_keeps_the_recording(a1):
+    def interrupt(state):
+        if state.time > 3.6 and not seen:
+            seen.append(state.time)
+            raise KeyboardInterrupt
+        return state
+
+    seen = []
+    with simulate(a1, "ideal") as simulation:
+        platform = Meddled(simulation.platform, interrupt)
+        with pytest.raises(MotionInterrupted) as caught:
+            balance(platform, a1, a1, "FL_RR")
+        last = simulation.witness.look()
+    assert seen
+    recording = caught.value.recording
+    assert recording.has_phase("lift")
+    assert recording.has_phase("lower")
+    assert np.abs(last.clearance).max() < 2e-3
+    assert last.tilt < 0.05
+
+
+@pytest.mark.parametrize("sensor", ["joint_position", "angular_velocity_in_imu", "acceleration_in_imu"])
+def test_a_sensor_that_says_no_number_ends_it_with_the_feet_down(a1, sensor):
+    def spoil(state):
+        if 3.4 < state.time < 3.41:
+            return dataclasses.replace(state, **{sensor: np.full_like(getattr(state, sensor), np.nan)})
+        return state
+
+    with simulate(a1, "ideal") as simulation:
+        platform = Meddled(simulation.platform, spoil)
+        with pytest.raises(MotionError, match="no number; the feet were put down") as caught:
+            balance(platform, a1, a1, "FR_RL")
+        last = simulation.witness.look()
+    assert all(np.isfinite(command.position).all() for command in platform.commands)
+    assert caught.value.recordings[0].has_phase("lower")
+    assert np.abs(last.clearance).max() < 2e-3
+
+
+def test_an_unknown_diagonal_is_refused(a1):
+    with simulate(a1, "ideal") as simulation, pytest.raises(SettingsError, match="'FL_RL' is no diagonal"):
+        balance(simulation.platform, a1, a1, "FL_RL")
+
+
+@pytest.mark.parametrize(("name", "value"), [("duration", 0.0), ("duration", np.inf), ("delay", -1.0), ("delay", 1.0)])
+def test_settings_that_make_no_sense_are_refused(name, value):
+    with pytest.raises(SettingsError, match=f"the {name} is"):
+        BalanceSettings(**{name: value})
+
+
+def test_the_witness_sees_a_standing_robot_on_a_slope(a1):
+    with simulate(a1, "realistic", seed=5) as simulation:
+        glimpse = simulation.witness.look()
+        down = simulation.errors.gravity_direction
+        state = simulation.platform.read()
+    assert np.allclose(glimpse.up, -down)
+    assert glimpse.time == state.time == 0
+    assert np.abs(glimpse.clearance).max() < 1e-3
+    assert glimpse.com[2] == pytest.approx(0.3, abs=0.03)
+    assert 0 < glimpse.tilt < 0.05
+
+
+def at_rest(robot, up_in_base, knowledge):
+    mounting = np.array(robot.imu_in_base.rotation)
+    reading = mounting.T @ (9.81 * np.array(up_in_base))
+    state = RobotState(0.0, np.zeros(len(robot.joint_names)), None, None, np.full(3, 0.01), reading)
+    return Senses(robot, knowledge, [state] * 10, 2e-3), state
+
+
+def test_senses_follow_the_gyroscope_and_forget_its_bias(a1):
+    senses, state = at_rest(a1, [0, 0, 1], SensorKnowledge.none(a1))
+    rate = np.array([0.2, -0.1, 0.0])
+    for _ in range(50):
+        senses.feel(dataclasses.replace(state, angular_velocity_in_imu=state.angular_velocity_in_imu + rate))
+    assert np.allclose(senses.lean, 0.1 * rate[:2], atol=1e-3)
+    assert np.allclose(senses.angular_velocity_in_base, rate)
+
+
+def test_known_sensor_errors_are_taken_off(a1):
+    knowledge = SensorKnowledge(np.full(12, 0.01), np.array([0.02, 0, 0]), np.zeros(3))
+    senses, _ = at_rest(a1, [0, 0, 1], knowledge)
+    assert np.allclose(senses.joint_position, -0.01)
+    assert np.allclose(senses.command_for(senses.joint_position), 0)
+    assert senses.lean[0] == pytest.approx(-0.02, abs=1e-4)
+
+
+def test_a_robot_that_lies_on_its_side_is_not_lifted(a1):
+    with pytest.raises(FallError, match="leans by 90 deg"):
+        at_rest(a1, [0, 1, 0], SensorKnowledge.none(a1))
+
+
+def test_leveling_turns_up_upward():
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        up = rng.normal(size=3) * [0.2, 0.2, 1] + [0, 0, 2]
+        up /= np.linalg.norm(up)
+        turn = leveling(up)
+        assert np.allclose(turn @ up, [0, 0, 1])
+        assert np.allclose(turn @ turn.T, np.eye(3))
+
+
+def test_a_displaced_belief_is_the_truth_but_for_the_displacement(a1):
+    stance = nominal_stance(a1)
+    with simulate(a1, "realistic", payload="2,0.1,0.03,0.05", seed=1, timestep=1e-3) as simulation:
+        truth = simulation.truth
+    for diagonal in ("FL_RR", "FR_RL"):
+        belief = displaced(a1, stance, truth, diagonal, 0.007)
+        assert error_along(stance, diagonal, belief.model, truth) == pytest.approx(0.007, abs=1e-9)
+        whole = composite_parameters(belief.model, stance.joint_position)
+        assert whole.mass == pytest.approx(truth.composite.mass)
+        assert np.linalg.norm(whole.com - truth.composite.com) == pytest.approx(0.007, abs=1e-9)
+
+
+def test_a_whole_robot_lighter_than_its_legs_is_refused(a1):
+    with pytest.raises(SettingsError, match=r"would weigh 5.00 kg, and the legs of 'unitree_a1' weigh"):
+        with_composite(a1, nominal_stance(a1), 5.0, np.zeros(3))
+
+
+def test_a_precise_calibration_gives_mass_inertia_and_sensor_errors(a1, precise_run):
+    stance = precise_run.stance
+    belief = calibrated(a1, stance, precise_run.result)
+    found = precise_run.result.composite.parameters()
+    whole = composite_parameters(belief.model, stance.joint_position)
+    assert whole.mass == pytest.approx(found.mass)
+    assert np.allclose(whole.com, found.com, atol=1e-9)
+    assert belief.source == "a calibration by the method precise"
+    with simulate(a1, "realistic", seed=precise_run.seed, timestep=1e-3) as simulation:
+        drawn = simulation.errors
+    assert belief.sensors.any
+    # What is left is smaller than what was drawn: units, signs and order are right.
+    for name in ("joint_zero", "imu_tilt"):
+        left = getattr(belief.sensors, name) - getattr(drawn, name)
+        assert np.linalg.norm(left) < 0.7 * np.linalg.norm(getattr(drawn, name)), name
+
+
+def test_a_calibration_of_the_plane_alone_moves_the_centre_of_mass_in_the_plane(a1, precise_run):
+    stance, result = precise_run.stance, precise_run.result
+    x, y, _ = result.composite.com_in_base.values
+    planar = dataclasses.replace(
+        result,
+        composite=Body.partly(com_in_base=(x, y, None)),
+        base=Body.partly(),
+        sensors=(),
+    )
+    belief = calibrated(a1, stance, planar)
+    nominal, whole = (composite_parameters(robot, stance.joint_position) for robot in (a1, belief.model))
+    assert np.allclose(whole.com, [x, y, nominal.com[2]], atol=1e-9)
+    assert whole.mass == pytest.approx(nominal.mass)
+    assert not belief.sensors.any
+    unknown = dataclasses.replace(planar, composite=Body.partly())
+    with pytest.raises(SettingsError, match="knows no planar centre of mass"):
+        calibrated(a1, stance, unknown)
+
+
+def test_a_calibration_of_another_model_is_refused(two_jointed, precise_run):
+    with pytest.raises(SettingsError, match="with another model file than"):
+        calibrated(two_jointed, nominal_stance(two_jointed), precise_run.result)
+
+
+def test_the_model_file_is_believed_as_it_is(a1):
+    belief = model_file(a1)
+    assert belief.model is a1
+    assert not belief.sensors.any

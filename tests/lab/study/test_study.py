@@ -1,0 +1,212 @@
+"""What a Monte Carlo study draws: the same for a number, whoever asks, and each thing from a stream of its own."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from robots import quadruped_urdf
+
+from equipoise import ComSearchSettings, Paper
+from equipoise.errors import EquipoiseError, ModelError, SettingsError
+from equipoise.lab.static.method import Static
+from equipoise.lab.study.study import SOURCES, Study, draw
+from equipoise.lab.study.trial import check_study
+from equipoise.robot.description import RobotDescription
+from equipoise.simulation.effects import REALISTIC, SensorErrors
+
+VARIED = Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5)
+SHOWN = f"""
+import json, sys
+sys.path[:0] = {[str(Path(__file__).parents[above]) for above in (0, 2)]}
+from equipoise.lab.study.study import Study, draw
+from test_study import VARIED, shown
+"""
+
+
+def shown(drawn):
+    """A draw in numbers that compare exactly."""
+    payload = drawn.payload.parameters
+    return [
+        drawn.robot.source.sha256, drawn.stance.joint_position.tolist(), drawn.stance.hip_height, payload.mass,
+        payload.com.tolist(), payload.inertia.tolist(), dataclasses.astuple(drawn.sizes), drawn.seed, drawn.scale_reading,
+    ]  # fmt: skip
+
+
+def json_form(value):
+    return json.loads(json.dumps(value))
+
+
+def test_a_number_is_the_same_robot_in_any_order_and_in_another_process():
+    forward = {trial: shown(draw(VARIED, trial)) for trial in range(4)}
+    backward = {trial: shown(draw(VARIED, trial)) for trial in reversed(range(4))}
+    assert forward == backward
+    code = SHOWN + "print(json.dumps([shown(draw(VARIED, trial)) for trial in (2, 0)]))"
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert json.loads(other.stdout) == json_form([forward[2], forward[0]])
+
+
+def test_other_numbers_and_other_seeds_are_other_robots():
+    draws = [shown(draw(VARIED, trial)) for trial in range(5)]
+    draws += [shown(draw(dataclasses.replace(VARIED, seed=6), trial)) for trial in range(5)]
+    for place in range(len(draws[0])):
+        assert len({json.dumps(entry[place]) for entry in draws}) == len(draws)
+
+
+@pytest.mark.parametrize(
+    ("change", "kept"),
+    [
+        ({"payload": "none"}, ("robot", "sizes", "seed", "scale_reading")),
+        ({"scale_error": None}, ("robot", "payload", "sizes", "seed")),
+        ({"spread": 0.0}, ("sizes_but_torques", "seed", "scale_reading")),
+        ({"vary_noise": False}, ("robot", "payload", "seed", "scale_reading")),
+        ({"only": ("joint_zero",)}, ("robot", "payload", "seed", "scale_reading")),
+        ({"methods": (Static(),)}, ("robot", "payload", "sizes", "seed", "scale_reading")),
+    ],
+)
+def test_what_is_switched_off_leaves_the_rest_as_it_was(change, kept):
+    for trial in range(3):
+        one, other = draw(VARIED, trial), draw(dataclasses.replace(VARIED, **change), trial)
+        views = {
+            "robot": lambda drawn: drawn.robot.source.sha256,
+            "payload": lambda drawn: drawn.payload.parameters.com.tolist(),
+            "sizes": lambda drawn: drawn.sizes,
+            "sizes_but_torques": lambda drawn: (drawn.sizes.joint_zero, drawn.sizes.floor_slope),
+            "seed": lambda drawn: drawn.seed,
+            "scale_reading": lambda drawn: drawn.scale_reading,
+        }
+        for name in kept:
+            assert views[name](one) == views[name](other)
+
+
+@pytest.mark.parametrize("noise", ["realistic", "stress"])
+def test_varied_sizes_go_from_nothing_to_twice_the_usual(noise):
+    usual = draw(Study(noise=noise), 0).sizes
+    drawn = [draw(Study(noise=noise, vary_noise=True), trial).sizes for trial in range(60)]
+    for row in SensorErrors.rows():
+        size = getattr(usual, row.name)
+        if not row.varied or size == row.none:
+            assert {getattr(sizes, row.name) for sizes in drawn} == {size}
+            continue
+        ratios = np.array([row.amount(getattr(sizes, row.name)) for sizes in drawn]) / row.amount(size)
+        assert (ratios >= 0).all()
+        assert (ratios <= 2).all()
+        assert ratios.min() < 0.3
+        assert ratios.max() > 1.7
+        assert np.unique(ratios).size == len(drawn)
+
+
+def test_what_was_varied_before_there_were_more_effects_is_drawn_as_ever():
+    drawn = draw(Study(vary_noise=True, spread=0.1, scale_error=0.01, seed=5), 3)
+    assert (drawn.sizes.joint_zero, drawn.sizes.floor_slope) == (0.00843092179016249, 0.00403770334773202)
+    assert drawn.seed == 3447195048259697815
+
+
+def test_one_more_effect_changes_no_other_ones_factor():
+    more, less = (draw(Study(noise="stress", without=w, vary_noise=True, seed=2), 1).sizes for w in ((), ("backlash",)))
+    assert dataclasses.replace(more, backlash=0.0) == less
+    assert more.backlash
+
+
+def test_a_study_has_effects_beside_a_preset(a1):
+    sizes = draw(Study(effects={"springs": 3000.0, "cable": None}, without=("joint_zero",)), 0).sizes
+    assert (sizes.springs, sizes.cable, sizes.joint_zero) == (3000.0, 0.15, 0.0)
+
+
+@pytest.mark.parametrize("vary_noise", [False, True])
+def test_only_the_named_sources_are_kept(vary_noise):
+    sizes = draw(Study(only=("joint_zero", "imu_tilt"), vary_noise=vary_noise), 3).sizes
+    assert {name for name in SOURCES if getattr(sizes, name)} == {"joint_zero", "imu_tilt"}
+
+
+def test_the_clock_of_the_imu_stays_within_the_delay():
+    alone = draw(Study(only=("imu_clock_offset", "sensor_delay")), 0).sizes
+    assert (alone.imu_clock_offset, alone.sensor_delay) == (REALISTIC.imu_clock_offset, REALISTIC.sensor_delay)
+    with pytest.raises(SettingsError, match="keep sensor_delay too"):
+        Study(only=("imu_clock_offset",))
+
+
+def test_random_payloads_weigh_5_to_30_percent_of_the_base(a1):
+    base = float(a1.pinocchio.inertias[1].mass)
+    payloads = [draw(Study(), trial).payload.parameters for trial in range(80)]
+    shares = np.array([payload.mass for payload in payloads]) / base
+    assert (shares >= 0.05).all()
+    assert (shares <= 0.30).all()
+    assert np.ptp(shares) > 0.2
+    places = np.array([payload.com for payload in payloads])
+    assert (np.abs(places[:, :2]) <= [0.13, 0.055]).all()
+    assert (places[:, 2] > 0.02).all()
+
+
+def test_a_given_payload_is_carried_and_none_is_none():
+    payload = draw(Study(payload="1.5,0.1,0,0.08"), 7).payload.parameters
+    assert (payload.mass, payload.com.tolist()) == (1.5, [0.1, 0.0, 0.08])
+    assert draw(Study(payload="none"), 7).payload is None
+
+
+def test_the_scale_errs_by_as_much_as_it_is_said_to():
+    readings = np.array([draw(Study(scale_error=0.02), trial).scale_reading for trial in range(200)])
+    assert readings.std() == pytest.approx(0.02, rel=0.2)
+    assert abs(readings.mean()) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"methods": ()}, ["precise, paper, motors"]),
+        ({"methods": (Static(), Static())}, ["static, static", "once"]),
+        ({"noise": "loud"}, ["'loud'", "ideal, realistic, stress"]),
+        ({"effects": {"wind": None}}, ["'wind'", "no effect", "joint_zero"]),
+        ({"without": ("sprngs",)}, ["'sprngs'", "did you mean 'springs'"]),
+        ({"only": ("gremlins",)}, ["'gremlins'", "joint_zero"]),
+        ({"only": ("floor_friction",)}, ["'floor_friction'", "floor_slope"]),
+        ({"payload": "heavy"}, ["'heavy'", "MASS,X,Y,Z"]),
+        ({"payload": "-1,0,0,0"}, ["-1", "positive"]),
+        ({"seed": -1}, ["-1", "zero or more"]),
+        ({"spread": 0.5}, ["0.5", "0.3"]),
+        ({"spread": -0.1}, ["-0.1", "from 0"]),
+        ({"spread": float("nan")}, ["nan", "0.3"]),
+        ({"scale_error": 0.0}, ["0", "0.005"]),
+        ({"scale_error": 50.0}, ["50", "fraction"]),
+        ({"timestep": 0.0}, ["0 s", "positive"]),
+        ({"timestep": float("nan")}, ["nan", "positive"]),
+    ],
+)
+def test_settings_without_sense_are_refused_with_value_and_remedy(settings, words):
+    with pytest.raises(SettingsError) as caught:
+        Study(**settings)
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "words"),
+    [
+        ({"robot": "rex"}, ModelError, "no robot is called 'rex'"),
+        ({"robot": "no/such.urdf"}, ModelError, "does not exist"),
+        ({"methods": (Paper(com_search=ComSearchSettings(tolerance=0.9)),)}, SettingsError, "leaves nothing to search"),
+        ({"timestep": 0.0003}, SettingsError, "whole number of times"),
+        ({"timestep": 0.002}, SettingsError, "feet on the floor would be softer"),
+        ({"description": RobotDescription(stance_height=0.99)}, EquipoiseError, "stance"),
+    ],
+)
+def test_what_every_trial_would_fail_with_is_refused_first(settings, error, words):
+    with pytest.raises(error, match=words):
+        check_study(Study(**settings))
+
+
+def test_studies_are_told_apart_and_a_model_file_counts_by_what_it_says(tmp_path):
+    assert Study().fingerprint == Study().fingerprint
+    methods = ({"methods": (Static(),)}, {"methods": (Paper(feet="commanded"),)})
+    others = ({"effects": {"cable": 0.1}}, {"without": ("cable",)}, {"contacts": "file"})
+    for change in (*others, {"seed": 1}, {"robot": "go1"}, *methods, {"spread": 0.1}, {"timestep": 1e-3}):
+        assert Study(**change).fingerprint != Study().fingerprint
+    file = tmp_path / "robot.urdf"
+    file.write_text(quadruped_urdf(), encoding="utf-8")
+    before = Study(str(file)).fingerprint
+    assert Study(str(file)).fingerprint == before
+    file.write_text(quadruped_urdf(trunk_mass=7), encoding="utf-8")
+    assert Study(str(file)).fingerprint != before

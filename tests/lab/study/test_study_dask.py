@@ -1,0 +1,178 @@
+"""A study on a Dask cluster: a scheduler and two workers over TCP, one of which is killed."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from importlib import import_module
+
+import pytest
+from studies import HERE, STATIC, Inline, alive, eventually, facts, rows_in, start_study, study_rows, wait_for
+
+from equipoise.cli import main
+from equipoise.errors import MissingDependencyError, SettingsError, WorkerError
+from equipoise.lab.study import executors
+from equipoise.lab.study.executors import dask_cluster
+
+pytest.importorskip("distributed")
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
+TRIALS = 14
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Cluster:
+    """A scheduler without workers; `add` starts one."""
+
+    def __init__(self, folder):
+        self.folder, self.processes = folder, []
+        port = free_port()
+        self.address = f"tcp://127.0.0.1:{port}"
+        self.log = self._start("scheduler", "--host", "127.0.0.1", "--port", str(port))
+        assert eventually(lambda: "Scheduler at" in self.log.read_text(encoding="utf-8")), self.log.read_text()
+
+    def add(self, threads=1):
+        place = self.folder / f"worker-{len(self.processes)}"
+        before = self._registered()
+        self._start("worker", self.address, "--nthreads", str(threads), "--no-nanny", "--local-directory", str(place))
+        assert eventually(lambda: self._registered() > before, 40), "the worker does not come"
+        return self.processes[-1]
+
+    def _registered(self):
+        return self.log.read_text(encoding="utf-8").count("Register worker")
+
+    def _start(self, what, *flags):
+        log = self.folder / f"{what}-{len(self.processes)}.log"
+        paths = os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(HERE)])
+        with log.open("w") as output:
+            process = subprocess.Popen(
+                [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *flags],
+                stdout=output, stderr=subprocess.STDOUT, start_new_session=True, cwd=self.folder,
+                env={**os.environ, "PYTHONPATH": paths},
+            )  # fmt: skip
+        self.processes.append(process)
+        return log
+
+    def stop(self):
+        for process in self.processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """One for all tests: it takes seconds to start."""
+    running = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield running
+    running.stop()
+
+
+def at_once_when_ready(scheduler):
+    """How many trials run at once, asked when a worker has imported what they need."""
+    with dask_cluster(scheduler) as (executor, at_once):
+        executor.submit(import_module, "equipoise.lab.study.trial").result()
+        return at_once()
+
+
+def said(stderr):
+    """Lines of stderr that are no progress."""
+    return [line for line in stderr.splitlines() if not line.startswith("[")]
+
+
+def test_a_scheduler_without_workers_a_worker_with_threads_and_a_worker_that_is_killed(cluster, tmp_path, capsys):
+    begin = time.monotonic()
+    assert (
+        main(
+            [
+                "lab",
+                "monte-carlo",
+                "--executor",
+                "dask",
+                "--scheduler",
+                cluster.address,
+                "--out",
+                str(tmp_path / "none"),
+            ]
+        )
+        == 9
+    )
+    assert time.monotonic() - begin < 20
+    assert f"has no workers: dask worker {cluster.address} --nthreads 1" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+
+    victim = cluster.add(threads=2)
+    with pytest.warns(UserWarning, match="1 workers with 2 threads run 1 trials at once"):
+        assert at_once_when_ready(cluster.address) == 1  # of the two workers the victim begins first
+
+    cluster.add()
+    process = start_study(tmp_path / "study", "--trials", TRIALS, "--executor", "dask", "--scheduler", cluster.address)
+    seen = wait_for(process, "[4/")
+    victim.send_signal(signal.SIGKILL)
+    output, rest = process.communicate(timeout=120)
+    assert process.returncode == 0, rest
+    assert f"static: {TRIALS} trials" in output
+    assert [
+        line for line in said("".join(seen) + rest) if not line.startswith("warning: 2 workers with 3 threads")
+    ] == []
+    rows = rows_in(tmp_path / "study")
+    assert [row["trial"] for row in rows] == list(range(TRIALS))
+    assert len({row["worker"] for row in rows}) == 2
+    assert facts(rows) == facts(study_rows(STATIC, TRIALS, tmp_path / "here", Inline()))
+    assert all(path.suffix != ".json" for path in cluster.folder.rglob("*")), "workers write into their own folders"
+
+
+def test_ctrl_c_and_a_scheduler_that_is_killed_end_a_study_with_one_sentence(cluster, tmp_path):
+    if not any(process.poll() is None for process in cluster.processes[1:]):
+        cluster.add()
+    ends = [
+        (lambda process: process.send_signal(signal.SIGINT), 130, "interrupted"),
+        (
+            lambda _: cluster.processes[0].kill(),
+            9,
+            "error: the workers are gone; what arrived is kept: start them again and repeat the command to go on",
+        ),
+    ]
+    for end, code, sentence in ends:
+        folder = tmp_path / str(code)
+        process = start_study(folder, "--trials", 500, "--executor", "dask", "--scheduler", cluster.address)
+        wait_for(process, "[3/")
+        end(process)
+        _, rest = process.communicate(timeout=60)
+        assert process.returncode == code
+        assert said(rest) == [sentence]
+        assert len(rows_in(folder)) >= 3
+        assert not alive(process.pid)
+
+
+def test_an_address_where_nobody_answers(monkeypatch):
+    monkeypatch.setattr(executors, "_PATIENCE", 1)
+    address = f"tcp://127.0.0.1:{free_port()}"
+    begin = time.monotonic()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with (
+            pytest.raises(WorkerError, match=f"no Dask scheduler answers at '{address}'") as caught,
+            dask_cluster(address),
+        ):
+            pass
+    assert caught.value.exit_code == 9
+    assert time.monotonic() - begin < 10
+
+
+@pytest.mark.parametrize("address", ["192.168.1.2:8786", "scheduler", ""])
+def test_what_is_no_address(address):
+    with pytest.raises(SettingsError, match=r"looks like tcp://192\.168\.1\.2:8786"), dask_cluster(address):
+        pass
+
+
+def test_without_dask_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'equipoise\[dask\]'"), dask_cluster("tcp://a:1"):
+        pass
