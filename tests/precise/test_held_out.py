@@ -11,10 +11,10 @@ from equipoise.errors import RecordingError
 from equipoise.precise.blocks.tilt import TiltBlock
 from equipoise.precise.blocks.torque import TorqueBlock
 from equipoise.precise.checks import HELD_OUT_CHECK, judge
+from equipoise.precise.estimate import _refuse_worse_than_file
 from equipoise.precise.findings.held_out import folds_of, tilt_errors
 from equipoise.precise.gauss_newton import descend
 from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
-from equipoise.precise.method import _refuse_worse_than_file
 from equipoise.precise.posterior import MapProblem
 from equipoise.recording.phases import Phase
 from equipoise.result.findings import Check

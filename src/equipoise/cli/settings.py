@@ -109,7 +109,14 @@ def _settings_in(kind: type[Any], prefix: str, path: tuple[str, ...]) -> Iterato
 
 def attribute_words(kind: type[Any]) -> dict[str, str]:
     """What a class's docstring says of its attributes."""
-    _, _, section = (kind.__doc__ or "").partition("Attributes:\n")
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        found |= _own_attribute_words(base.__doc__ or "")
+    return found
+
+
+def _own_attribute_words(docstring: str) -> dict[str, str]:
+    _, _, section = docstring.partition("Attributes:\n")
     found: dict[str, str] = {}
     names: list[str] = []
     for line in section.split("\n\n")[0].splitlines():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from equipoise.precise.planning.candidates import Candidates, describe
 from equipoise.precise.planning.nominal import nominal_candidates
 from equipoise.precise.posterior import Posterior, estimate_posterior, prior_rows
 from equipoise.precise.safe_lift import found_doubt
+from equipoise.precise.settings import PreciseSettings
 from equipoise.precise.sway import sway_all_axes, sway_time
 from equipoise.precise.trials import PreciseTrials
 from equipoise.recording.phases import Phase
@@ -30,16 +30,13 @@ from equipoise.robot.inertial import components, composite_parameters
 from equipoise.robot.model import RobotModel
 from equipoise.robot.stance import Stance
 
-if TYPE_CHECKING:
-    from equipoise.precise.method import Precise
-
 _REPLAN_AT = 0.55  # of the visits
 _SURE = 2.0  # standard deviations
 _FEWEST_LIFTS = 4  # below, and if it was not for want of time, something is in the robot's way
 
 
 @lru_cache(maxsize=4)  # asked for before a robot is moved, and again by whoever shows it
-def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise, swing: LegSwing | None = None) -> Plan:
+def plan_ahead(robot: RobotModel, stance: Stance, settings: PreciseSettings, swing: LegSwing | None = None) -> Plan:
     """The plan for a robot that is as its model says; raises SettingsError or ReachError if there is none.
 
     Args:
@@ -48,7 +45,7 @@ def plan_ahead(robot: RobotModel, stance: Stance, settings: Precise, swing: LegS
     return plan_for(nominal_candidates(robot, settings.beliefs, settings.swings), stance, settings, swing)
 
 
-def plan_for(candidates: Candidates, stance: Stance, settings: Precise, swing: LegSwing | None = None) -> Plan:
+def plan_for(candidates: Candidates, stance: Stance, settings: PreciseSettings, swing: LegSwing | None = None) -> Plan:
     """The plan for a robot of which nothing is measured yet; raises SettingsError if the budget allows none."""
     aside, after = _sway_time(stance, settings), None
     if swing is not None:
@@ -58,7 +55,7 @@ def plan_for(candidates: Candidates, stance: Stance, settings: Precise, swing: L
     )
 
 
-def _sway_time(stance: Stance, settings: Precise) -> float:
+def _sway_time(stance: Stance, settings: PreciseSettings) -> float:
     return sway_time(stance) if settings.sway else 0.0
 
 
@@ -70,7 +67,7 @@ class PreciseRoutine:
         planted: PlantedRobot,
         robot: RobotModel,
         stance: Stance,
-        settings: Precise,
+        settings: PreciseSettings,
         recordings: Sequence[Recording],
         report: Callable[[Progress], None] | None = None,
     ) -> None:

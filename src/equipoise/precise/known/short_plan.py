@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,12 +22,10 @@ from equipoise.precise.planning.gains import Steps
 from equipoise.precise.planning.nominal import nominal_candidates
 from equipoise.precise.posterior import prior_rows
 from equipoise.precise.routine import plan_ahead
+from equipoise.precise.settings import PreciseSettings
 from equipoise.robot.model import DIAGONALS, RobotModel
 from equipoise.robot.posture import BodyPosture
 from equipoise.robot.stance import Stance
-
-if TYPE_CHECKING:
-    from equipoise.precise.method import Precise
 
 _OPENING = 3  # moves
 _FEWEST_LIFTS = 2
@@ -39,7 +36,7 @@ def com_goals(goals: Goals) -> Goals:
     return replace(goals, mass=math.inf, inertia=math.inf, products=math.inf)
 
 
-def short_plan(robot: RobotModel, stance: Stance, settings: Precise, known: KnownRun) -> Plan:
+def short_plan(robot: RobotModel, stance: Stance, settings: PreciseSettings, known: KnownRun) -> Plan:
     """The plan for a robot that carries nothing else than its model says.
 
     Raises:
@@ -76,7 +73,7 @@ def plan_after_search(candidates: Candidates, left: float, goals: Goals, informa
     return replace(plan, visits=tuple(sorted(plan.visits, key=lambda visit: len(visit.lifts) > 0)))
 
 
-def forecast_after(robot: RobotModel, stance: Stance, settings: Precise, known: KnownRun) -> Plan:
+def forecast_after(robot: RobotModel, stance: Stance, settings: PreciseSettings, known: KnownRun) -> Plan:
     """The plan, and what the same time would give without the earlier run; raises as `short_plan`."""
     plan = short_plan(robot, stance, settings, known)
     alone = replace(settings, known=None, legs=known.legs, sway=False, budget=settings.budget_for(stance))  # type: ignore[arg-type]

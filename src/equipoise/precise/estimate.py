@@ -1,0 +1,174 @@
+"""From a run's recordings to its result: read, estimate, check."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from equipoise.conventions import FloatArray
+from equipoise.errors import RecordingError
+from equipoise.precise.budget import budget_of
+from equipoise.precise.checks import HELD_OUT_CHECK, half_difference, judge
+from equipoise.precise.findings.contradicted import assumed_imu_position, estimate_uncontradicted, not_believed
+from equipoise.precise.findings.held_out import held_out, predict_held_out
+from equipoise.precise.findings.link_findings import link_findings
+from equipoise.precise.findings.sensor_findings import sensor_findings
+from equipoise.precise.findings.torque_mass import assumed_mass, compare_estimate
+from equipoise.precise.findings.witness import SwayWitness
+from equipoise.precise.known.changes import Change, check_of_changes, estimate_after
+from equipoise.precise.measurements.evidence import RunEvidence, read_evidence
+from equipoise.precise.posterior import Posterior, body_jacobian, estimate_posterior
+from equipoise.precise.posterior_evidence import PosteriorEvidence
+from equipoise.precise.screening import screen
+from equipoise.precise.settings import PreciseSettings
+from equipoise.precise.trial_rows import trial_row
+from equipoise.precise.unknowns import Priors
+from equipoise.recording.recording import Recording
+from equipoise.result.body import Body
+from equipoise.result.calibration import Calibration, model_facts
+from equipoise.result.findings import Check
+from equipoise.result.held_out import FOUND, MODEL, HeldOut
+from equipoise.robot.inertial import InertialParameters, nominal_inertia
+from equipoise.robot.model import RobotModel
+from equipoise.robot.stance import Stance
+
+
+def estimate_run(
+    settings: PreciseSettings,
+    robot: RobotModel,
+    recordings: Sequence[Recording],
+    stance: Stance,
+    lifts_needed: bool = True,
+) -> Calibration:
+    """Return what the recordings of a run of the precise method say.
+
+    Args:
+        lifts_needed: whether recordings without a usable lift are refused; else joint torques tell what they can.
+
+    Raises:
+        RecordingError: they hold nothing that can be used, sensors contradict each other, or the estimate predicts
+            held-out motions worse than the model file does.
+    """
+    timings: dict[str, float] = {}
+    with _Timed(timings, "screen the sensors"):
+        screen(robot, recordings)
+    with _Timed(timings, "read the recordings"):
+        evidence = read_evidence(robot, stance, recordings)
+        evidence = evidence if settings.leg_swing is None else evidence.with_swing(settings.leg_swing)
+    with _Timed(timings, "estimate"):
+        posterior, changes = _posterior(settings, robot, stance, evidence, lifts_needed)
+    with _Timed(timings, "check"):
+        predictions = predict_held_out(evidence, posterior, settings.known)
+        predicted = held_out(predictions)
+        masses = compare_estimate(posterior, settings.scale, settings.known)
+        looked_at = judge(robot, evidence, posterior, predicted, masses)
+        looked_at += [] if settings.known is None else [check_of_changes(changes, settings.known)]
+        checks = tuple(sorted(looked_at, key=lambda check: check.passed))
+        _refuse_worse_than_file(predicted, checks)
+        findings = (*map(Change.finding, changes), *sensor_findings(posterior))
+    nominal = nominal_inertia(robot, stance.joint_position)
+    well = all(check.passed for check in checks)
+
+    unknowns = posterior.unknowns
+    apart = None if well else half_difference(posterior)
+
+    def judged(body: Body, of: Callable[[FloatArray], InertialParameters]) -> Body:
+        return body if apart is None else body.doubted(np.abs(body_jacobian(unknowns, posterior.x, of) @ apart))
+
+    links = link_findings(unknowns, posterior.x, posterior.covariance) if settings.swings else {}
+
+    return Calibration(
+        **model_facts(robot, stance.joint_position),
+        method="precise",
+        composite=judged(
+            Body.known(posterior.robot_body, posterior.robot_covariance, posterior.prior_deviation, nominal.composite),
+            unknowns.robot_body,
+        ),
+        base=judged(
+            Body.known(posterior.base_body, posterior.base_covariance, posterior.base_prior_deviation, nominal.base),
+            unknowns.base_body,
+        ),
+        stance_effective=judged(
+            Body.known(
+                posterior.stance_effective_body,
+                posterior.stance_effective_covariance,
+                posterior.prior_deviation,
+                nominal.stance_effective,
+            ),
+            unknowns.stance_effective_body,
+        ),
+        sensors=findings,
+        checks=checks,
+        sways={},
+        support_lines={},
+        trials=tuple(trial_row(motion, posterior) for motion in evidence.motions if motion.leg_swing is None),
+        settings={},
+        warnings=tuple(f"{check.name}: {check.message}" for check in checks if not check.passed),
+        assumptions=(
+            *assumed_mass(settings.scale, masses),
+            *settings.assumptions,
+            *not_believed(posterior),
+            *assumed_imu_position(posterior, evidence),
+        ),
+        evidence=PosteriorEvidence(tuple(recordings), evidence.motions, posterior, changes, predictions),
+        held_out=predicted,
+        mass_comparison=masses,
+        budget=budget_of(posterior),
+        links=links if well else {name: link.doubted() for name, link in links.items()},
+        timings=timings,
+    )
+
+
+def _posterior(
+    settings: PreciseSettings, robot: RobotModel, stance: Stance, evidence: RunEvidence, lifts_needed: bool
+) -> tuple[Posterior, tuple[Change, ...]]:
+    if settings.known is None:
+
+        def estimate(priors: Priors, sway_heard: bool = False) -> Posterior:
+            # Lengths of legs come from planted moves, which say how quiet feet are where legs are looked for.
+            return estimate_posterior(
+                robot, stance, evidence, priors, settings.scale,
+                lifts_needed=lifts_needed, quiet_feet=settings.swings, sway_heard=sway_heard,
+            )  # fmt: skip
+
+        # What looks like an IMU that sits elsewhere is lengths of legs that are off, unless they are trusted.
+        heard = settings.legs == "trusted"
+        posterior = estimate_uncontradicted(partial(estimate, sway_heard=heard), settings.beliefs, evidence)
+        witness = None if heard else SwayWitness.of(evidence, posterior)
+        if witness is not None and witness.tells:
+            posterior = estimate_uncontradicted(partial(estimate, sway_heard=True), settings.beliefs, evidence)
+        return posterior, ()
+    return estimate_after(robot, stance, evidence, settings.beliefs, settings.scale, settings.known, lifts_needed)
+
+
+def _refuse_worse_than_file(predicted: HeldOut | None, checks: Sequence[Check]) -> None:
+    """Refuse an estimate that predicts unseen motions worse than the model file does, and worse than chance explains.
+
+    Of a short run of a robot that is nearly its file's the one that predicts worse is a matter of chance.
+    """
+    if predicted is None or all(check.passed for check in checks if check.name == HELD_OUT_CHECK):
+        return
+    found, file = (1000 * predicted.error(body) for body in (FOUND, MODEL))
+    if found > file:
+        failed = "; ".join(f"{check.name}: {check.message}" for check in checks if not check.passed)
+        raise RecordingError(
+            f"no estimate is shown: it predicts {predicted.counted} from {predicted.others} within {found:.2f} mm rms, the "
+            f"model file within {file:.2f} mm. Something acted on the robot that no equation has, or sensors, joint order or "
+            f"model file are wrong. Checks that failed: {failed}"
+        )
+
+
+class _Timed:
+    """Measures a stage."""
+
+    def __init__(self, timings: dict[str, float], stage: str) -> None:
+        self._timings, self._stage = timings, stage
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter()
+
+    def __exit__(self, *exception: object) -> None:
+        self._timings[self._stage] = time.perf_counter() - self._start

@@ -1,0 +1,138 @@
+"""What a user chooses of the precise method, and which priors follow from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from equipoise.errors import SettingsError
+from equipoise.precise.known.known_run import SCALE_GAIN, SCALE_NOISE, KnownRun
+from equipoise.precise.measurements.leg_swing import LegSwing
+from equipoise.precise.measurements.scale_reading import check_mass
+from equipoise.precise.plan import Goals
+from equipoise.precise.unknowns import Priors
+from equipoise.robot.stance import Stance
+
+_BUDGET, _BUDGET_AFTER = 120.0, 30.0  # [s] on an A1; where an earlier run is known
+_LONGEST = 3600.0  # [s]
+_FINEST, _COARSEST = 1e-4, 500.0  # [kg]
+_CABLES = {"none": 0.0, "light": 1.0, "heavy": 5.0}  # pull over its prior
+_SURFACES = {"hard": 1.0, "carpet": 3.0}  # rolling resistance, sag and unevenness over their priors
+_OF_SURFACE = ("rolling", "sag", "floor_warp", "foothold_change")
+_OF_LEGS = (
+    "leg_mass_common", "link_com", "link_com_common", "link_length", "link_length_common", "hip_position", "foot_radius_each",
+)  # fmt: skip
+_TRUSTED_MASS = 0.03
+_LOOKED_FOR = 2.0  # times as much may lengths of legs be off that are looked for: 1.5 mm on an A1
+
+
+@dataclass(frozen=True)
+class PreciseSettings:
+    """Settings of the precise method, and what they say of the unknowns beforehand.
+
+    Attributes:
+        budget: robot time [s], as 60s or 2min; default 120 s on an A1, 30 s after an earlier run, more on larger robots.
+        mass: mass of the whole robot, from a scale [kg]; without it the mass comes from joint torques.
+        mass_sd: standard deviation of that [kg]; default 0.5 %.
+        confirm_mass: confirm a mass that disagrees with the joint torques by more than 15 %, or by more than 5 % with the
+            torque constants of an earlier run; without it the command asks before it lifts a foot. The result is doubtful.
+        sway: the sway about all axes at the end, which tells more about friction and Izz.
+        turn: turning the robot by 180 deg half-way, which somebody does while it lies limp: what pulls at it, an uneven floor
+            and the accelerometer's bias are told from the planar CoM.
+        surface: what the robot stands on; on a `carpet` feet may resist rolling, sag and stand uneven three times as much.
+        goals: standard deviations at which a calibration is good enough to stop early.
+        cable: what may pull at the robot, an Ethernet cable being light; `none` makes the planar CoM surer.
+        legs: whether masses, CoMs and lengths of the legs may be off the file's, as ever, or are `trusted` to be right to 3 %
+            in mass; trusted legs make the CoM's height and the inertia surer.
+        priors: what is believed before anything is measured; a TOML file of standard deviations by name.
+        known: an earlier run of the same robot, whose sensors, legs and friction are known then: the run's folder. Half a
+            minute does (default budget 30 s on an A1) for the CoM; what changed since is named.
+        swings: lifts in which the two lifted feet swing as well, which teach what the legs weigh, where their CoMs are and
+            how long they are; the CoM's height and the inertia become surer with them.
+        leg_swing: what legs that swing in the air said of themselves in the same run; no setting.
+    """
+
+    budget: float | None = None
+    mass: float | None = None
+    mass_sd: float | None = None
+    sway: bool = True
+    turn: bool = False
+    cable: Literal["none", "light", "heavy"] = "light"
+    legs: Literal["unknown", "trusted"] = "unknown"
+    surface: Literal["hard", "carpet"] = "hard"
+    goals: Goals = field(default_factory=Goals, metadata={"prefix": None})
+    priors: Priors = field(default_factory=Priors, metadata={"file": Priors.read})
+    known: KnownRun | None = field(default=None, metadata={"file": KnownRun.read, "metavar": "RUN"})
+    swings: bool = field(default=False, metadata={"flag": False})  # `--what legs` says it
+    leg_swing: LegSwing | None = field(default=None, metadata={"flag": False}, compare=False)
+    confirm_mass: bool = False
+
+    def __post_init__(self) -> None:
+        if self.budget is not None and not 0.0 < self.budget <= _LONGEST:  # how long it must be, a robot's plan says
+            raise SettingsError(f"budget is {self.budget:g} s; it must be above zero, up to {_LONGEST:g} s")
+        if self.mass_sd is not None and not _FINEST <= self.mass_sd <= _COARSEST:
+            raise SettingsError(f"mass_sd is {self.mass_sd}; it must be from {_FINEST:g} to {_COARSEST:g}")
+        if self.mass is not None:
+            check_mass(self.mass, self.mass_sd)
+        if self.mass_sd is not None and self.mass is None:
+            raise SettingsError("mass_sd says how sure a scale is; give its mass too")
+        if self.confirm_mass and self.mass is None:
+            raise SettingsError("confirm_mass confirms a given mass, and there is none; give mass too, or leave it out")
+        for name, known in (("cable", _CABLES), ("legs", ("unknown", "trusted")), ("surface", _SURFACES)):
+            if getattr(self, name) not in known:
+                raise SettingsError(f"{name} is {getattr(self, name)!r}; it must be {' or '.join(known)}")
+        if self.known is not None and self.turn:
+            raise SettingsError(
+                "turn needs no earlier run, and a run after one does not turn; leave one of the two out"
+            )
+        if self.swings and (self.known is not None or self.legs == "trusted"):
+            known = "are known from an earlier run" if self.known is not None else "are trusted to be as the file says"
+            raise SettingsError(f"legs that {known} are not looked for; leave one of the two out")
+        if self.known is not None and self.legs not in ("unknown", self.known.legs):
+            raise SettingsError(
+                f"legs is {self.legs!r}, and was {self.known.legs!r} in the earlier run, which knows them as that said"
+            )
+
+    @property
+    def beliefs(self) -> Priors:
+        """The priors, with what was said of cable, surface, turn and legs, and what an earlier run has of what is kept."""
+        said = self._said
+        return said if self.known is None else self.known.priors_of(said, self._same_scale)
+
+    @property
+    def _same_scale(self) -> bool:
+        """Whether the scale is taken to be that of the earlier run: who says how sure a scale is has another one."""
+        return self.known is not None and None not in (self.known.weighed, self.mass) and self.mass_sd is None
+
+    @property
+    def _said(self) -> Priors:
+        """The priors, with what was said of cable, surface, turn and legs."""
+        wider = dict.fromkeys(_OF_SURFACE, _SURFACES[self.surface]) | {"pull": _CABLES[self.cable]}
+        priors = replace(self.priors, **{name: factor * getattr(self.priors, name) for name, factor in wider.items()})
+        if not self.turn:
+            priors = priors.holding("foothold_change")
+        if self.swings:  # who looks for legs does not trust the file's
+            priors = replace(priors, link_length=_LOOKED_FOR * priors.link_length)
+        if self.legs == "unknown":
+            return priors
+        return replace(priors.holding(*_OF_LEGS), leg_mass=min(_TRUSTED_MASS, priors.leg_mass))
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What somebody said who knows more than the priors."""
+        said = ("no cable pulls at the robot",) if self.cable == "none" else ()
+        trusted = f"masses of the legs are the file's to {_TRUSTED_MASS:.0%}, their CoMs and lengths exactly"
+        legs = self.legs if self.known is None else self.known.legs
+        said = said if legs == "unknown" else (*said, trusted)
+        return said if self.known is None else (*said, f"sensors, legs and friction are those of {self.known.name}")
+
+    def budget_for(self, stance: Stance) -> float:
+        """[s]."""
+        return self.budget or (_BUDGET if self.known is None else _BUDGET_AFTER) * stance.scale.time
+
+    @property
+    def scale(self) -> tuple[float, float] | None:
+        """The scale's mass and its standard deviation [kg], or None."""
+        if self.mass is None:
+            return None
+        return self.mass, self.mass_sd or (SCALE_NOISE if self._same_scale else SCALE_GAIN) * self.mass
